@@ -1,5 +1,6 @@
 """What MADDPG+CQL, CFCQL and ICQL-QS have in common: targets, penalties, and learning."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
+from swarmdata.learn.networks.robot_views import RobotView  # noqa: E402
 from swarmdata.offline_algos.cfcql import CFCQL  # noqa: E402
 from swarmdata.offline_algos.icql_qs import ICQLQS  # noqa: E402
 from swarmdata.offline_algos.maddpg_cql import MADDPGCQL  # noqa: E402
@@ -29,30 +31,31 @@ each = pytest.mark.parametrize("kind", KINDS)
 @each
 def test_targets_of_two_episodes_are_exact(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
-    algorithm = made(kind, discount=0.5)
+    batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
 
-    def value(x: Tensor, actions: Tensor) -> Tensor:
-        v = 100 * x[..., :1] + 10 * x[..., 1:2]
+    def value(view: RobotView, *actions: Tensor) -> Tensor:
+        states = view.features[..., 3 + 2 :]  # after the observation and the robot's number
+        v = 100 * states[..., 0] + 10 * states[..., 1]  # [K, B, N]
         return torch.stack([v, v + 1], 1)  # the smaller twin counts
 
-    monkeypatch.setattr(algorithm.critics, "target_q", value)
-    batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
-    y = algorithm.targets(batch)
-    # episode 1: 2 + V(1, 1) / 2, then 6 without a bootstrap; episode 2: the cut does not stop it
-    torch.testing.assert_close(y, torch.tensor([[2 + 55.0, 6.0, 2 + 105.0, 6 + 110.0]]))
+    # episode 1: r + V(1, 1) / 2, then r without a bootstrap; episode 2: the cut does not stop it
+    own = [[1 + 55.0, 3 + 55.0], [5.0, 7.0], [1 + 105.0, 3 + 105.0], [5 + 110.0, 7 + 110.0]]
+    team = [[2 + 55.0] * 2, [6.0] * 2, [2 + 105.0] * 2, [6 + 110.0] * 2]
+    for reward, expected in (("own", own), ("team", team)):
+        algorithm = made(kind, discount=0.5, reward=reward)
+        monkeypatch.setattr(algorithm.critics, "target_q", value)
+        torch.testing.assert_close(algorithm.targets(batch), torch.tensor([expected]))
 
 
 @each
 def test_targets_have_the_reward_scale_and_the_bound(kind: Any) -> None:
     batch = random_batch()
-    team = batch.rewards.mean(-1)
+    changes = {"own_return_std": 2.0, "own_max_return": 3.0}
     for clip, worth in ((True, 1.5), (False, 5.0)):  # R* / scale is 1.5
-        algorithm = made(
-            kind, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9, clip_target=clip
-        )
+        algorithm = made(kind, changes=changes, discount=0.9, clip_target=clip)
         for row in (0, 1):
             set_bias(algorithm.critics.target, row, 5.0 + row)
-        expected = team / 2 + 0.9 * worth * ~batch.terminations
+        expected = batch.rewards / 2 + 0.9 * worth * ~batch.terminations[..., None]
         torch.testing.assert_close(algorithm.targets(batch), expected)
 
 
@@ -60,9 +63,9 @@ def test_targets_have_the_reward_scale_and_the_bound(kind: Any) -> None:
 def test_each_critic_is_penalized_for_its_own_values(kind: Any) -> None:
     """og-marl's second critic was penalized for the first one's samples."""
     algorithm, batch = made(kind), random_batch()
-    x = algorithm.normalizer.information(batch.states, batch.observations)
+    x = algorithm.critic_inputs(batch)
     for critic in range(2):
-        gap = algorithm.gap(batch, x, algorithm.critics.q(x, batch.actions)[..., 0])
+        gap = algorithm.gap(batch, x, algorithm.critics.q(x, batch.actions))
         assert gap.shape == (1, 2)
         algorithm.critics.online.backward(gap[0, critic])
         moved = algorithm.critics.online.gradient.abs().sum(1)
@@ -120,11 +123,48 @@ def test_the_penalty_prefers_the_data(kind: Any) -> None:
         algorithm = made(kind, cql_weight=cql_weight, **settings)
         for _ in range(60):
             algorithm.update(batch)
-        x = algorithm.normalizer.information(batch.states, batch.observations)
+        x = algorithm.critic_inputs(batch)
         data, opposite = (algorithm.critics.q(x, a).mean() for a in (batch.actions, -batch.actions))
         return (data - opposite).item()
 
     assert preference(1.0) > preference(0.0) + 0.1
+
+
+@each
+def test_a_row_is_not_penalized_beyond_its_limit(kind: Any) -> None:
+    """Where the data's action is worth much more than all others, the penalty has no gradient."""
+    batch, steep = random_batch(1, 64), {}
+    for limit in (1.0, 1e9):
+        algorithm = made(kind, gap_limit=limit)
+        x = algorithm.critic_inputs(batch)
+        q = algorithm.critics.q(x, batch.actions) + 50.0  # far above any sample
+        gap = algorithm.gap(batch, x, q)
+        algorithm.critics.online.backward(gap.sum())
+        steep[limit] = algorithm.critics.online.gradient.abs().max().item()
+    assert steep[1.0] == 0.0
+    assert steep[1e9] > 0.0
+
+
+@each
+def test_the_pull_of_values_does_not_depend_on_the_size_of_the_team(kind: Any) -> None:
+    """Independent robots are added: the gradient in one robot's action is that of its own value."""
+    gradients = []
+    for n_agents in (1, 4):
+        observations, actions = torch.ones(1, 8, n_agents, 3), torch.zeros(1, 8, n_agents, 2)
+        pi = torch.zeros(1, 8, n_agents, 2, requires_grad=True)
+        algorithm = made(kind)
+        batch = replace(random_batch(1, 8), observations=observations, actions=actions)
+
+        def own(view: Any, mine: Tensor, others: Tensor) -> Tensor:
+            return mine.sum(-1)  # [K, B, N]
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(algorithm.critics, "first_q", own)
+            bc_loss = algorithm.bc_loss(pi, actions + 0.5)
+            loss = algorithm.actor_loss(batch, None, pi, bc_loss)
+        (gradient,) = torch.autograd.grad(loss.total.sum(), [pi])
+        gradients.append(n_agents * gradient[0, 0, 0])  # of a sum over robots
+    torch.testing.assert_close(*gradients)
 
 
 @each

@@ -1,5 +1,6 @@
 """Multi-agent IQL: in-sample targets, expectile values, joint weights, and that it improves."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
+from swarmdata.learn.networks.robot_views import RobotView  # noqa: E402
 from swarmdata.offline_algos.iql import IQL  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
@@ -23,16 +25,20 @@ from tests.offline_algos.toys import (  # noqa: E402
 
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
-    algorithm = made(IQL, discount=0.5, changes={"return_std": 2.0})
-
-    def value(x: Tensor) -> Tensor:
-        return 100 * x[..., :1] + 10 * x[..., 1:2]
-
-    monkeypatch.setattr(algorithm, "value", value)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
-    # episode 1: 2 / 2 + V(1, 1) / 2, then 6 / 2 alone; episode 2: the cut does not stop it
-    expected = torch.tensor([[1 + 55.0, 3.0, 1 + 105.0, 3 + 110.0]])
-    torch.testing.assert_close(algorithm.targets(batch), expected)
+
+    def value(view: RobotView) -> Tensor:
+        states = view.features[..., 3 + 2 :]  # after the observation and the robot's number
+        return 100 * states[..., 0] + 10 * states[..., 1]
+
+    # episode 1: r / 2 + V(1, 1) / 2, then r / 2 alone; episode 2: the cut does not stop it
+    own = [[0.5 + 55.0, 1.5 + 55.0], [2.5, 3.5], [0.5 + 105.0, 1.5 + 105.0], [112.5, 113.5]]
+    team = [[1 + 55.0] * 2, [3.0] * 2, [1 + 105.0] * 2, [3 + 110.0] * 2]
+    scales = {"return_std": 2.0, "own_return_std": 2.0}
+    for reward, expected in (("own", own), ("team", team)):
+        algorithm = made(IQL, discount=0.5, changes=scales, critic="centralized", reward=reward)
+        monkeypatch.setattr(algorithm, "values", value)
+        torch.testing.assert_close(algorithm.targets(batch), torch.tensor([expected]))
 
 
 def test_no_policy_enters_the_critics() -> None:
@@ -47,23 +53,32 @@ def test_no_policy_enters_the_critics() -> None:
     assert not torch.equal(ours.actor.network.flat, other.actor.network.flat)
 
 
-def test_the_weight_of_a_joint_action_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Minimum of the twins, advantage, exponential, clip; one weight for all agents of a row."""
-    algorithm = made(IQL, inverse_temperature=2.0, max_weight=5.0, max_grad_norm=None)
-    batch = random_batch(size=3)
-    q = torch.tensor([[[0.5, 1.0, 3.0], [1.5, 0.0, 4.0]]])[..., None]  # [K, J, B, 1]
-    monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: q)
+def test_the_weights_of_the_robots_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Minimum of the twins, advantage, unit, exponential, clip; a weight for each robot."""
+    changes = {"own_return_range": 2000.0}  # beta 2 is 1 in units of the rewards
+    algorithm = made(
+        IQL, changes=changes, inverse_temperature=2.0, max_weight=5.0, max_grad_norm=None
+    )
+    batch = random_batch(size=2)
+    twins = [[[0.5, 1.0], [3.0, 0.25]], [[1.5, 0.0], [4.0, 0.5]]]
+    monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.tensor([twins]))
     with torch.no_grad():
         algorithm.value.flat.zero_()
     _, pi = algorithm.actor.along(batch)
-    errors = (pi - batch.actions).square().mean((2, 3))  # [K, B]
-    weights = torch.tensor([[np.exp(1.0), 1.0, 5.0]], dtype=torch.float32)
-    expected = (weights * errors).mean(1).detach()
+    errors = (pi - batch.actions).square().mean(3)  # [K, B, N]
+    weights = torch.tensor([[[0.5, 0.0], [math.log(5.0), 0.25]]]).exp()
+    expected = (weights * errors).mean((1, 2)).detach()
     losses = algorithm.update(batch)
     torch.testing.assert_close(losses["actor_loss"], expected)
-    torch.testing.assert_close(losses["weight"], weights.mean(1))
-    # tau = 0.7, all advantages 0.5, 0, 3 are above: 0.7 u^2
-    torch.testing.assert_close(losses["value_loss"], torch.tensor([0.7 * (0.25 + 9) / 3]))
+    torch.testing.assert_close(losses["weight"], weights.mean((1, 2)))
+    # tau = 0.7, all advantages 0.5, 0, 3, 0.25 are above: 0.7 u^2
+    expected = torch.tensor([0.7 * (0.25 + 9 + 0.0625) / 4])
+    torch.testing.assert_close(losses["value_loss"], expected)
+
+
+def test_without_a_temperature_it_clones(mixture: MemoryDataset) -> None:
+    _, losses = trained(IQL, mixture, 5, inverse_temperature=0.0)
+    assert all(row["weight"] == 1.0 for row in losses)
 
 
 def test_twin_critics_differ_and_both_learn() -> None:

@@ -34,7 +34,7 @@ def test_a_critic_sees_one_agents_observation_and_number() -> None:
 
 def test_targets_are_of_the_agents_own_reward_and_stop_at_terminations_only() -> None:
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
-    algorithm = made(OMAR, changes={"return_std": 2.0}, discount=0.5)
+    algorithm = made(OMAR, changes={"own_return_std": 2.0}, discount=0.5)
     for row, value in ((0, 9.0), (1, 8.0)):  # the smaller twin counts
         set_bias(algorithm.critics.target, row, value)
     y = algorithm.targets(batch).view(4, 2)

@@ -19,7 +19,8 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.critics import JointCritics
+from swarmdata.learn.networks.robot_critics import RobotCritics
+from swarmdata.learn.networks.robot_views import RobotView
 from swarmdata.learn.training.exploration import normal_like, uniform_like
 
 
@@ -69,47 +70,6 @@ def join_samples(parts: Sequence[Samples]) -> Samples:
     return Samples(torch.cat(actions, 2), torch.cat(densities, 2))
 
 
-def draw_agents(generators: Sequence[torch.Generator], actions: Tensor) -> Tensor:
-    """Returns one agent for each row, drawn evenly, as a mask, bool [K, B, N].
-
-    Args:
-        generators: one per seed, [K].
-        actions: [K, B, N, A].
-    """
-    n_agents = actions.shape[2]
-    number = (uniform_like(generators, actions[:, :, 0, 0]) * n_agents).long()
-    # the product rounds up to N in rare cases
-    number = number.clamp(max=n_agents - 1)
-    return number[..., None] == torch.arange(n_agents, device=actions.device)
-
-
-def replace_drawn(actions: Tensor, others: Tensor, agents: Tensor) -> Tensor:
-    """Returns `actions` with those of the drawn agents taken from `others`; broadcasts.
-
-    Args:
-        actions: joint actions, [..., N, A].
-        others: actions for the drawn agents, [..., N, A] or [..., 1, A].
-        agents: mask of the drawn agents, bool [..., N].
-    """
-    return torch.where(agents[..., None], others, actions)
-
-
-def counterfactual_samples(
-    generators: Sequence[torch.Generator], actions: Tensor, agents: Tensor, n_samples: int
-) -> Samples:
-    """Returns joint actions of the data but for one agent in each row, who acts evenly at random.
-
-    Args:
-        generators: one per seed, [K].
-        actions: of the data, [K, B, N, A].
-        agents: who leaves the data, bool [K, B, N], one in each row.
-        n_samples: for each row, M.
-    """
-    drawn = uniform_samples(generators, actions[:, :, :1], n_samples)  # [K, B, M, 1, A]
-    joint = replace_drawn(actions[:, :, None], drawn.actions, agents[:, :, None])
-    return Samples(joint, drawn.log_density)
-
-
 def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Tensor:
     """Returns tau log 1/M sum_m exp(Q_m / tau) / p_m of each critic's own values, [K, J, B].
 
@@ -122,16 +82,23 @@ def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Ten
     return temperature * (weighted.logsumexp(-1) - math.log(values.shape[-1]))
 
 
-def cql_gap(samples: Samples, values: Tensor, q: Tensor, temperature: float) -> Tensor:
+def cql_gap(log_density: Tensor, values: Tensor, q: Tensor, config: "PenaltyConfig") -> Tensor:
     """Returns gap_j, the penalty of each critic, as a mean over rows, [K, J].
 
+    It is linear in Q, so that nothing else ends it: where all data are alike, values of other
+    actions fall without end, and those of the data are dragged along (see `omar`). A row is not
+    penalized further once the data's action is worth `gap_limit` more than the soft maximum, as
+    the threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq.
+    30).
+
     Args:
-        samples: the sampled actions.
+        log_density: of the sampled actions, [K, B, M].
         values: what the critics give for them, [K, J, B, M].
         q: what they give for the data's actions, [K, J, B].
-        temperature: tau of the soft maximum.
+        config: settings of the penalty.
     """
-    return (soft_maximum(values, samples.log_density, temperature) - q).mean(2)
+    gaps = soft_maximum(values, log_density, config.temperature) - q
+    return gaps.clamp(min=-config.gap_limit).mean(2)
 
 
 class PenaltyConfig(Protocol):
@@ -141,33 +108,35 @@ class PenaltyConfig(Protocol):
     def n_samples(self) -> int: ...  # for each row, M
     @property
     def temperature(self) -> float: ...  # tau of the soft maximum
+    @property
+    def gap_limit(self) -> float: ...  # of what the penalty enforces
 
 
 def counterfactual_gap(
-    critics: JointCritics,
+    critics: RobotCritics,
     generators: Sequence[torch.Generator],
     config: PenaltyConfig,
-    x: Tensor,
+    x: RobotView,
     actions: Tensor,
     q: Tensor,
 ) -> Tensor:
-    """Returns sum_i 1/N [tau log integral exp(Q_j(x, (b, a_-i)) / tau) db - Q_j(x, a)], [K, J].
+    """Returns mean_i [tau log integral exp(Q_ji(x, (b, a_-i)) / tau) db - Q_ji(x, a)], [K, J].
 
-    (Shao et al. 2023, equations 5 and 6 with even weights.) The sum is estimated by one agent i,
-    drawn evenly for each row.
+    (Shao et al. 2023, equations 5 and 6 with even weights, of each robot's own value.)
 
     Args:
         critics: whose values are penalized.
-        generators: of agents and their actions, one per seed, [K].
+        generators: of the sampled actions, one per seed, [K].
         config: settings of the penalty.
-        x: what the critics see, [K, B, S + N O].
+        x: what the critics see.
         actions: of the data, [K, B, N, A].
-        q: what the critics give for them, [K, J, B].
+        q: what the critics give for them, [K, J, B, N].
     """
-    agents = draw_agents(generators, actions)  # [K, B, N]
-    samples = counterfactual_samples(generators, actions, agents, config.n_samples)
-    values = critics.sampled_q(x, samples.actions)[..., 0]  # [K, J, B, M]
-    return cql_gap(samples, values, q, config.temperature)
+    samples = uniform_samples(generators, actions, config.n_samples)
+    others = _repeated(actions, config.n_samples)
+    values = critics.sampled_q(x, samples.actions, others)  # [K, J, B, N, M]
+    even = torch.full_like(values[:, 0], -actions.shape[3] * math.log(2.0))  # of one robot
+    return cql_gap(even.flatten(1, 2), values.flatten(2, 3), q.flatten(2), config)
 
 
 def _repeated(actions: Tensor, n_samples: int) -> Tensor:

@@ -15,9 +15,7 @@ from torch import Tensor
 
 from swarmdata.learn.extraction.second_stage import ExtractionConfig, SecondStage, Valuer
 from swarmdata.learn.networks.actor import DelayedActor, StackedActor
-from swarmdata.learn.networks.critics import JointCritics
 from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
-from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.setup import Setup
@@ -73,18 +71,6 @@ def delayed_actor(setup: Setup, config: ActorCriticConfig) -> DelayedActor:
     )
 
 
-def joint_critics(setup: Setup, config: ActorCriticConfig) -> JointCritics:
-    """Makes the two joint critics of each of K seeds with their slow copies."""
-    return JointCritics(
-        setup.sizes,
-        setup.seeds,
-        config.critic_hidden,
-        learning_rate=config.critic_learning_rate,
-        max_norm=config.max_grad_norm,
-        device=setup.device,
-    )
-
-
 def second_stage(
     setup: Setup,
     config: TwoStageConfig,
@@ -103,19 +89,6 @@ def second_stage(
         config.actor_hidden,
         learning_rate=config.actor_learning_rate,
         max_norm=config.max_grad_norm,
-    )
-
-
-JointParts = tuple[DelayedActor, JointCritics, list[torch.Generator], Normalizer]
-
-
-def joint_parts(setup: Setup, config: ActorCriticConfig, *, clip_target: bool) -> JointParts:
-    """Makes actors, joint critics, generators of noise, and the normalizer with its bound R*."""
-    return (
-        delayed_actor(setup, config),
-        joint_critics(setup, config),
-        setup.generators(),
-        Normalizer(setup.statistics, setup.device, clip_target=clip_target),
     )
 
 
@@ -249,17 +222,6 @@ def follow(self: ActorCritic) -> None:
     """Moves the slow copies of actors and critics."""
     self.actor.follow(self.config.tau)
     self.critics.follow(self.config.tau)
-
-
-class HasNormalizer(Protocol):
-    """An algorithm that normalizes what its networks see."""
-
-    normalizer: Normalizer
-
-
-def joint_inputs(self: HasNormalizer, batch: Batch) -> Tensor:
-    """Returns what joint critics see besides actions: x, [K, B, S + N O]."""
-    return self.normalizer.information(batch.states, batch.observations)
 
 
 def smoothed_actions(self: ActorCritic, observations: Tensor) -> Tensor:

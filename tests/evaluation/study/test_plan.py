@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Baseline, Study
+from swarmdata.registry.ablations import ABLATIONS
 
 SHIPPED = Path(__file__).parents[3] / "cards" / "studies"
 
@@ -23,6 +24,23 @@ def test_shipped_studies_are_of_shipped_datasets(name: str) -> None:
     assert study.name == name
     assert all(map(is_dataset, study.datasets))
     assert len(study.seeds) >= (2 if name == "smoke" else 5)
+
+
+def test_the_study_has_each_algorithm_without_its_ingredient() -> None:
+    """A row of the same length with the settings of the ablation beside the algorithm's own row."""
+    study = Study.from_file(SHIPPED / "coop_nav.yaml")
+    rows = study.algorithms.values()
+    for name, ablation in ABLATIONS.items():
+        if ablation is None:
+            continue
+        base = ablation.algorithm or name
+        wanted = ablation.settings.items()
+        without = [row for row in rows if row.algorithm == base and wanted <= row.settings.items()]
+        lengths = {row.updates for row in rows if row.algorithm == name}
+        assert lengths == {row.updates for row in without}, name
+    swept = [family for sweep in study.sweeps.values() for family in sweep.families]
+    assert swept
+    assert "ablations" not in swept
 
 
 @given(

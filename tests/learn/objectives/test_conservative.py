@@ -1,6 +1,7 @@
 """Conservative penalties: samples, their densities, and an estimate of each critic's own."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,11 +12,9 @@ from hypothesis import strategies as st  # noqa: E402
 
 from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
 from swarmdata.learn.objectives.conservative import (  # noqa: E402
-    counterfactual_samples,
-    draw_agents,
+    cql_gap,
     join_samples,
     noisy_samples,
-    replace_drawn,
     soft_maximum,
     uniform_samples,
 )
@@ -93,33 +92,16 @@ def test_each_critics_term_uses_its_own_values() -> None:
         assert not gradient[:, 1 - critic].any()
 
 
-def test_agents_are_drawn_evenly_and_one_a_row() -> None:
-    agents = draw_agents(generators([0, 1], "cpu"), torch.zeros(2, 4000, 4, 2))
-    assert agents.dtype == torch.bool
-    assert (agents.sum(2) == 1).all()
-    torch.testing.assert_close(agents.float().mean(1), torch.full((2, 4), 0.25), rtol=0, atol=0.03)
+def test_a_gap_beyond_its_limit_is_cut_row_by_row() -> None:
+    config = SimpleNamespace(n_samples=1, temperature=1.0, gap_limit=2.0)
+    q = torch.tensor([[[1.0, 5.0]]])  # [K, J, B]; samples are worth 0, of density 1
+    gap = cql_gap(torch.zeros(1, 2, 1), torch.zeros(1, 1, 2, 1), q, config)
+    torch.testing.assert_close(gap, torch.tensor([[(-1.0 - 2.0) / 2]]))
 
 
-@settings(deadline=None, max_examples=20)
-@given(n_agents=st.integers(1, 5), n_samples=st.integers(1, 4), seed=st.integers(0, 100))
-def test_counterfactuals_leave_the_other_agents_in_the_data(
-    n_agents: int, n_samples: int, seed: int
-) -> None:
-    noise = generators([seed], "cpu")
-    actions = torch.full((1, 6, n_agents, 2), 7.0)  # no sample is 7
-    agents = draw_agents(noise, actions)
-    samples = counterfactual_samples(noise, actions, agents, n_samples)
-    assert samples.actions.shape == (1, 6, n_samples, n_agents, 2)
-    left = (samples.actions != 7).all(-1)  # [1, B, M, N]
-    assert torch.equal(left, agents[:, :, None].expand_as(left))
-    assert torch.equal(samples.log_density, torch.full((1, 6, n_samples), 2 * math.log(0.5)))
-
-
-def test_several_draws_are_one_and_masks_replace_several_agents() -> None:
+def test_several_draws_are_one() -> None:
     noise, actions = generators([0], "cpu"), torch.zeros(1, 3, 2, 2)
     parts = [uniform_samples(noise, actions, 2), noisy_samples(noise, actions, 4, 0.1)]
     both = join_samples(parts)
     assert both.actions.shape == (1, 3, 6, 2, 2)
     assert torch.equal(both.log_density[:, :, :2], parts[0].log_density)
-    everyone = torch.tensor([True, True]).expand(1, 3, 2)
-    assert torch.equal(replace_drawn(actions, actions + 1, everyone), actions + 1)
