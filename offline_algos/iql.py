@@ -61,6 +61,7 @@ from swarmdata.learn.objectives.in_sample import (
 from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
 from swarmdata.learn.objectives.td_targets import td_error, td_target
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.actor_critic import ActorCriticConfig
 from swarmdata.learn.training.setup import Setup
@@ -89,7 +90,9 @@ class IQL:
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = make_actor(setup, config.actor_hidden, config, squash=True)
+        self.actor = make_actor(
+            setup, config.actor_hidden, config, squash=True, policy_network=config.policy_network
+        )
         self.rewards = RobotRewards(setup.statistics, config.reward)
         self.critics = RobotCritics(
             setup.sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
@@ -143,7 +146,7 @@ class IQL:
         ends = batch.terminations[..., None]
         return td_target(self.rewards(batch.rewards), ends, v_next, self.config.discount)
 
-    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy | SetPolicy:
         """The policy of seed number `index`, as it is now."""
         return self.actor.policy(index)
 

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.segments import learned_rows, learned_steps, remembered, take
-from swarmdata.learn.networks.actor import ACTOR_STREAM, StackedActor
+from swarmdata.learn.networks.actor import ACTOR_STREAM, PolicyNetwork, StackedActor
 from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize
 from swarmdata.learn.networks.team_networks import by_network, from_rows, to_rows
@@ -73,12 +74,26 @@ class RecurrentActor:
 
 
 def make_actor(
-    setup: Setup, hidden: Sequence[int], settings: MemorySettings, *, squash: bool
+    setup: Setup,
+    hidden: Sequence[int],
+    settings: MemorySettings,
+    *,
+    squash: bool,
+    policy_network: PolicyNetwork,
 ) -> StackedActor | RecurrentActor:
-    """Makes the actors of K seeds, which remember if the settings say so."""
+    """Makes the actors of K seeds, which remember if the settings say so.
+
+    Raises:
+        SchemaError: networks over sets are to remember.
+    """
     if settings.has_memory:
+        if policy_network != "mlp":
+            raise SchemaError(
+                f"got policy_network {policy_network} with memory {settings.memory}: only mlp has "
+                "a memory. Set memory none or policy_network mlp."
+            )
         return RecurrentActor(setup, tuple(hidden), settings, squash=squash)
     return StackedActor(
         setup.sizes, setup.seeds, tuple(hidden), setup.statistics,
-        squash=squash, device=setup.device,
+        squash=squash, device=setup.device, policy_network=policy_network,
     )  # fmt: skip
