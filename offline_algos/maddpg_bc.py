@@ -77,8 +77,11 @@ from swarmdata.types import Batch
 class MADDPGBCConfig(TwoStageConfig):
     """TD3+BC with a critic for each robot, and its second stage; one setting for all datasets."""
 
+    critic_learning_rate: float = 3e-3  # see above
     extraction: Extraction = "anchored"
-    rl_weight: float = 2.5  # alpha; Fujimoto & Gu 2021, table 3
+    extraction_share: float = 0.33
+    rl_weight: float = 2.5  # alpha of `joint`; Fujimoto & Gu 2021, table 3
+    first_rl_weight: float = 0.0  # alpha of the first of two stages, see above
     critic: Critic = "centralized"
     reward: Reward = "own"
     joint_gradient: JointGradient = "all"
@@ -121,7 +124,8 @@ class MADDPGBC:
         if stage is not None and is_second:
             losses |= extract(self, stage, batch, self.valuer(batch, x), scale)
         elif is_warmup or self.n_updates % config.policy_delay == 0:
-            losses |= self.actor_gradient(batch, x, 0.0 if is_warmup else config.rl_weight)
+            alpha = config.rl_weight if stage is None else config.first_rl_weight
+            losses |= self.actor_gradient(batch, x, 0.0 if is_warmup else alpha)
             self.actor.optimizer.descend(scale)
             if stage is not None:
                 losses["density_loss"] = stage.learn_density(batch, scale)

@@ -253,6 +253,9 @@ class Batch:
     (`rollouts.action_probabilities`), even if `actions` are scaled or rotated into another frame,
     and zero on padding. They are None where they were not recorded, as in online replay and in most
     recordings of other environments.
+
+    `episodes` are the positions of the transitions' episodes in the view that is sampled, and zero
+    on padding. They are None in online replay.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]
@@ -266,6 +269,7 @@ class Batch:
     mask: Any  # [B] or [B, L]
     next_actions: Any = None  # as actions
     log_probs: Any = None  # as rewards
+    episodes: Any = None  # as mask
 
     def __len__(self) -> int:
         """Batch size, B."""

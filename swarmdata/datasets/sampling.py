@@ -31,6 +31,7 @@ class Rows:
     starts: Int  # [n] first row of each stored episode
     ends: Int  # [n] row after the last of each stored episode
     valid: Int  # [n valid] rows of the selected episodes
+    positions: Int  # [n] of the stored episodes among the selected ones; -1: not selected
 
     @classmethod
     def locate(cls, table: EpisodeTable, selection: Int) -> "Rows":
@@ -40,7 +41,11 @@ class Rows:
         lengths = table.lengths[selection]
         shifts = table.starts[selection] - (np.cumsum(lengths) - lengths)
         valid = np.arange(int(lengths.sum())) + np.repeat(shifts, lengths)
-        return cls(episode=episode, starts=table.starts, ends=ends, valid=valid)
+        positions = np.full(len(table), -1)
+        positions[selection] = np.arange(len(selection))
+        return cls(
+            episode=episode, starts=table.starts, ends=ends, valid=valid, positions=positions
+        )
 
     def window(self, index: Int, horizon: int, burn_in: int | None = None) -> tuple[Int, Bool]:
         """Returns the rows of the steps of windows, and which of them are not padding, [..., L].
@@ -80,7 +85,8 @@ def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: In
     _refuse_negative(index)
     episode = rows.episode.take(index)
     last = rows.ends.take(episode) - 1
-    return _gather(arrays, index, index + episode, last, np.ones(index.shape, dtype=np.bool_))
+    batch = _gather(arrays, index, index + episode, last, np.ones(index.shape, dtype=np.bool_))
+    return replace(batch, episodes=rows.positions.take(episode))
 
 
 def gather_windows(
@@ -109,6 +115,8 @@ def gather_windows(
     steps, mask = rows.window(index, horizon, burn_in)
     episode = rows.episode.take(steps)
     batch = _gather(arrays, steps, steps + episode, rows.ends.take(episode) - 1, mask)
+    positions = np.broadcast_to(rows.positions.take(episode), steps.shape).copy()
+    batch = replace(batch, episodes=positions)
     padding = np.nonzero(~mask)
     if len(padding[0]):
         for field in fields(batch):

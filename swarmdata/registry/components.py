@@ -38,7 +38,10 @@ in the others."""
 OFFLINE_ALGORITHMS = {
     "bc": "swarmdata.offline_algos.bc:BC",
     "filtered_bc": "swarmdata.offline_algos.filtered_bc:FilteredBC",
+    "bc_flow": "swarmdata.offline_algos.bc_flow:BCFlow",
+    "bc_latent": "swarmdata.offline_algos.bc_latent:BCLatent",
     "facmac_bc": "swarmdata.offline_algos.facmac_bc:FACMACBC",
+    "mac_flow": "swarmdata.offline_algos.mac_flow:MACFlow",
     "iql": "swarmdata.offline_algos.iql:IQL",
     "omiga": "swarmdata.offline_algos.omiga:OMIGA",
     "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",

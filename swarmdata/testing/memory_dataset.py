@@ -64,7 +64,7 @@ class MemoryDataset:
     def transitions(self) -> dict[str, NDArray[Any]]:
         """All transitions, field by field; the next state is never another episode's."""
         columns: dict[str, list[NDArray[Any]]] = {}
-        for e in self:
+        for position, e in enumerate(self):
             columns_of = {
                 "observations": e.observations[:-1],
                 "next_observations": e.observations[1:],
@@ -77,6 +77,7 @@ class MemoryDataset:
                 "mask": np.ones(len(e), dtype=np.bool_),
                 "next_actions": np.concatenate([e.actions[1:], np.zeros_like(e.actions[:1])]),
                 "log_probs": e.log_probs,
+                "episodes": np.full(len(e), position),
             }
             for name, rows in columns_of.items():
                 columns.setdefault(name, []).append(rows)

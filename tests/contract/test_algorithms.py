@@ -17,7 +17,7 @@ from swarmdata.testing.algorithm_contract import check_algorithm  # noqa: E402
 from swarmdata.types import Batch, Step, no_messages  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)
-BATCH = 16
+BATCH, N_EPISODES = 16, 5
 
 ACTOR_CRITIC: dict[str, Any] = {
     "actor_hidden": (32, 32),
@@ -25,9 +25,17 @@ ACTOR_CRITIC: dict[str, Any] = {
     "bc_warmup_updates": 2,
     "n_updates": 200,
 }
+FLOW: dict[str, Any] = {"flow_hidden": (32, 32), "n_flow_steps": 3, "n_updates": 200}
 SMALL: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (32, 32), "n_updates": 200},
     "filtered_bc": {"hidden": (32, 32), "n_updates": 200},
+    "bc_flow": {"hidden": (32, 32), **FLOW},
+    "bc_latent": {"hidden": (32, 32), "n_updates": 200},
+    "mac_flow": {
+        "actor_hidden": (32, 32),
+        "critic_hidden": (32, 32),
+        **FLOW,
+    },
     "facmac_bc": ACTOR_CRITIC,
     "iql": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
     "omiga": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
@@ -74,10 +82,13 @@ def draw(seeds: Sequence[int], index: int) -> Batch:
         name: np.stack([rng.uniform(-1, 1, shape) for rng in rngs]).astype(np.float32)
         for name, shape in shapes.items()
     }
+    episodes = np.stack([rng.integers(N_EPISODES, size=BATCH) for rng in rngs])
     ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
     flags, cut = ends < 0.2, ends > 0.8
     mask = np.ones_like(flags)
-    return Batch(**columns, terminations=flags, truncations=cut, mask=mask).to_torch()
+    return Batch(
+        **columns, terminations=flags, truncations=cut, mask=mask, episodes=episodes
+    ).to_torch()
 
 
 def step() -> Step:
@@ -103,6 +114,23 @@ def step() -> Step:
 def test_the_algorithm_keeps_the_contract(name: str) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**SMALL.get(name, {}))
+
+    def build(seeds: Sequence[int]) -> Any:
+        return kind(Setup(SIZES, seeds, statistics(), n_episodes=N_EPISODES), config)
+
+    check_algorithm(build, draw, step())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"reward": "team", "mixer": "free", "mixer_hidden": 16},
+        {"noise": "own", "redraw": "episode"},
+    ],
+)
+def test_other_ways_of_flowing_keep_the_contract(changes: dict[str, Any]) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "mac_flow")
+    config = kind.Config(**SMALL["mac_flow"], **changes)
 
     def build(seeds: Sequence[int]) -> Any:
         return kind(Setup(SIZES, seeds, statistics()), config)

@@ -61,6 +61,7 @@ def test_transitions_never_cross(dataset: Dataset, seed: int, batch_size: int) -
         assert batch.truncations[b] == episode.truncations[t]
         assert np.array_equal(batch.next_actions[b], after(episode)[t])
         assert np.array_equal(batch.log_probs[b], episode.log_probs[t])
+        assert view[int(batch.episodes[b])].seed == episode.seed
     assert batch.mask.all()
 
 
@@ -71,6 +72,7 @@ def test_windows_never_cross(dataset: Dataset, seed: int, horizon: int) -> None:
     sampler = view.sampler(8, horizon=horizon, seed=seed)
     batch = next(sampler)
     by_seed = {episode.seed: episode for episode in view}
+    positions = {episode.seed: position for position, episode in enumerate(view)}
     assert batch.observations.shape[:2] == (8, horizon)
     for b in range(8):
         episode = by_seed[int(batch.observations[b, 0, 0, 0])]
@@ -88,6 +90,7 @@ def test_windows_never_cross(dataset: Dataset, seed: int, horizon: int) -> None:
             "mask": np.ones(n, dtype=bool),
             "next_actions": after(episode)[t : t + n],
             "log_probs": episode.log_probs[t : t + n],
+            "episodes": np.full(n, positions[episode.seed]),
         }
         for name, values in expected.items():
             got = getattr(batch, name)[b]

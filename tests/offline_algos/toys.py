@@ -15,7 +15,7 @@ from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
-from swarmdata.types import Batch, Episode, Float, no_messages
+from swarmdata.types import Batch, Episode, Float, Step, no_messages
 
 Algorithm = TypeVar("Algorithm")
 
@@ -70,7 +70,8 @@ def trained(
     settings = configured(build, SMALL, {"n_updates": n_updates, **config})
     stream = batches(data, settings.batch_size, seeds)
     measured = Statistics.measure(data, settings.discount)
-    algorithm = build(Setup(Sizes.of(next(stream)), seeds, measured), settings)
+    setup = Setup(Sizes.of(next(stream)), seeds, measured, n_episodes=len(data))
+    algorithm = build(setup, settings)
     losses = [
         {name: loss.mean().item() for name, loss in algorithm.update(batch).items()}
         for batch in islice(stream, n_updates)
@@ -131,6 +132,26 @@ def actions_of(policy: Policy, observations: Float) -> Float:
     return policy.actions(observations)
 
 
+def step_of(copies: int = 6, times: int = 0) -> Step:
+    """Random observations of `SIZES`, the same at every call; episodes have seeds 0, 1, ..."""
+    flags, n_agents = np.zeros(copies, dtype=np.bool_), SIZES.n_agents
+    rng = np.random.default_rng(1)
+    return Step(
+        observations=rng.normal(size=(copies, n_agents, SIZES.observation)).astype(np.float32),
+        states=np.zeros((copies, SIZES.state), np.float32),
+        rewards=np.zeros((copies, n_agents), np.float32),
+        reward_terms=np.zeros((copies, n_agents, 0), np.float32),
+        terminations=flags,
+        truncations=flags,
+        successes=flags,
+        events=np.zeros((copies, n_agents, 4), np.uint8),
+        seeds=np.arange(copies, dtype=np.uint64),
+        times=np.full(copies, times),
+        layouts=np.zeros((copies, 0, 8), np.float32),
+        **no_messages(copies, n_agents),
+    )
+
+
 def set_bias(network: StackedMLP, row: int, value: float) -> None:
     """Makes one critic the constant function `value`."""
     network.flat[row] = 0.0
@@ -163,6 +184,42 @@ def two_episodes() -> MemoryDataset:
         )
 
     return MemoryDataset([episode(1, cut=False), episode(2, cut=True)])
+
+
+def same_side(n_episodes: int = 300, length: int = 8) -> MemoryDataset:
+    """Two conventions: in an episode both robots go right at every step, or both left.
+
+    The side is the sign of the second component, 0.8 in size. Nothing that the robots observe tells
+    it. The first component follows what a robot observes. Going to the same side is worth 1.
+    """
+    rng = np.random.default_rng(0)
+    return MemoryDataset([
+        _one_side(rng, 1.0 if number % 2 else -1.0, number, length) for number in range(n_episodes)
+    ])  # fmt: skip
+
+
+def _one_side(rng: np.random.Generator, side: float, number: int, length: int) -> Episode:
+    observations = rng.normal(size=(length + 1, 2, 3)).astype(np.float32)
+    actions = np.zeros((length, 2, 2))
+    actions[..., 0] = observations[:-1, :, 0].clip(-0.5, 0.5)
+    actions[..., 1] = 0.8 * side
+    actions += rng.normal(0, 0.05, actions.shape)
+    last = np.arange(length) == length - 1
+    return Episode(
+        observations=observations,
+        states=rng.normal(size=(length + 1, 4)).astype(np.float32),
+        actions=actions.clip(-1, 1).astype(np.float32),
+        log_probs=np.zeros((length, 2), np.float32),
+        rewards=np.ones((length, 2), np.float32),
+        terminations=np.zeros(length, np.bool_),
+        truncations=last,
+        events=np.zeros((length, 2, 4), np.uint8),
+        **no_messages(length + 1, 2),
+        layout=np.zeros((0, 8), np.float32),
+        seed=number,
+        policy=0,
+        end_reason=2,
+    )
 
 
 def progress_of(actions: Float, observations: Float) -> float:

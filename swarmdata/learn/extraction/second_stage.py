@@ -46,7 +46,7 @@ class ExtractionConfig:
     extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
     frozen_critics: bool = True  # False: critics go on learning meanwhile, for ablations
-    inverse_temperature: float = 3.0  # in deviations of Q under the density
+    inverse_temperature: float = 0.5  # in deviations of Q under the density
     density_floor: float = 0.1  # least deviation of the density
     extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
     max_extraction_weight: float = 20.0  # of `weighted`; Wang et al. 2020, section 4

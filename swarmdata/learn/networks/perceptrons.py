@@ -195,9 +195,18 @@ def mlp_of_branches(layers: Sequence[Layer], shared: Tensor, varied: Tensor) -> 
     first, n_shared, n_branches = layers[0], shared.shape[2], varied.shape[2]
     common = torch.bmm(shared, first.weight[:, :n_shared]).add_(first.bias)
     own = torch.bmm(varied.flatten(1, 2), first.weight[:, n_shared:])
-    summed = common.repeat_interleave(n_branches, 1).add_(own)
-    outputs = mlp(layers[1:], _activate(first, summed))
+    outputs = mlp_of_products(layers, common.repeat_interleave(n_branches, 1).add_(own))
     return outputs.view(len(outputs), -1, n_branches, outputs.shape[2])
+
+
+def mlp_of_products(layers: Sequence[Layer], products: Tensor) -> Tensor:
+    """Returns the outputs, [R, B, outputs], of networks whose first product was made before.
+
+    Args:
+        layers: of R networks with at least one hidden layer.
+        products: inputs times the first layer's weight, plus its bias, [R, B, H]; overwritten.
+    """
+    return mlp(layers[1:], _activate(layers[0], products))
 
 
 def _activate(layer: Layer, x: Tensor) -> Tensor:

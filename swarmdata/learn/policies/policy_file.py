@@ -11,6 +11,8 @@ from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.policies.flow_policy import FlowPolicy
+from swarmdata.learn.policies.latent_policy import LatentPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -19,7 +21,8 @@ from swarmdata.perception.frames import Frame
 from swarmdata.perception.slots import Slots
 
 KINDS: dict[str, Callable[..., Policy]] = {
-    kind.__name__: kind for kind in (TorchPolicy, BinPolicy, RecurrentPolicy, SetPolicy)
+    kind.__name__: kind
+    for kind in (TorchPolicy, BinPolicy, RecurrentPolicy, SetPolicy, FlowPolicy, LatentPolicy)
 }
 """Policies that can be kept: dataclasses of layers, tensors, a frame, slots and JSON values."""
 

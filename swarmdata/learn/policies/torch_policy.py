@@ -82,7 +82,13 @@ class TorchPolicy(Memoryless):
 
 @torch.no_grad()
 def outputs_of(
-    layers: Sequence[Layer], framed: Float, mean: Tensor, std: Tensor, parameters: Parameters
+    layers: Sequence[Layer],
+    framed: Float,
+    mean: Tensor,
+    std: Tensor,
+    parameters: Parameters,
+    *,
+    beside: Tensor | None = None,
 ) -> Tensor:
     """Returns what one seed's networks answer, float64 [E, N, outputs].
 
@@ -92,17 +98,27 @@ def outputs_of(
         mean: subtracted from them, float64 [O].
         std: what they are divided by, float64 [O].
         parameters: whether the agents share one network.
+        beside: what the networks see besides observations, float64 [E, N, D].
 
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
-    return answer(layers, standard_features(layers[0], framed, mean, std, parameters), parameters)
+    n_beside = 0 if beside is None else beside.shape[-1]
+    features = standard_features(layers[0], framed, mean, std, parameters, n_beside)
+    if beside is not None:
+        features = torch.cat([features, beside], -1)
+    return answer(layers, features, parameters)
 
 
 def standard_features(
-    first: Layer, framed: Float, mean: Tensor, std: Tensor, parameters: Parameters
+    first: Layer,
+    framed: Float,
+    mean: Tensor,
+    std: Tensor,
+    parameters: Parameters,
+    n_beside: int = 0,
 ) -> Tensor:
-    """Returns what one seed's networks see, float64 [E, N, O].
+    """Returns what one seed's networks see of observations, float64 [E, N, O].
 
     Args:
         first: their first layer.
@@ -110,12 +126,14 @@ def standard_features(
         mean: subtracted from them, float64 [O].
         std: what they are divided by, float64 [O].
         parameters: whether the agents share one network.
+        n_beside: numbers that they see besides.
 
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
     n_agents, size = framed.shape[1:]
     n_rows, n_inputs = first.weight.shape[:2]
+    n_inputs -= n_beside
     expected = len(mean)
     n_known = n_inputs - expected if parameters == "shared" else n_rows
     if size != expected or n_agents != n_known:

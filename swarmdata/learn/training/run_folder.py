@@ -91,7 +91,8 @@ class Run(Frozen):
         """
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
         config = from_json(kind.Config, self.config)
-        algorithm: Algorithm = kind(Setup(self.sizes, self.seeds, statistics, device), config)
+        setup = Setup(self.sizes, self.seeds, statistics, device, self.n_episodes)
+        algorithm: Algorithm = kind(setup, config)
         return algorithm
 
 

@@ -18,6 +18,7 @@ class Setup:
     seeds: Sequence[int]  # of initial parameters and noise, [K]
     statistics: Statistics  # for normalization, the scale of rewards, and R*
     device: torch.device | str = "cpu"
+    n_episodes: int = 0  # of the data, for what is learned of each; 0 where that is not known
 
     @property
     def n_seeds(self) -> int:

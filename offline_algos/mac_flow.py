@@ -1,0 +1,222 @@
+"""MAC-Flow: one-step actors that copy a joint flow of the data and climb a factored critic.
+
+Lee, Lee & Zhang, "Multi-agent Coordination via Flow Matching", ICLR 2026, arXiv 2511.05005; the
+one-step actor that is distilled from a flow and maximizes values is that of Flow Q-learning (Park,
+Li & Levine 2025, arXiv 2502.02538). We could read neither the paper's equations nor its code: what
+follows is the method of its abstract and of the documentation of Flow Q-learning. With
+c = (state, all observations), the flow v and its samples F of `learn.flows.joint_flow`, noise z of
+the team of which robot i knows z(i), and its own reward r_i:
+
+    L(v)   = conditional flow matching of the joint action
+    y_i    = r_i + gamma (1 - termination) min_j Q'_j(o'_i, mu(o'_i, z'(i)))
+    L(Q_j) = mean_i (Q_j(o_i, a_i) - y_i)^2
+    L(mu)  = sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2 - lambda sum_i Q_1(o_i, mu(o_i, z(i)))
+    lambda = rl_weight / max(mean |Q_tot|, 1), detached; Q_tot = mean_i Q_1(o_i, mu(o_i, z(i)))
+
+With `reward` "team", critics give Q_tot = g(Q_1, ..., Q_N; c) as those of `facmac_bc` do, y is made
+of the team's reward, the mean of the robots', and L(mu) has lambda N Q_tot.
+
+Deviations:
+- `reward` "own": each robot's critic learns from its own reward, where the paper decomposes a
+  team's. A mean spreads each robot's signal over the team.
+- `noise` "team": robots know all noise, by a seed that they agreed on. With their own noise alone
+  ("own", the paper's decentralized actors) they cannot tell what the others choose.
+- lambda, as in `facmac_bc`; Flow Q-learning offers a division by mean |Q| and takes a weight for
+  each dataset.
+- The smaller of two critics in y, bounded by the data's largest return-to-go with reward "team".
+- Robots share one actor and one critic, which see their number. Critics have LayerNorm, inputs are
+  normalized, rewards divided by the deviation of the team's returns-to-go, actors end in tanh.
+- Two stages: in the first part `critic_share` of the updates, flow and critics learn and actors
+  only copy, so that critics value the copied flow; then both stand still, and actors climb. 0 is
+  one stage, all in every update, as in Flow Q-learning. Where scripted teams take goals that belong
+  to nobody by two conventions (400 episodes), two stages covered all goals in 93 % of the episodes
+  and one in 43 % (`maddpg_bc` 89 %); on `coop_nav-medium-replay` two returned 0.3 and one 1.2
+  (3,000 updates of 64 units, batches of 128, 128 validation episodes, 2 or 3 seeds; with two, the
+  flow's rate was 1e-3). Without noise when acting (`noise_scale` 0), both scored within 3 points of
+  that: climbing chooses between modes by itself.
+- Learning rates decay along a cosine in each stage.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from swarmdata.errors import SchemaError
+from swarmdata.learn.flows.distillation import Distillation
+from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
+from swarmdata.learn.networks.mixers import MeanMixer, Mixer
+from swarmdata.learn.networks.network_inputs import (
+    generator_states,
+    information,
+    restore_generators,
+)
+from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.optimizer import cosine
+from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.policies.flow_policy import FlowPolicy, Noise, Redraw
+from swarmdata.learn.training.actor_critic import ActorCriticConfig, Loss
+from swarmdata.learn.training.exploration import normal_like
+from swarmdata.learn.training.setup import Setup
+from swarmdata.offline_algos.facmac_bc import MIXERS
+from swarmdata.types import Batch
+
+
+@dataclass(frozen=True)
+class MACFlowConfig(ActorCriticConfig):
+    """A joint flow, its students and factored critics; one setting for all datasets.
+
+    Raises:
+        SchemaError: own rewards are to be mixed, or no part of the updates is left for actors.
+    """
+
+    flow_hidden: tuple[int, ...] = (128, 128)  # 256 cost 2.0 times `facmac_bc`, 128 1.5 times
+    n_flow_steps: int = 10
+    flow_learning_rate: float = 3e-3
+    noise: Noise = "team"
+    redraw: Redraw = "step"
+    noise_scale: float = 1.0
+    critic_share: float = 0.65  # see the deviations above
+    rl_weight: float = 2.5  # as `maddpg_bc`
+    reward: Literal["own", "team"] = "own"
+    mixer: Literal["mean", "monotonic", "free"] = "mean"
+    mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
+    mixer_hidden: int = 64  # of the network that makes the mixers' weights, Peng et al. 2021
+    clip_target: bool = True  # with reward "team"
+
+    def __post_init__(self) -> None:
+        """Checks what settings mean together."""
+        if not 0 <= self.critic_share < 1:
+            raise SchemaError(
+                f"critic_share is {self.critic_share}, expected a part of the updates, from 0 (one "
+                "stage) to below 1"
+            )
+        if self.reward == "own" and self.mixer != "mean":
+            raise SchemaError(
+                f"mixer is {self.mixer!r} with reward 'own', expected reward 'team': mixers learn "
+                "how the team's value depends on its robots'."
+            )
+
+    @property
+    def first_stage(self) -> int:
+        """Updates in which flow and critics learn and actors only copy; 0: there is one stage."""
+        return round(self.critic_share * self.n_updates)
+
+
+class MACFlow:
+    """K seeds of joint flows, their students and two factored critics, trained at once."""
+
+    Config = MACFlowConfig
+    LOSSES = ("critic_loss", "q", "flow_loss", "distillation_loss", "policy_q", "lambda")
+
+    def __init__(self, setup: Setup, config: MACFlowConfig) -> None:
+        self.config, self.n_updates = config, 0
+        self.copy = Distillation(
+            setup, config, config.actor_hidden, learning_rate=config.actor_learning_rate
+        )
+        sizes, seeds, learned = setup.sizes, setup.seeds, MIXERS[config.mixer]
+        mixer: Mixer = MeanMixer() if learned is None else learned(
+            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
+            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
+            n_critics=2,
+        )  # fmt: skip
+        self.critics = FactoredCritics(
+            sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
+            max_norm=config.max_grad_norm, device=setup.device,
+        )  # fmt: skip
+        self.generators = setup.generators()
+        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
+
+    def update(self, batch: Batch) -> dict[str, Any]:
+        """One step on tensors [K, B, ...]; returns the losses [K] of what moved."""
+        first, scale = self.config.first_stage, self._scale()
+        s = self.normalizer.states(batch.states)
+        o = self.normalizer.observations(batch.observations)
+        x = information(s, o)
+        reported: dict[str, Tensor] = {}
+        if first == 0 or self.n_updates < first:
+            critic_loss, reported = self.critic_loss(batch, s, o)
+            self.critics.step(critic_loss, scale)
+            self.critics.follow(self.config.tau)
+            reported["flow_loss"] = self.copy.fit(x, batch.actions, self.generators, scale)
+        z = normal_like(self.generators, batch.actions)
+        pi = self.copy.actor(batch.observations, z)  # [K, B, N, A]
+        total = reported["distillation_loss"] = self.copy.loss(pi, x, z)
+        if self.n_updates >= first:
+            climb_loss, reported_of_climb = self.climb_loss(s, o, pi)
+            total, reported = total + climb_loss, reported | reported_of_climb
+        self.copy.step(total, scale)
+        self.n_updates += 1
+        return {name: loss.detach() for name, loss in reported.items()}
+
+    def _scale(self) -> float:
+        """The factor on all learning rates: a cosine in each stage."""
+        config, first = self.config, self.config.first_stage
+        begin, end = (0, first) if self.n_updates < first else (first, config.n_updates)
+        return cosine(self.n_updates - begin, end - begin, config.final_learning_rate_factor)
+
+    def critic_loss(self, batch: Batch, s: Tensor, o: Tensor) -> Loss:
+        """Returns sum_j L(Q_j); draws the noise of the next actions.
+
+        Args:
+            batch: of tensors [K, B, ...].
+            s: normalized states, [K, B, S].
+            o: normalized observations, [K, B, N, O].
+        """
+        y = self.targets(batch)  # without a gradient
+        if self.config.reward == "own":
+            q = self.critics.agent_values(o, batch.actions).flatten(2)  # [K, 2, B N]
+        else:
+            q = self.critics.q(s, o, batch.actions)  # [K, 2, B]
+        loss = td_error(q, y)
+        return Loss(loss, {"critic_loss": loss, "q": q.mean((1, 2))})
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y of every robot, [K, B N], or of the team, [K, B]; draws the noise z'."""
+        known, discount = self.normalizer, self.config.discount
+        z = normal_like(self.generators, batch.actions)
+        a_next = self.copy.actor(batch.next_observations, z)
+        s_next = known.states(batch.next_states)
+        o_next = known.observations(batch.next_observations)
+        r, ends, critics = batch.rewards * known.reward_scale, batch.terminations, self.critics
+        if self.config.reward == "own":
+            q_next = critics.agent_values(o_next, a_next, critics.target_utilities).amin(1)
+            return td_target(r, ends[..., None], q_next, discount).flatten(1)
+        q_next = critics.target_q(s_next, o_next, a_next).amin(1).clamp(max=known.max_value)
+        return td_target(team_reward(r), ends, q_next, discount)
+
+    def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
+        """Returns - lambda N Q_tot, which is - lambda sum_i Q_i for own rewards.
+
+        Args:
+            s: normalized states, [K, B, S].
+            o: normalized observations, [K, B, N, O].
+            pi: actions of the actors, [K, B, N, A]; the critics' parameters are constants.
+        """
+        q = self.critics.policy_values(s, o, pi)  # [K, B], the mean over robots or mixed
+        lam = self.config.rl_weight / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+        q = q.mean(1)
+        return Loss(-lam * pi.shape[2] * q, {"policy_q": q, "lambda": lam})
+
+    def policy(self, index: int) -> FlowPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return self.copy.actor.policy(index)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
+        return {
+            "n_updates": torch.tensor(self.n_updates),
+            "generators": generator_states(self.generators),
+            **self.copy.state_dict(),
+            **self.critics.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        self.n_updates = int(state["n_updates"])
+        restore_generators(self.generators, state["generators"])
+        self.copy.load_state_dict(state)
+        self.critics.load_state_dict(state)

@@ -1,0 +1,72 @@
+"""Joint flows: the written loss, Euler's method, and that they learn two modes."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from torch import Tensor  # noqa: E402
+
+from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.flows.joint_flow import JointFlow  # noqa: E402
+from swarmdata.learn.networks.optimizer import StackedAdam  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+
+SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
+K, B = 2, 5
+
+
+def made(n_steps: int = 3) -> JointFlow:
+    return JointFlow(SIZES, range(K), (8, 8), n_steps, "cpu")
+
+
+def drawn(*shape: int, seed: int = 0) -> Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(seed))
+
+
+def test_the_loss_is_that_of_straight_paths() -> None:
+    flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
+    a, t = drawn(K, B, 2, 2, seed=2), torch.rand(K, B, 1)
+    flat_a, flat_z = a.reshape(K, B, 4), z.reshape(K, B, 4)
+    inputs = torch.cat([x, (1 - t) * flat_z + t * flat_a, t], 2)
+    expected = (flow.network(inputs) - (flat_a - flat_z)).square().mean((1, 2))
+    torch.testing.assert_close(flow.loss(x, a, z, t), expected)
+
+
+def test_a_sample_is_what_eulers_method_reaches() -> None:
+    flow, x, z = made(n_steps=4), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
+    path = z.reshape(K, B, 4)
+    for step in range(4):
+        times = torch.full((K, B, 1), step / 4)
+        path = path + flow.network(torch.cat([x, path, times], 2)).detach() / 4
+    sample = flow.sample(x, z)
+    torch.testing.assert_close(sample, path.clamp(-1, 1).view(K, B, 2, 2))
+    assert not sample.requires_grad
+    assert torch.equal(z, drawn(K, B, 2, 2, seed=1))  # the noise is not written to
+
+
+def test_samples_stay_in_range() -> None:
+    assert made().sample(drawn(K, 50, SIZES.information), 5 * drawn(K, 50, 2, 2)).abs().max() == 1
+
+
+@pytest.mark.parametrize(("hidden", "n_steps"), [((), 3), ((8,), 0)])
+def test_a_flow_needs_a_hidden_layer_and_a_step(hidden: tuple[int, ...], n_steps: int) -> None:
+    with pytest.raises(SchemaError, match="at least one of each"):
+        JointFlow(SIZES, range(K), hidden, n_steps, "cpu")
+
+
+@pytest.mark.learns
+def test_two_modes_stay_two() -> None:
+    """Both robots act at +0.7 or both at -0.7, whatever they see."""
+    flow, rng = JointFlow(SIZES, range(K), (64, 64), 10, "cpu"), np.random.default_rng(0)
+    adam = StackedAdam(flow.network, K, 3e-3)
+    for update in range(600):
+        sides = torch.from_numpy(rng.choice([-0.7, 0.7], (K, 128, 1, 1)).astype(np.float32))
+        a = sides.expand(K, 128, 2, 2)
+        x, z = drawn(K, 128, SIZES.information, seed=update), drawn(K, 128, 2, 2, seed=-update - 1)
+        adam.step(flow.loss(x, a, z, torch.from_numpy(rng.random((K, 128, 1), np.float32))))
+    samples = flow.sample(drawn(K, 500, SIZES.information, seed=9), drawn(K, 500, 2, 2, seed=8))
+    one_mode = (samples - 0.7).abs().amax((2, 3)) < 0.25
+    other = (samples + 0.7).abs().amax((2, 3)) < 0.25
+    assert (one_mode | other).float().mean() > 0.9
+    assert 0.4 < one_mode.float().mean() < 0.6

@@ -1,0 +1,85 @@
+"""Cloning by flow matching: the written losses, and modes that robots choose together."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from swarmdata.offline_algos.bc import BC  # noqa: E402
+from swarmdata.offline_algos.bc_flow import BCFlow  # noqa: E402
+from swarmdata.types import Bool, Float  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    made,
+    random_batch,
+    same_side,
+    step_of,
+    trained,
+)
+
+COPIES = 300
+FLOW: dict[str, Any] = {"flow_hidden": (64, 64), "noise_scale": 1.0}
+
+
+def sides(actions: Float) -> Float:
+    """The side that each robot goes to, -1 or 1; 0 where it stays between them, [E, N]."""
+    y = actions[..., 1]
+    return np.where(np.abs(y) > 0.4, np.sign(y), 0.0).astype(np.float32)
+
+
+def agree(actions: Float) -> Bool:
+    """Whether both robots go to the same side, [E]."""
+    side = sides(actions)
+    return np.asarray((side[:, 0] == side[:, 1]) & (side[:, 0] != 0))
+
+
+def test_actors_are_held_to_the_flows_samples_and_not_to_the_data() -> None:
+    algorithm, batch = made(BCFlow, hidden=(8,), flow_hidden=(8,)), random_batch()
+    x = algorithm.normalizer.information(batch.states, batch.observations)
+    z = torch.randn(1, 32, 2, 2)
+    pi, samples = algorithm.copy.actor(batch.observations, z), algorithm.copy.flow.sample(x, z)
+    expected = (pi - samples).square().sum(2).mean()
+    torch.testing.assert_close(algorithm.copy.loss(pi, x, z)[0], expected)
+
+
+def test_an_update_moves_both_and_each_by_its_own_loss() -> None:
+    algorithm, batch = made(BCFlow, hidden=(8,), flow_hidden=(8,)), random_batch()
+    flow, actor = algorithm.copy.flow.network, algorithm.copy.actor.network
+    x = algorithm.normalizer.information(batch.states, batch.observations)
+    before = flow.flat.clone()
+    z = torch.randn(1, 32, 2, 2)
+    algorithm.copy.step(algorithm.copy.loss(algorithm.copy.actor(batch.observations, z), x, z), 1.0)
+    assert torch.equal(flow.flat, before)  # samples have no gradient
+    kept = actor.flat.clone()
+    algorithm.copy.fit(x, batch.actions, algorithm.generators, 1.0)
+    assert torch.equal(actor.flat, kept)
+    algorithm.update(batch)
+    assert not torch.equal(flow.flat, before)
+    assert not torch.equal(actor.flat, kept)
+
+
+@pytest.mark.learns
+def test_robots_that_share_noise_choose_the_same_side() -> None:
+    """`bc` stays between the sides; robots with noise of their own agree by chance."""
+    step, later, data = step_of(COPIES), step_of(COPIES, times=5), same_side()
+    bc, _ = trained(BC, data, 800)
+    assert agree(bc.policy(0).act(step)).mean() < 0.02
+
+    team, _ = trained(BCFlow, data, 800, redraw="episode", **FLOW)
+    own, _ = trained(BCFlow, data, 800, noise="own", **FLOW)
+    for seed in range(2):
+        actions = team.policy(seed).act(step)
+        assert agree(actions).mean() > 0.8
+        assert 0.3 < (sides(actions)[:, 0] > 0).mean() < 0.7  # both modes are there
+        assert agree(own.policy(seed).act(step)).mean() < 0.5
+        kept = np.sign(team.policy(seed).act(later)[..., 1]) == np.sign(actions[..., 1])
+        assert kept.mean() > 0.9  # noise of an episode keeps its mode
+
+
+@pytest.mark.learns
+def test_noise_of_a_step_changes_the_side_within_an_episode() -> None:
+    algorithm, _ = trained(BCFlow, same_side(), 800, redraw="step", **FLOW)
+    first, later = (algorithm.policy(0).act(step_of(COPIES, times=t)) for t in (0, 5))
+    assert 0.3 < (np.sign(first[..., 1]) == np.sign(later[..., 1])).mean() < 0.7
+    assert agree(later).mean() > 0.8

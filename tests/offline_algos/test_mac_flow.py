@@ -1,0 +1,159 @@
+"""MAC-Flow: targets, what climbs which values, the stages, and that it improves on its data."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+from torch import Tensor  # noqa: E402
+
+from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.offline_algos.mac_flow import MACFlow, MACFlowConfig  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    made,
+    progress_of,
+    random_batch,
+    step_of,
+    trained,
+    two_episodes,
+)
+
+TINY: dict[str, Any] = {"flow_hidden": (8,), "n_flow_steps": 2}
+
+
+def value(states: Tensor) -> Tensor:
+    """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
+    return 100 * states[..., 0] + 10 * states[..., 1]
+
+
+def test_the_teams_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    algorithm = made(MACFlow, discount=0.5, reward="team", **TINY)
+
+    def target_q(states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
+        return torch.stack([value(states), value(states) + 1], 1)  # the smaller twin counts
+
+    monkeypatch.setattr(algorithm.critics, "target_q", target_q)
+    batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
+    # episode 1: 2 + V(1, 1) / 2, then 6 without a bootstrap; episode 2: the cut does not stop it
+    expected = torch.tensor([[2 + 55.0, 6.0, 2 + 105.0, 6 + 110.0]])
+    torch.testing.assert_close(algorithm.targets(batch), expected)
+
+
+def test_each_robots_target_has_its_own_reward(monkeypatch: pytest.MonkeyPatch) -> None:
+    algorithm = made(MACFlow, discount=0.5, **TINY)
+
+    def agent_values(*_: object) -> Tensor:
+        robots = torch.tensor([10.0, 20.0]).expand(1, 4, 2)
+        return torch.stack([robots + 1, robots], 1)  # [K, 2, B, N]
+
+    monkeypatch.setattr(algorithm.critics, "agent_values", agent_values)
+    batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
+    expected = [1 + 5.0, 3 + 10.0, 5.0, 7.0, 1 + 5.0, 3 + 10.0, 5 + 5.0, 7 + 10.0]
+    torch.testing.assert_close(algorithm.targets(batch), torch.tensor([expected]))
+
+
+def test_the_bound_is_on_the_teams_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    batch = random_batch()
+    for clip, worth in ((True, 1.5), (False, 5.0)):  # R* / scale is 1.5
+        algorithm = made(
+            MACFlow, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9,
+            clip_target=clip, reward="team", **TINY,
+        )  # fmt: skip
+        monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.full((1, 2, 32), 5.0))
+        expected = batch.rewards.mean(-1) / 2 + 0.9 * worth * ~batch.terminations
+        torch.testing.assert_close(algorithm.targets(batch), expected)
+
+
+def test_actors_climb_the_sum_of_the_robots_values_and_critics_stay() -> None:
+    algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
+    with torch.no_grad():
+        algorithm.critics.utilities.layers[-1].weight.mul_(200.0)
+    before = algorithm.critics.utilities.flat.clone()
+    pi = algorithm.copy.actor(batch.observations, torch.randn(1, 32, 2, 2))
+    s, o = batch.states, batch.observations  # moments are 0 and 1
+    q = algorithm.critics.agent_values(o, pi)[:, 0]  # [K, B, N]
+    weight = 2.0 / max(q.mean(2).abs().mean().item(), 1.0)
+    loss, reported = algorithm.climb_loss(s, o, pi)
+    torch.testing.assert_close(loss, -weight * q.sum(2).mean(1))
+    assert reported["lambda"].item() == pytest.approx(weight, rel=1e-5)
+    algorithm.copy.step(loss, 1.0)
+    assert torch.equal(algorithm.critics.utilities.flat, before)
+
+
+def test_a_robot_is_pulled_as_hard_in_a_team_of_any_size() -> None:
+    """The slope of the loss in one robot's action, with independent robots beside it."""
+    algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
+    pi = torch.zeros(1, 32, 2, 2, requires_grad=True)
+    loss, _ = algorithm.climb_loss(batch.states, batch.observations, pi)
+    (slope,) = torch.autograd.grad(loss.sum(), pi)
+    alone = algorithm.critics.agent_values(batch.observations, pi)[:, 0, :, 0].mean()
+    (expected,) = torch.autograd.grad(-2.0 * alone, pi)
+    torch.testing.assert_close(slope[:, :, 0], expected[:, :, 0])
+
+
+def parts_that_move(algorithm: MACFlow) -> tuple[set[str], set[str]]:
+    """Names of the networks that one update moves, and of the losses that it returns."""
+    before = algorithm.state_dict()
+    losses = algorithm.update(random_batch())
+    after = algorithm.state_dict()
+    names = ("flow", "actor", "utilities", "target_utilities")
+    return {name for name in names if not torch.equal(before[name], after[name])}, set(losses)
+
+
+def test_one_stage_moves_all_in_every_update() -> None:
+    algorithm = made(MACFlow, critic_share=0.0, n_updates=2, **TINY)
+    parts = {"flow", "actor", "utilities", "target_utilities"}
+    assert [parts_that_move(algorithm) for _ in range(2)] == [(parts, set(MACFlow.LOSSES))] * 2
+
+
+def test_in_the_second_stage_actors_climb_what_stands_still() -> None:
+    algorithm = made(MACFlow, critic_share=0.5, n_updates=4, **TINY)
+    copied = {"distillation_loss"}
+    first = copied | {"critic_loss", "q", "flow_loss"}
+    moved = [parts_that_move(algorithm) for _ in range(4)]
+    assert moved[0] == moved[1] == ({"flow", "actor", "utilities", "target_utilities"}, first)
+    assert moved[2] == moved[3] == ({"actor"}, copied | {"policy_q", "lambda"})
+
+
+def test_actors_need_updates_of_their_own() -> None:
+    for share in (-0.1, 1.0, float("nan")):
+        with pytest.raises(SchemaError, match="a part of the updates"):
+            MACFlowConfig(critic_share=share)
+
+
+def test_own_rewards_are_not_mixed() -> None:
+    with pytest.raises(SchemaError, match="expected reward 'team'"):
+        MACFlowConfig(mixer="free")
+    with pytest.raises(KeyError, match="linear"):
+        made(MACFlow, mixer="linear", reward="team")
+
+
+@pytest.mark.learns
+@pytest.mark.parametrize(
+    ("settings", "least"),
+    [
+        ({"reward": "own", "rl_weight": 6.0}, 0.08),
+        ({"reward": "team", "rl_weight": 6.0}, 0.08),
+        ({"reward": "team", "mixer": "monotonic", "rl_weight": 6.0}, 0.08),
+        ({"rl_weight": 0.0}, None),
+    ],
+)
+def test_it_improves_on_a_mixture(
+    mixture: MemoryDataset, settings: dict[str, Any], least: float | None
+) -> None:
+    """Half of the data drive at the goal, the other half at random; a clone makes 0.045.
+
+    Without values it is such a clone.
+    """
+    algorithm, _ = trained(MACFlow, mixture, 1000, flow_hidden=(64, 64), **settings)
+    observations = mixture.transitions["observations"][:1500]
+    for index in range(2):
+        step = step_of(len(observations))._replace(observations=observations)
+        progress = progress_of(algorithm.policy(index).act(step), observations)
+        if least is None:
+            assert progress < 0.07, progress
+        else:
+            assert progress > least, progress  # straight at the goal: 0.16
