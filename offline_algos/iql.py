@@ -29,7 +29,7 @@ Deviations:
 - Critics and value network have LayerNorm and serve all robots. Inputs are normalized, rewards
   divided by the standard deviation of the returns-to-go, advantages turned to the unit above.
 - The learning rates of all networks decay along a cosine; in the paper only the actor's.
-- With `memory` gru the actors remember; critics and value networks see the state and do not.
+- With `memory` gru the actors remember; critics and value networks see the present alone.
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
