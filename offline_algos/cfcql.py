@@ -15,10 +15,10 @@ Q_ji is the value of robot i's own rewards r_i (`reward: team`: the mean over ro
 with an imitation term.
 
 On `coop_nav-medium-replay`, whose data score 24.4 and whose clone `bc` 22.4, it scored 40.4 and
-43.9 (2,500 updates of 128 rows, 64 units, 2 seeds, 128 validation episodes). Without the penalty it was
-13.2 with 6.3 collisions with obstacles an episode, with it 37.5 and 2.8, with alpha 2 22.0 (1 seed,
-`clip_target` off). One value of the team's mean reward and w 0.4, summed over robots, gave a clone:
-23.7, without the penalty 22.4 (3,000 updates, 3 seeds, 256 episodes).
+43.9 (2,500 updates of 128 rows, 64 units, 2 seeds, 128 validation episodes). Without the penalty it
+was 13.2 with 6.3 collisions with obstacles an episode, with it 37.5 and 2.8, with alpha 2 22.0 (1
+seed, `clip_target` off). One value of the team's mean reward and w 0.4, summed over robots, gave a
+clone: 23.7, without the penalty 22.4 (3,000 updates, 3 seeds, 256 episodes).
 
 Deviations:
 - The paper has one value of a reward that all agents share. Of rewards that are each robot's own, a
@@ -42,6 +42,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
 from swarmdata.learn.networks.critics import JointGradient
 from swarmdata.learn.networks.robot_views import RobotView
 from swarmdata.learn.objectives.conservative import counterfactual_gap
@@ -52,14 +53,16 @@ from swarmdata.learn.training.actor_critic import (
     delayed_update,
     policy_of,
     restore_state,
+    second_stage,
     smoothed_actions,
     state_of,
 )
 from swarmdata.learn.training.robot_actor_critic import (
     ConservativeConfig,
-    anchored_loss,
+    robot_actor_loss,
     robot_inputs,
     robot_parts,
+    robot_valuer,
 )
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -77,16 +80,18 @@ class CFCQL:
     """K seeds of actors and two critics with counterfactual penalties, trained at once."""
 
     Config = CFCQLConfig
-    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
+    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
-    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), anchored_loss
+    valuer = robot_valuer
+    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
 
     def __init__(self, setup: Setup, config: CFCQLConfig) -> None:
-        self.config, self.n_updates, self.second_stage = config, 0, None
+        self.config, self.n_updates = config, 0
         self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
         self.generators = setup.generators()
+        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def critic_loss(self, batch: Batch, x: RobotView) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""

@@ -45,18 +45,21 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
+from swarmdata.learn.extraction.valuers import FactoredValuer
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import FreeMixer, HyperMixer, MeanMixer, Mixer, MonotonicMixer
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.objectives.in_sample import team_cloning_loss
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
 from swarmdata.learn.training.actor_critic import (
-    DelayedConfig,
     Loss,
+    TwoStageConfig,
     delayed_actor,
     delayed_update,
     policy_of,
     restore_state,
+    second_stage,
     smoothed_actions,
     state_of,
 )
@@ -71,7 +74,7 @@ MIXERS: dict[str, type[HyperMixer] | None] = {
 
 
 @dataclass(frozen=True)
-class FACMACBCConfig(DelayedConfig):
+class FACMACBCConfig(TwoStageConfig):
     """FACMAC with an imitation term; one setting for all datasets."""
 
     rl_weight: float = 2.5  # alpha; Fujimoto & Gu 2021, table 3
@@ -85,14 +88,14 @@ class FACMACBC:
     """K seeds of actors and two factored critics, trained at once."""
 
     Config = FACMACBCConfig
-    LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda")
+    LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
     bc_loss = staticmethod(team_cloning_loss)
 
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
-        self.config, self.n_updates, self.second_stage = config, 0, None
+        self.config, self.n_updates = config, 0
         self.actor = delayed_actor(setup, config)
         sizes, seeds = setup.sizes, setup.seeds
         learned = MIXERS[config.mixer]
@@ -107,6 +110,7 @@ class FACMACBC:
         )  # fmt: skip
         self.generators = setup.generators()
         self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
+        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def critic_inputs(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns normalized states, [K, B, S], and observations, [K, B, N, O]."""
@@ -119,6 +123,10 @@ class FACMACBC:
         q = self.critics.q(*x, batch.actions)  # [K, 2, B]
         loss = td_error(q, y)  # [K]
         return Loss(loss, {"critic_loss": loss, "q": q.mean((1, 2))})
+
+    def valuer(self, batch: Batch, x: tuple[Tensor, Tensor]) -> FactoredValuer:
+        """Returns the critics' values of the batch's actions, for a second stage."""
+        return FactoredValuer(self.critics, *x, batch.actions)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:

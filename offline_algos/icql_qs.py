@@ -34,6 +34,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
 from swarmdata.learn.networks.robot_views import RobotView
 from swarmdata.learn.objectives.conservative import counterfactual_gap
 from swarmdata.learn.objectives.in_sample import cloning_loss
@@ -43,13 +44,15 @@ from swarmdata.learn.training.actor_critic import (
     delayed_update,
     policy_of,
     restore_state,
+    second_stage,
     smoothed_actions,
     state_of,
 )
 from swarmdata.learn.training.robot_actor_critic import (
-    anchored_loss,
+    robot_actor_loss,
     robot_inputs,
     robot_parts,
+    robot_valuer,
 )
 from swarmdata.learn.training.setup import Setup
 from swarmdata.offline_algos.cfcql import CFCQLConfig
@@ -65,16 +68,18 @@ class ICQLQS:
     """K seeds of actors and two critics whose targets let one agent leave the data."""
 
     Config = ICQLQSConfig
-    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
+    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
-    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), anchored_loss
+    valuer = robot_valuer
+    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
 
     def __init__(self, setup: Setup, config: ICQLQSConfig) -> None:
-        self.config, self.n_updates, self.second_stage = config, 0, None
+        self.config, self.n_updates = config, 0
         self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
         self.generators = setup.generators()
+        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def critic_loss(self, batch: Batch, x: RobotView) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""

@@ -47,6 +47,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES, Extraction
 from swarmdata.learn.extraction.valuers import RobotValuer
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.critics import JointGradient
@@ -76,6 +77,7 @@ from swarmdata.types import Batch
 class MADDPGBCConfig(TwoStageConfig):
     """TD3+BC with a critic for each robot, and its second stage; one setting for all datasets."""
 
+    extraction: Extraction = "anchored"
     rl_weight: float = 2.5  # alpha; Fujimoto & Gu 2021, table 3
     critic: Critic = "centralized"
     reward: Reward = "own"
@@ -87,10 +89,7 @@ class MADDPGBC:
     """K seeds of actors and two critics, trained at once."""
 
     Config = MADDPGBCConfig
-    LOSSES = (
-        "critic_loss", "q", "bc_loss", "policy_q", "lambda",
-        "density_loss", "extraction_loss", "extracted_q",
-    )  # fmt: skip
+    LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
 
     policy, state_dict, load_state_dict = policy_of, state_of, restore_state
 

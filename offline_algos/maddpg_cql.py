@@ -35,6 +35,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
 from swarmdata.learn.networks.critics import JointGradient
 from swarmdata.learn.networks.robot_views import RobotView
 from swarmdata.learn.objectives.conservative import (
@@ -51,14 +52,16 @@ from swarmdata.learn.training.actor_critic import (
     delayed_update,
     policy_of,
     restore_state,
+    second_stage,
     smoothed_actions,
     state_of,
 )
 from swarmdata.learn.training.robot_actor_critic import (
     ConservativeConfig,
-    anchored_loss,
+    robot_actor_loss,
     robot_inputs,
     robot_parts,
+    robot_valuer,
 )
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -77,16 +80,18 @@ class MADDPGCQL:
     """K seeds of actors and two critics with penalties on joint actions, trained at once."""
 
     Config = MADDPGCQLConfig
-    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q")
+    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
-    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), anchored_loss
+    valuer = robot_valuer
+    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
 
     def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
-        self.config, self.n_updates, self.second_stage = config, 0, None
+        self.config, self.n_updates = config, 0
         self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
         self.generators = setup.generators()
+        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def critic_loss(self, batch: Batch, x: RobotView) -> Loss:
         """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""

@@ -46,6 +46,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
+from swarmdata.learn.extraction.valuers import RowValuer
 from swarmdata.learn.networks.critics import Critics
 from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.normalizer import Normalizer
@@ -53,12 +55,13 @@ from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
 from swarmdata.learn.objectives.robot_rewards import RobotRewards
 from swarmdata.learn.objectives.td_targets import td_error, td_target
 from swarmdata.learn.training.actor_critic import (
-    DelayedConfig,
     Loss,
+    TwoStageConfig,
     delayed_actor,
     delayed_update,
     policy_of,
     restore_state,
+    second_stage,
     smoothed_actions,
     state_of,
 )
@@ -68,7 +71,7 @@ from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class OMARConfig(DelayedConfig):
+class OMARConfig(TwoStageConfig):
     """Independent CQL with actor rectification; one setting for all datasets."""
 
     cql_weight: float = 0.5  # alpha, of the penalty; see the deviations above, also for tau
@@ -87,13 +90,13 @@ class OMAR:
     """K seeds of actors and two critics that see one agent, trained at once."""
 
     Config = OMARConfig
-    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss")
+    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss", *EXTRACTION_LOSSES)
 
     update, policy = delayed_update, policy_of
     state_dict, load_state_dict = state_of, restore_state
 
     def __init__(self, setup: Setup, config: OMARConfig) -> None:
-        self.config, self.n_updates, self.second_stage = config, 0, None
+        self.config, self.n_updates = config, 0
         self.actor = delayed_actor(setup, config)
         n_inputs = setup.sizes.observation + setup.sizes.n_agents + setup.sizes.action
         self.critics = Critics(
@@ -104,6 +107,7 @@ class OMAR:
         self.generators = setup.generators()
         self.normalizer = Normalizer(setup.statistics, setup.device)
         self.rewards = RobotRewards(setup.statistics, "own", clip_target=config.clip_target)
+        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def critic_inputs(self, batch: Batch) -> Tensor:
         """Returns what the critics see besides actions, [K, B N, O + N]."""
@@ -122,6 +126,10 @@ class OMAR:
         gap = self.gap(x, actions, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)
+
+    def valuer(self, batch: Batch, x: Tensor) -> RowValuer:
+        """Returns the critics' values of the batch's actions, for a second stage."""
+        return RowValuer(self.critics, x)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:

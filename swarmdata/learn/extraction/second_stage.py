@@ -31,6 +31,10 @@ Extraction = Literal["joint", "anchored", "weighted", "tilted"]
 """`joint`: the actor of the first stage is the policy; the others are losses of a second stage."""
 
 
+EXTRACTION_LOSSES = ("density_loss", "extraction_loss", "extracted_q")
+"""Names of the losses that a second stage adds."""
+
+
 @dataclass(frozen=True)
 class ExtractionConfig:
     """Settings of the extraction of a policy; one setting for all datasets.
@@ -39,7 +43,7 @@ class ExtractionConfig:
         SchemaError: a number is outside its range.
     """
 
-    extraction: Extraction = "anchored"
+    extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
     frozen_critics: bool = True  # False: critics go on learning meanwhile, for ablations
     inverse_temperature: float = 3.0  # in deviations of Q under the density

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from swarmdata.learn.networks.critics import JointGradient
+from swarmdata.learn.networks.critics import Critics, JointGradient
 from swarmdata.learn.networks.factored_critics import FactoredCritics
 from swarmdata.learn.networks.robot_critics import RobotCritics
 from swarmdata.learn.networks.robot_views import RobotView
@@ -34,6 +34,28 @@ class RobotValuer:
     def of_candidates(self, candidates: Tensor) -> Tensor:
         """As `second_stage.Valuer` says."""
         return self.critics.candidate_q(self.view, candidates, self.actions)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowValuer:
+    """By critics with a row for each robot, which see its own action: the smallest of the J values.
+
+    Attributes:
+        critics: their parameters are constants.
+        x: what they see besides actions, [K, B N, F].
+    """
+
+    critics: Critics
+    x: Tensor
+
+    def of_policy(self, pi: Tensor) -> Tensor:
+        """As `second_stage.Valuer` says."""
+        values = self.critics.smallest_q(self.x, pi.flatten(1, 2)[:, :, None])
+        return values.view(pi.shape[:3])
+
+    def of_candidates(self, candidates: Tensor) -> Tensor:
+        """As `second_stage.Valuer` says."""
+        return self.critics.smallest_q(self.x, candidates.flatten(1, 2)).view(candidates.shape[:4])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -52,17 +52,23 @@ class BehaviorDensity:
         self.optimizer = StackedAdam(self.network, len(seeds), learning_rate, max_norm)
 
     def gradient(self, observations: Tensor, actions: Tensor) -> Tensor:
-        """Fills the gradient of the negative log-likelihood; returns it, mean over rows, [K].
+        """Fills the gradient; returns the negative log-likelihood, the mean over rows, [K].
+
+        The mean descends the squared error and the deviation the likelihood: by likelihood alone,
+        the mean would learn little where the deviation is large (Seitzer et al. 2022, "On the
+        pitfalls of heteroscedastic uncertainty estimation with probabilistic neural networks",
+        whose loss with beta = 1 this is for the mean).
 
         Args:
             observations: as recorded, [K, B, N, O].
             actions: of the data, [K, B, N, A].
         """
         mean, log_std = self._outputs(self.network(self._actor.inputs(observations)), actions)
-        errors = (actions - mean) / log_std.exp()
-        loss: Tensor = (0.5 * errors.square() + log_std).sum(3).mean((1, 2))
+        squares = (actions - mean).square()
+        scaled = 0.5 * squares.detach() * (-2 * log_std).exp() + log_std  # of the deviation
+        loss: Tensor = (0.5 * squares + scaled).sum(3).mean((1, 2))
         self.network.backward(loss.sum())
-        return loss.detach()
+        return scaled.detach().sum(3).mean((1, 2))
 
     @torch.no_grad()
     def moments(self, observations: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:

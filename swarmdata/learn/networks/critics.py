@@ -115,6 +115,17 @@ class Critics:
         """
         return mlp_of_branches(self.online.constants(self.n_critics), x, actions.flatten(3))
 
+    def smallest_q(self, x: Tensor, varied: Tensor) -> Tensor:
+        """Returns the smallest of the J values of M actions in each row, [K, B, M]; constants.
+
+        Args:
+            x: critic inputs besides actions, [K, B, F].
+            varied: actions as critics see them, [K, B, M, D].
+        """
+        shared, branches = (t.repeat_interleave(self.n_critics, 0) for t in (x, varied))
+        values = mlp_of_branches(self.online.constants(), shared, branches)[..., 0]
+        return values.view(-1, self.n_critics, *values.shape[1:]).amin(1)
+
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
         """Moves the critics down the sum over seeds of a loss [K].
 

@@ -87,8 +87,7 @@ class RobotCritics:
     def smallest_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
         """Returns the smallest of the J values, [K, B, N]; constants and arguments as `first_q`."""
         seen = self._views.actions(view, own, others)
-        values = self._frozen(view, seen[:, :, None])
-        return values.amin(1).view(own.shape[:3])
+        return self._critics.smallest_q(view.rows, seen[:, :, None]).view(own.shape[:3])
 
     def sampled_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
         """Returns all critics' values of M actions of each robot, [K, J, B, N, M].
@@ -114,14 +113,8 @@ class RobotCritics:
         """
         n_candidates = candidates.shape[3]
         seen = [self._views.actions(view, own, others) for own in candidates.unbind(3)]
-        values = self._frozen(view, torch.stack(seen, 2))
-        return values.amin(1).view(*others.shape[:3], n_candidates)
-
-    def _frozen(self, view: RobotView, seen: Tensor) -> Tensor:
-        """Values of actions as critics see them, [K, B N, M, .]: [K, J, B N, M]; constants."""
-        shared, varied = (t.repeat_interleave(self.n_critics, 0) for t in (view.rows, seen))
-        values = mlp_of_branches(self._critics.online.constants(), shared, varied)[..., 0]
-        return values.view(-1, self.n_critics, *values.shape[1:])
+        values = self._critics.smallest_q(view.rows, torch.stack(seen, 2))
+        return values.view(*others.shape[:3], n_candidates)
 
     def _values(
         self, network: StackedMLP, view: RobotView, actions: Tensor, others: Tensor | None = None

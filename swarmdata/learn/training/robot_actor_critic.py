@@ -3,7 +3,7 @@
 The losses are in the files of the algorithms. An algorithm takes these functions as its methods,
 beside those of `actor_critic`:
 
-    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), anchored_loss
+    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
 """
 
 from dataclasses import dataclass
@@ -11,19 +11,20 @@ from typing import Any, Protocol
 
 from torch import Tensor
 
+from swarmdata.learn.extraction.valuers import RobotValuer
 from swarmdata.learn.networks.actor import DelayedActor
 from swarmdata.learn.networks.critics import JointGradient
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.robot_critics import RobotCritics
 from swarmdata.learn.networks.robot_views import Critic, RobotView
 from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
-from swarmdata.learn.training.actor_critic import DelayedConfig, Loss, delayed_actor
+from swarmdata.learn.training.actor_critic import Loss, TwoStageConfig, delayed_actor
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class ConservativeConfig(DelayedConfig):
+class ConservativeConfig(TwoStageConfig):
     """Settings of actor-critics whose critics are penalized; see `cfcql` for the units."""
 
     cql_weight: float = 0.5  # alpha, of the penalty
@@ -62,7 +63,12 @@ def robot_inputs(self: RobotActorCritic, batch: Batch) -> RobotView:
     return self.critics.view(batch.states, batch.observations)
 
 
-def anchored_loss(
+def robot_valuer(self: RobotActorCritic, batch: Batch, x: RobotView) -> RobotValuer:
+    """Returns the critics' values of the batch's actions, for a second stage."""
+    return RobotValuer(self.critics, x, batch.actions, self.config.joint_gradient)
+
+
+def robot_actor_loss(
     self: RobotActorCritic, batch: Batch, x: RobotView, pi: Tensor, bc_loss: Tensor
 ) -> Loss:
     """Returns mean_i [-Q_1i(x, (pi_i, .)) / q] + w bc_loss, [K]; the critics are constants.

@@ -69,6 +69,7 @@ class Run(Frozen):
         """Numbers of agents and features, the choices of a recorded environment, frames."""
         world = self.spec.world
         columns = () if world is None else state_columns(make_task(world))
+        is_known = len(columns) == self.state_size  # episodes in memory may have other states
         return Sizes(
             n_agents=self.n_agents,
             observation=self.observation_size,
@@ -76,8 +77,8 @@ class Run(Frozen):
             state=self.state_size,
             choices=choices_of(self.spec),
             frame=self.frame,
-            robot_columns=0 if world is None else N_COLUMNS,
-            state_vectors=planar_vectors(columns),
+            robot_columns=N_COLUMNS if is_known else 0,
+            state_vectors=planar_vectors(columns) if is_known else (),
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:

@@ -62,10 +62,13 @@ def test_losses_are_means_over_robots() -> None:
     values = torch.randn(1, 5, 1, generator=generator)
     deviation = torch.full_like(pi, 0.3)
     for n in (2, 8):
-        wide = [t.expand(-1, -1, n, *t.shape[3:]) for t in (pi, values, mean, deviation)]
+        many, center, width, taken = (
+            t.expand(-1, -1, n, -1) for t in (pi, mean, deviation, actions)
+        )
+        worth = values.expand(-1, -1, n)
         alone = anchored_loss(pi, values, mean, deviation, ETA)
-        torch.testing.assert_close(anchored_loss(*wide, ETA), alone)
+        torch.testing.assert_close(anchored_loss(many, worth, center, width, ETA), alone)
         torch.testing.assert_close(
-            weighted_loss(wide[0], actions.expand(-1, -1, n, -1), wide[1], ETA, 9.0),
+            weighted_loss(many, taken, worth, ETA, 9.0),
             weighted_loss(pi, actions, values, ETA, 9.0),
         )

@@ -39,6 +39,17 @@ def test_the_loss_is_the_gaussians_without_its_constant() -> None:
     torch.testing.assert_close(density.gradient(o, a)[0], expected)
 
 
+def test_the_mean_descends_the_squared_error_whatever_the_deviation() -> None:
+    """The head's gradient of the mean: that of 1/2 |m - a|^2, the mean over rows and robots."""
+    density = made()
+    o, a = torch.randn(1, 16, 2, 3), torch.rand(1, 16, 2, 2) - 0.5
+    mean, _ = density.moments(o, a)
+    density.gradient(o, a)
+    bias = density.network.gradient[0, -4:-2]  # of the two means before tanh
+    expected = ((mean - a) * (1 - mean.square())).mean((0, 1, 2))
+    torch.testing.assert_close(bias, expected)
+
+
 def test_deviations_have_a_floor() -> None:
     o, a = torch.randn(1, 16, 2, 3), torch.zeros(1, 16, 2, 2)
     assert made(floor=5.0).moments(o, a)[1].min() == 5.0

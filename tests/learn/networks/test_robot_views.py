@@ -11,10 +11,10 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.networks.normalizer import Normalizer  # noqa: E402
 from swarmdata.learn.networks.robot_critics import RobotCritics  # noqa: E402
-from swarmdata.learn.networks.robot_views import RobotViews  # noqa: E402
+from swarmdata.learn.networks.robot_views import Critic, RobotViews  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
-from swarmdata.types import Float  # noqa: E402
+from swarmdata.types import Double  # noqa: E402
 from tests.offline_algos.toys import statistics  # noqa: E402
 
 FRAME = Frame(anchor=0, vectors=(0, 2), closing=())
@@ -32,7 +32,7 @@ MOMENTS = replace(
 )
 
 
-def turned(vectors: Float, angle: float) -> Float:
+def turned(vectors: Double, angle: float) -> Double:
     """Vectors [..., 2 V] turned by an angle."""
     pairs = vectors.reshape(*vectors.shape[:-1], -1, 2)
     c, s = np.cos(angle), np.sin(angle)
@@ -55,11 +55,11 @@ def world(angle: float = 0.0) -> tuple[Tensor, Tensor, Tensor]:
     return s, o, a
 
 
-def views(critic: str) -> RobotViews:
-    return RobotViews(SIZES, Normalizer(MOMENTS, "cpu"), critic, "cpu")  # type: ignore[arg-type]
+def views(critic: Critic) -> RobotViews:
+    return RobotViews(SIZES, Normalizer(MOMENTS, "cpu"), critic, "cpu")
 
 
-def seen(critic: str, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
+def seen(critic: Critic, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
     made = views(critic)
     view = made.view(states, observations)
     assert view.features.shape[-1] == made.n_features
@@ -70,7 +70,7 @@ def seen(critic: str, states: Tensor, observations: Tensor, actions: Tensor) -> 
 
 @pytest.mark.parametrize("critic", ["centralized", "decentralized"])
 @pytest.mark.parametrize("angle", [0.7, -2.0, np.pi])
-def test_nothing_changes_when_the_world_is_turned(critic: str, angle: float) -> None:
+def test_nothing_changes_when_the_world_is_turned(critic: Critic, angle: float) -> None:
     """But for the axis of the frame in the world, which policies see too."""
     axis = slice(RAW, RAW + 2)
     ours, theirs = seen(critic, *world()), seen(critic, *world(angle))
@@ -117,7 +117,7 @@ def test_robots_of_the_state_come_in_the_order_of_the_actions() -> None:
 
 
 @pytest.mark.parametrize("critic", ["centralized", "decentralized"])
-def test_values_of_candidates_are_those_of_single_deviations(critic: str) -> None:
+def test_values_of_candidates_are_those_of_single_deviations(critic: Critic) -> None:
     states, observations, local = world()
     normalizer = Normalizer(MOMENTS, "cpu")
     critics = RobotCritics(
@@ -127,7 +127,7 @@ def test_values_of_candidates_are_those_of_single_deviations(critic: str) -> Non
         [0],
         (8,),
         learning_rate=1e-3,
-        max_norm=None,  # type: ignore[arg-type]
+        max_norm=None,
     )
     view = critics.view(states, observations)
     candidates = torch.stack([local, -local, local / 2], 3)
