@@ -5,7 +5,10 @@ of TD3+BC (Fujimoto & Gu 2021, eq. 3).
 
     min_pi  E_{(o, a) ~ D}  1/N sum_i |pi(o_i, i) - a_i|^2
 
-Deviations: one network for all agents, which sees the agent's number; observations are normalized
+With `memory` gru, pi sees all observations of the episode so far: `learn.memory`.
+
+Deviations: one network for all agents, which sees the agent's number, or with `policy_network`
+`deep_sets` one over sets of neighbors and obstacles, which does not; observations are normalized
 with the statistics of the dataset; the learning rate decays along a cosine. It begins at 3e-3: on
 `coop_nav-expert` (in the world's frame, hidden sizes 128, batches of 256, 2 seeds, 100 episodes)
 4,000 updates scored 97.7, as many as 10,000 from 1e-3. With hidden sizes 64 and batches of 128,
@@ -19,9 +22,13 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.actor import StackedActor
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.recurrent_actor import make_actor
+from swarmdata.learn.networks.actor import PolicyNetwork
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.setup import Setup
@@ -29,12 +36,13 @@ from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class BCConfig:
+class BCConfig(MemorySettings):
     """Behavior cloning with a squared error."""
 
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions, each with the actions of N agents
     hidden: tuple[int, ...] = (128, 128)  # (256, 256) fits a little closer at 2.5 times the cost
+    policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
     output: Literal["tanh", "clip"] = "tanh"
     learning_rate: float = 3e-3  # see the deviations above
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
@@ -55,16 +63,16 @@ class BC:
     def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config
         self.n_updates = 0
-        self.actor = StackedActor(
-            setup.sizes, setup.seeds, config.hidden, setup.statistics,
-            squash=config.output == "tanh", device=setup.device,
+        self.actor = make_actor(
+            setup, config.hidden, config,
+            squash=config.output == "tanh", policy_network=config.policy_network,
         )  # fmt: skip
         self.optimizer = StackedAdam(
             self.actor.network, setup.n_seeds, config.learning_rate, config.max_grad_norm
         )
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns `bc_loss`, [K]."""
+        """One step on tensors [K, B, ...], windows with a memory; returns `bc_loss`, [K]."""
         losses = self._gradient(batch)
         scale = cosine(
             self.n_updates, self.config.n_updates, self.config.final_learning_rate_factor
@@ -75,12 +83,12 @@ class BC:
 
     @compilable
     def _gradient(self, batch: Batch) -> dict[str, Tensor]:
-        pi = self.actor(batch.observations)  # [K, B, N, A]
-        bc_loss: Tensor = (pi - batch.actions).square().mean((1, 2, 3))  # [K]
+        steps, pi = self.actor.along(batch)  # [K, B, N, A]
+        bc_loss: Tensor = (pi - steps.actions).square().mean((1, 2, 3))  # [K]
         self.actor.network.backward(bc_loss.sum())
         return {"bc_loss": bc_loss.detach()}
 
-    def policy(self, index: int) -> TorchPolicy:
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy | SetPolicy:
         """The policy of seed number `index`, as it is now."""
         return self.actor.policy(index)
 

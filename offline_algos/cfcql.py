@@ -16,9 +16,9 @@ with an imitation term.
 
 On `coop_nav-medium-replay`, whose data score 24.4 and whose clone `bc` 22.4, it scored 40.4 and
 43.9 (2,500 updates of 128 rows, 64 units, 2 seeds, 128 validation episodes). Without the penalty it
-was 13.2 with 6.3 collisions with obstacles an episode, with it 37.5 and 2.8, with alpha 2 22.0 (1
-seed, `clip_target` off). One value of the team's mean reward and w 0.4, summed over robots, gave a
-clone: 23.7, without the penalty 22.4 (3,000 updates, 3 seeds, 256 episodes).
+was 13.2 with 6.3 collisions with obstacles an episode, with it 37.5 and 2.8, with alpha 2 22.0
+(1 seed, `clip_target` off). One value of the team's mean reward and w 0.4, summed over robots, gave
+a clone: 23.7, without the penalty 22.4 (3,000 updates, 3 seeds, 256 episodes).
 
 Deviations:
 - The paper has one value of a reward that all agents share. Of rewards that are each robot's own, a

@@ -29,6 +29,7 @@ Deviations:
 - Critics and value network have LayerNorm and serve all robots. Inputs are normalized, rewards
   divided by the standard deviation of the returns-to-go, advantages turned to the unit above.
 - The learning rates of all networks decay along a cosine; in the paper only the actor's.
+- With `memory` gru the actors remember; critics and value networks see the state and do not.
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
@@ -39,6 +40,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.recurrent_actor import make_actor
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import (
@@ -57,7 +60,10 @@ from swarmdata.learn.objectives.in_sample import (
 )
 from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
 from swarmdata.learn.objectives.td_targets import td_error, td_target
-from swarmdata.learn.training.actor_critic import ActorCriticConfig, policy_of, squashed_actor
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.set_policy import SetPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.actor_critic import ActorCriticConfig
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
@@ -66,7 +72,7 @@ RANGE = 1_000.0
 
 
 @dataclass(frozen=True)
-class IQLConfig(ActorCriticConfig):
+class IQLConfig(MemorySettings, ActorCriticConfig):
     """Implicit Q-learning of each robot; one setting for all datasets."""
 
     expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
@@ -82,11 +88,11 @@ class IQL:
     Config = IQLConfig
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
 
-    policy = policy_of
-
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = squashed_actor(setup, config)
+        self.actor = make_actor(
+            setup, config.actor_hidden, config, squash=True, policy_network=config.policy_network
+        )
         self.rewards = RobotRewards(setup.statistics, config.reward)
         self.critics = RobotCritics(
             setup.sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
@@ -104,8 +110,9 @@ class IQL:
         )
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns losses, each [K]."""
+        """One step on tensors [K, B, ...], windows with a memory; returns losses, each [K]."""
         config = self.config
+        batch, pi = self.actor.along(batch)  # [K, B, N, A]
         scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
         x = self.critics.view(batch.states, batch.observations)
         with torch.no_grad():
@@ -120,7 +127,6 @@ class IQL:
         unit = RANGE / self.rewards.return_range
         exponents = config.inverse_temperature * unit * advantages
         weights = exponential_weights(exponents, config.max_weight)
-        pi = self.actor(batch.observations)  # [K, B, N, A]
         actor_loss = weighted_cloning_loss(pi, batch.actions, weights)  # [K], eq. 7
         self.actor_adam.step(actor_loss, scale)
         self.critics.follow(config.tau)
@@ -139,6 +145,10 @@ class IQL:
         v_next = self.values(self.critics.view(batch.next_states, batch.next_observations))
         ends = batch.terminations[..., None]
         return td_target(self.rewards(batch.rewards), ends, v_next, self.config.discount)
+
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy | SetPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return self.actor.policy(index)
 
     def state_dict(self) -> dict[str, Any]:
         """Parameters, targets, Adam's moments and the number of updates, as copies."""

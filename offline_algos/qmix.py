@@ -32,6 +32,7 @@ from swarmdata.learn.choices.utility_networks import (
     N_CRITICS,
     DecompositionConfig,
     Evaluated,
+    Seen,
     UtilityNetworks,
     by_critic,
     policy_of,
@@ -45,7 +46,6 @@ from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.setup import Setup
-from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,13 @@ class QMIX:
         return by_critic(self.mixer(values.flatten(0, 1), x.repeat_interleave(N_CRITICS, 0), mixer))
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         networks, slow = self.networks, self.networks.descent.targets
-        features = networks.normalizer.observations(batch.next_observations)
-        x_next = networks.information(batch.next_states, features)
+        batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(features, slow["team"])
+        utilities = networks.utilities(seen.slow_next_features, slow["team"])
+        x_next = networks.information(batch.next_states, features)
         q_next = self.value(utilities, a_next, x_next, slow["mixer"]).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale

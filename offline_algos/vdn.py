@@ -40,9 +40,10 @@ Deviations:
 - The mean over robots instead of the sum: the team reward is a mean too, so that values keep their
   scale in teams of any size. The greedy choices are the same.
 - Recorded continuous actions are interpolated between bins, not moved to the nearest one.
-- Feed-forward networks, no recurrent ones: observations hold velocities. Slowly moving targets,
-  Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations are
-  normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
+- Feed-forward networks, as observations hold velocities; with `memory` gru, one gated unit of a
+  seed remembers for all its networks, and the targets have a slow copy of it. Slowly moving
+  targets, Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations
+  are normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
 - Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do not have them,
   so that targets may value forbidden choices, which `bc` and `bcq` leave out as nobody took them.
 """
@@ -56,6 +57,7 @@ from swarmdata.learn.choices.utility_networks import (
     LOSSES,
     DecompositionConfig,
     Evaluated,
+    Seen,
     UtilityNetworks,
     policy_of,
     regularised_update,
@@ -66,7 +68,6 @@ from swarmdata.learn.objectives.td_targets import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error, robot_values
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.setup import Setup
-from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
@@ -98,12 +99,12 @@ class VDN:
         return robot_values(utilities, weights).mean(-1)
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
         networks = self.networks
-        features = networks.normalizer.observations(batch.next_observations)
+        batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(features, networks.descent.targets["team"])
+        utilities = networks.utilities(seen.slow_next_features, networks.descent.targets["team"])
         x_next = networks.information(batch.next_states, features)
         q_next = self.value(utilities, a_next, x_next).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)

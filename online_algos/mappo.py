@@ -20,6 +20,11 @@ Two parts of MAPPO are off by default, with which the shipped policies were trai
   the actions' noise is subtracted from L(pi). It needs `learned_std`, since the entropy of a
   deviation that follows a schedule is a constant.
 
+With `memory` gru, actors remember the running episode (recurrent MAPPO, appendix B: gated units,
+gradients through segments of `window` steps; a segment begins with the memory that it had when the
+rollout was made, which is not computed again in later epochs). The critic has no memory: it sees
+the state, where the paper's critic remembers too.
+
 Deviations, each measured on `coop_nav` or required by it:
 - K seeds are trained at once, as an axis of every tensor;
 - robots observe and act in the frame of their target (`frame`), which turns with them;
@@ -51,10 +56,12 @@ from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import VecEnv
+from swarmdata.learn.memory.memory_settings import Memory
 from swarmdata.learn.networks.network_inputs import generators as torch_generators
 from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
-from swarmdata.learn.networks.perceptrons import backward
+from swarmdata.learn.networks.perceptrons import StackedLayers, backward
 from swarmdata.learn.networks.team_networks import Parameters
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.collection.input_moments import measure_moments
@@ -74,6 +81,7 @@ from swarmdata.online_algos.ppo.rollout_samples import (
     minibatches,
     pick,
     sample_rows,
+    sample_segments,
     seed_means,
 )
 from swarmdata.online_algos.ppo.state_values import fill_values
@@ -108,15 +116,19 @@ class MAPPOConfig:
     entropy_weight: float = 0.0  # of the bonus; with `learned_std`
     noise_correlation: float = 0.0  # of action noise between steps, in [0, 1)
     mean_penalty: float = 0.05  # on means outside [-1, 1]
+    memory: Memory = "none"  # of the actors
+    memory_size: int = 64  # numbers that each robot remembers
+    window: int = 16  # with a memory, steps of the segments through which gradients flow
     critic_warmup_fraction: float = 0.0  # part of training in which only the critic learns
     shaping: ShapingConfig = ShapingConfig()  # noqa: RUF009 - frozen
     start: StartConfig = StartConfig()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
-        """Checks the correlation, and that an entropy bonus can act.
+        """Checks the correlation, that an entropy bonus can act, and the memory.
 
         Raises:
-            SpecError: the correlation is not in [0, 1), or the entropy is a constant.
+            SpecError: the correlation is not in [0, 1), the entropy is a constant, or a memory does
+                not go with other settings.
         """
         if not 0.0 <= self.noise_correlation < 1.0:
             raise SpecError(
@@ -126,6 +138,25 @@ class MAPPOConfig:
             raise SpecError(
                 f"entropy_weight is {self.entropy_weight:g}, but the deviation of actions follows "
                 "a schedule, so that their entropy is constant; set learned_std to true as well"
+            )
+        if self.memory != "none":
+            self._check_memory()
+
+    def _check_memory(self) -> None:
+        if self.memory_size < 1 or not 1 <= self.window <= self.minibatch:
+            raise SpecError(
+                f"got memory_size={self.memory_size} and window={self.window}, expected at least 1 "
+                f"and at most a minibatch ({self.minibatch})"
+            )
+        if self.rollout_steps % self.window:
+            raise SpecError(
+                f"rollout_steps is {self.rollout_steps}, expected a multiple of window "
+                f"({self.window}), the steps of a segment"
+            )
+        if self.start.policies or self.start.has_teacher:
+            raise SpecError(
+                f"memory is {self.memory!r} and start is set: policies and clones to start from "
+                "have no memory. Leave one of them out."
             )
 
 
@@ -155,11 +186,12 @@ class MAPPO:
         measuring = torch_generators(seeds, "cpu")
         moments = measure_moments(self.worlds, measuring, config.rollout_steps)
         sizes = self.worlds.sizes
-        self.actors = Actors(sizes, seeds, config.hidden, config.parameters, moments)
+        memory = (config.memory_size, config.window) if config.memory != "none" else (0, 1)
+        self.actors = Actors(sizes, seeds, config.hidden, config.parameters, moments, *memory)
         n_inputs = self.actors.network.shape.inputs + sizes.state
         self.critic = Critic(n_inputs, seeds, config.hidden)
         self.deviation: LearnedDeviation | None = None
-        trained = {"actor": self.actors.network}
+        trained: dict[str, StackedLayers] = {"actor": self.actors.network}
         if config.learned_std:
             self.deviation = LearnedDeviation(
                 len(seeds) * self.actors.n_rows, sizes.action, config.std
@@ -170,8 +202,10 @@ class MAPPO:
             for name, network in trained.items()
         }
         self.critic_adam = StackedAdam(self.critic.network, len(seeds), 1.0, config.max_grad_norm)
-        shape = (len(seeds), self.worlds.n_copies, sizes.n_agents, sizes.action)
-        self._carried_noise = np.zeros(shape, np.float32)  # from the step before, [K, E, N, A]
+        shape = (len(seeds), self.worlds.n_copies, sizes.n_agents)
+        # from the step before, [K, E, N, A] and [K, E, N, M]
+        self._carried_noise = np.zeros((*shape, sizes.action), np.float32)
+        self._memory = torch.zeros(*shape, self.actors.memory_size)
 
     @property
     def progress(self) -> float:
@@ -229,7 +263,8 @@ class MAPPO:
     def _collect(self) -> Rollout:
         """Acts for `rollout_steps` steps in all copies; those that end begin new episodes."""
         c, worlds, actors = self.config, self.worlds, self.actors
-        r = empty_rollout(c.rollout_steps, actors.network.shape.inputs, worlds)
+        n_inputs, memory_size = actors.network.shape.inputs, actors.memory_size
+        r = empty_rollout(c.rollout_steps, n_inputs, memory_size, worlds)
         std, log_std = self._innovations()
         correlation = np.float32(c.noise_correlation)
         ends = []  # the last steps of episodes, whose values are bootstrapped from
@@ -238,16 +273,23 @@ class MAPPO:
             r.actor_inputs[t] = inputs
             r.states[t] = worlds.grouped(critic_states(worlds.current_step))
             noise = standard_normal(self.generators, r.actions.shape[2:])
-            r.actions[t] = actors.means(inputs).numpy() + std * noise
+            r.memories[t] = self._memory
+            means, self._memory = actors.act(inputs, self._memory)
+            r.actions[t] = means.numpy() + std * noise
             r.log_probs[t] = (-0.5 * noise * noise - log_std).sum(-1)  # less A log(2 pi) / 2
             step = worlds.advance(r.actions[t] + self._carried_noise)
             self._carried_noise = correlation * (self._carried_noise + std * noise)
             r.rewards[t] = worlds.grouped(step.rewards)
             r.terminations[t], r.ended[t] = map(worlds.grouped, (step.terminations, step.ended))
-            self._carried_noise[r.ended[t]] = 0
+            self._forget(r.ended[t])
             ends.append(copy_step(step, np.flatnonzero(step.ended)))
         fill_values(r, ends, worlds, actors, self.critic)
         return r
+
+    def _forget(self, copies: Bool) -> None:
+        """Clears what is carried from step to step where episodes begin, [K, E]."""
+        self._carried_noise[copies] = 0
+        self._memory[torch.from_numpy(copies)] = 0
 
     def _descend(
         self, r: Rollout, advantages: Float, returns: Float, old: Float
@@ -261,10 +303,10 @@ class MAPPO:
             old: outputs of the critic that the values were made of, [T, K, E, N].
         """
         c = self.config
-        of_actors = [
-            sample_rows(torch.from_numpy(x), c.parameters)
-            for x in (r.actor_inputs, r.actions, r.log_probs, normalized(advantages))
-        ]  # [K, T E N, ...] or [K N, T E, ...]
+        of_actors = self.actors.seen(r) + [
+            sample_segments(torch.from_numpy(x), c.parameters, self.actors.window)
+            for x in (r.actions, r.log_probs, normalized(advantages))
+        ]  # L steps each: [K, T E N / L, L, ...] or [K N, T E / L, L, ...]
         of_critic = [
             sample_rows(torch.from_numpy(x), "shared")
             for x in (np.concatenate([r.actor_inputs, r.states], -1), returns, old)
@@ -277,14 +319,22 @@ class MAPPO:
         return losses
 
     def _actor_epoch(self, samples: Sequence[Tensor]) -> dict[str, Tensor]:
-        """One pass over inputs, actions, log-probabilities and advantages; the last losses, [K]."""
+        """One pass over what was seen, actions, their log-probabilities and advantages.
+
+        Args:
+            samples: segments of all of them, [R, segments, ...].
+
+        Returns:
+            The last losses, [K].
+        """
         c, n_seeds, learned = self.config, len(self.seeds), self.deviation
-        networks = [self.actors.network] + ([] if learned is None else [learned.network])
-        for rows in minibatches(
-            self.generators, samples[0].shape[1], self.actors.n_rows, c.minibatch
-        ):
-            inputs, actions, log_probs, advantages = (pick(values, rows) for values in samples)
-            means = self.actors.network(inputs)  # [K n_rows, B, A]
+        networks: list[StackedLayers] = [self.actors.network]
+        networks += [] if learned is None else [learned.network]
+        size = c.minibatch // self.actors.window
+        for rows in minibatches(self.generators, samples[0].shape[1], self.actors.n_rows, size):
+            *seen, taken, old, advantage = (pick(values, rows) for values in samples)
+            actions, log_probs, advantages = (x.flatten(1, 2) for x in (taken, old, advantage))
+            means = self.actors.again(*seen)  # [K n_rows, B, A]
             objective, kl = clipped_losses(
                 means, actions, log_probs, advantages, std=self.innovation_std, clip=c.clip
             )
@@ -323,14 +373,14 @@ class MAPPO:
             return seed_means(std.detach(), len(self.seeds))
         return torch.full((len(self.seeds),), std)
 
-    def policy(self, index: int) -> TorchPolicy:
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
         """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
         return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
-        self._carried_noise[:] = 0
+        self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes, as tensors."""
@@ -358,7 +408,7 @@ class MAPPO:
         self.frames = int(state["frames"])
         unpack_generators(state["generators"], self.generators)
         self.worlds.load_state_dict(part(state, "worlds"))
-        self._carried_noise[:] = 0
+        self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 
 
 def generalized_advantages(

@@ -8,13 +8,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from swarmdata.learn.memory.gated_networks import (
+    GatedShape,
+    StackedGates,
+    memories,
+    next_memory,
+)
 from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.input_moments import Moments
-from swarmdata.online_algos.ppo.rollout_samples import sample_rows
+from swarmdata.online_algos.ppo.rollout_samples import Rollout, sample_rows, sample_segments
 from swarmdata.online_algos.ppo.value_scale import ValueScale
 from swarmdata.perception.frames import Frame
 from swarmdata.types import Float
@@ -43,6 +50,8 @@ class Actors:
         hidden: width of the two hidden layers.
         parameters: whether the robots of a seed share an actor, which then sees their number.
         moments: of the observations.
+        memory_size: numbers that each robot remembers, M; 0: actors without a memory.
+        window: steps of the segments through whose memories gradients flow; 1 without a memory.
 
     Attributes:
         n_rows: actors of each seed.
@@ -50,13 +59,18 @@ class Actors:
 
     def __init__(
         self, sizes: Sizes, seeds: Sequence[int], hidden: int, parameters: Parameters,
-        moments: Moments,
+        moments: Moments, memory_size: int = 0, window: int = 1,
     ) -> None:  # fmt: skip
-        self.parameters = parameters
+        self.parameters, self.memory_size, self.window = parameters, memory_size, window
         self.n_rows = 1 if parameters == "shared" else sizes.n_agents
         n_inputs = sizes.observation + (sizes.n_agents if parameters == "shared" else 0)
         shape = MLPShape(n_inputs, (hidden, hidden), sizes.action)
-        self.network = StackedMLP(shape, len(seeds) * self.n_rows, "cpu")
+        n_networks = len(seeds) * self.n_rows
+        self.network: StackedMLP | StackedGates = (
+            StackedGates(GatedShape.reading(shape, memory_size), n_networks, "cpu")
+            if memory_size
+            else StackedMLP(shape, n_networks, "cpu")
+        )
         initialize(self.network, seeds, ACTOR_STREAM, method="orthogonal", head_gain=0.01)
         self.input_mean, self.input_std = moments.observation_mean, moments.observation_std
 
@@ -86,14 +100,67 @@ class Actors:
         return with_agent_id(features) if self.parameters == "shared" else features
 
     def means(self, inputs: Tensor) -> Tensor:
-        """Mean actions, [K, E, N, A], of inputs [K, E, N, I]; no gradient."""
+        """Mean actions of actors without a memory, [K, E, N, A], of inputs [K, E, N, I].
+
+        No gradient.
+        """
+        assert isinstance(self.network, StackedMLP)  # `StartConfig` is refused with a memory
         with torch.no_grad():
             outputs = self.network(by_network(inputs, self.parameters))
         return from_rows(outputs, inputs.shape, self.parameters)
 
-    def policy(self, index: int, frame: Frame | None) -> TorchPolicy:
+    @torch.no_grad()
+    def act(self, inputs: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean actions, [K, E, N, A], and the memory after the step; no gradient.
+
+        Args:
+            inputs: [K, E, N, I].
+            memory: before the step, [K, E, N, M].
+        """
+        if isinstance(self.network, StackedMLP):
+            return self.means(inputs), memory
+        rows = by_network(inputs, self.parameters)
+        after = next_memory(self.network.layers, rows, by_network(memory, self.parameters))
+        outputs = self.network.read(rows, after)
+        means, kept = (from_rows(x, inputs.shape, self.parameters) for x in (outputs, after))
+        return means, kept
+
+    def seen(self, r: Rollout) -> list[Tensor]:
+        """What actors saw in the segments of a rollout, [R, segments, ...], for `again`."""
+        inputs = sample_segments(torch.from_numpy(r.actor_inputs), self.parameters, self.window)
+        if not self.memory_size:
+            return [inputs]
+        starts = np.zeros_like(r.ended)
+        starts[1:] = r.ended[:-1]
+        starts[:: self.window] = False  # there, the memory is what it was, empty or not
+        by_robot = torch.from_numpy(starts)[..., None].expand(r.log_probs.shape)
+        memory = torch.from_numpy(r.memories[:: self.window])
+        return [
+            inputs,
+            sample_segments(by_robot, self.parameters, self.window),
+            sample_rows(memory, self.parameters),
+        ]
+
+    def again(self, inputs: Tensor, *remembered: Tensor) -> Tensor:
+        """Mean actions of some segments, [R, B L, A].
+
+        Args:
+            inputs: [R, B, L, I].
+            remembered: with a memory, whether episodes begin, [R, B, L], and the memory before the
+                first step as it was when the rollout was made, [R, B, M].
+        """
+        flat = inputs.flatten(1, 2)
+        if isinstance(self.network, StackedMLP):
+            return self.network(flat)
+        starts, first = remembered
+        by_time = inputs.transpose(1, 2), starts.transpose(1, 2)
+        history = memories(self.network.layers, *by_time, first)  # [R, L, B, M]
+        return self.network.read(flat, history.transpose(1, 2).flatten(1, 2))
+
+    def policy(self, index: int, frame: Frame | None) -> TorchPolicy | RecurrentPolicy:
         """The greedy policy of seed number `index`, a copy of its weights as they are now."""
-        return TorchPolicy(
+        kind = RecurrentPolicy if self.memory_size else TorchPolicy
+        return kind(
             layers=self.network.extract(index * self.n_rows, torch.float64, self.n_rows),
             observation_mean=torch.from_numpy(self.input_mean[index].astype(np.float64)),
             observation_std=torch.from_numpy(self.input_std[index].astype(np.float64)),

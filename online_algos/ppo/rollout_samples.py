@@ -17,6 +17,7 @@ class Rollout(NamedTuple):
     """Samples of K seeds, time first."""
 
     actor_inputs: Float  # [T, K, E, N, I]
+    memories: Float  # [T, K, E, N, M] of the actors before the step
     actions: Float  # [T, K, E, N, A] without the noise that is carried over from the step before
     log_probs: Float  # [T, K, E, N]
     states: Float  # [T, K, E, N, S] further inputs of the critic, `critic_states`
@@ -27,8 +28,8 @@ class Rollout(NamedTuple):
     ended: Bool  # [T, K, E]
 
 
-def empty_rollout(n_steps: int, n_inputs: int, worlds: Worlds) -> Rollout:
-    """A rollout of zeros, for actors of `n_inputs` inputs."""
+def empty_rollout(n_steps: int, n_inputs: int, memory_size: int, worlds: Worlds) -> Rollout:
+    """A rollout of zeros, for actors of `n_inputs` inputs that remember `memory_size` numbers."""
     sizes = worlds.sizes
     shape = (n_steps, worlds.n_seeds, worlds.n_copies, sizes.n_agents)
 
@@ -36,7 +37,7 @@ def empty_rollout(n_steps: int, n_inputs: int, worlds: Worlds) -> Rollout:
         return np.zeros((*shape, *features), np.float32)
 
     return Rollout(
-        zeros(n_inputs), zeros(sizes.action), zeros(),
+        zeros(n_inputs), zeros(memory_size), zeros(sizes.action), zeros(),
         zeros(sizes.state), zeros(), zeros(), zeros(),
         np.zeros(shape[:3], np.bool_), np.zeros(shape[:3], np.bool_),
     )  # fmt: skip
@@ -85,6 +86,18 @@ def sample_rows(values: Tensor, parameters: Parameters) -> Tensor:
         parameters: whether the robots of a seed share a network.
     """
     return by_network(values.transpose(0, 1).flatten(1, 2), parameters)
+
+
+def sample_segments(values: Tensor, parameters: Parameters, window: int) -> Tensor:
+    """Returns segments of `window` steps L, by network as `sample_rows`, [R, segments, L, ...].
+
+    Args:
+        values: [T, K, E, N, ...]; T is a multiple of L.
+        parameters: whether the robots of a seed share a network.
+        window: 1 gives samples of single steps.
+    """
+    segments = values.reshape(-1, window, *values.shape[1:])  # [S, L, K, E, N, ...]
+    return sample_rows(segments.movedim(1, 4), parameters)
 
 
 def minibatches(

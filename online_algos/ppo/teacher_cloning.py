@@ -146,7 +146,9 @@ def _regress(
     orders = (minibatches(generators, n_known, actors.n_rows, config.minibatch) for _ in count())
     for rows in chain.from_iterable(orders):
         inputs, labels = (pick(x, rows) for x in data)
-        loss = seed_means((actors.network(inputs) - labels).square().mean(-1), len(generators))
+        loss = seed_means(
+            (actors.again(inputs[:, :, None]) - labels).square().mean(-1), len(generators)
+        )
         optimizer.step(loss, config.learning_rate)
         total += loss.detach() * rows.shape[1]
         taken += rows.shape[1]

@@ -34,8 +34,8 @@ def export(source: Path, target: Path, n_agents: int) -> None:
     policy = load_policy(source)
     if not isinstance(policy, TorchPolicy) or policy.squash or len(policy.layers[0].weight) > 1:
         raise BuildError(
-            f"{source} is not an actor with clipped outputs that all robots share; only these can "
-            "be run exactly. Train with mappo and parameters=shared."
+            f"{source} is not an actor without a memory, with clipped outputs, that all robots "
+            "share; only these can be run exactly. Train with mappo and parameters=shared."
         )
     layers = [(layer.weight[0].numpy(), layer.bias[0, 0].numpy()) for layer in policy.layers]
     mean, scale = policy.observation_mean.numpy(), 1 / policy.observation_std.numpy()

@@ -288,7 +288,7 @@ def render(
     episode: Annotated[
         int, typer.Option(min=0, help="index of the evaluation seed or recorded episode")
     ] = 0,
-    task: Task = "coop_nav",
+    task: Task = None,
     observation: Observation = None,
     communication: Communication = None,
 ) -> None:

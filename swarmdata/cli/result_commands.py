@@ -15,7 +15,7 @@ def evaluate(
     ],
     episodes: Episodes = 1000,
     out: Annotated[Path | None, typer.Option(help="folder for result files")] = None,
-    task: Task = "coop_nav",
+    task: Task = None,
     label: Annotated[
         str | None,
         typer.Option(help="name of the targets in tables", show_default="the target's name"),

@@ -14,7 +14,13 @@ Workers = Annotated[
 Episodes = Annotated[
     int, typer.Option(min=1, help="number of evaluation episodes, each on a reserved seed")
 ]
-Task = Annotated[str, typer.Option(help="task of policies and tiers: a preset, or a spec file")]
+Task = Annotated[
+    str | None,
+    typer.Option(
+        help="task of policies, tiers and runs: a preset, or a spec file",
+        show_default="coop_nav; of runs, that of the training",
+    ),
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="change a setting; may be repeated"),

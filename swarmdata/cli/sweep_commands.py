@@ -30,7 +30,7 @@ def sweep(
         int, typer.Option(min=2, help="number of values from A to B, both included")
     ] = 5,
     episodes: Episodes = 200,
-    task: Task = "coop_nav",
+    task: Task = None,
 ) -> None:
     """Evaluate policies under worse communication or sensing.
 

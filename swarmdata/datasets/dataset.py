@@ -386,7 +386,12 @@ class Dataset:
         }
 
     def sampler(
-        self, batch_size: int = 256, *, horizon: int | None = None, seed: int = 0
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
     ) -> Sampler:
         """Returns an endless stream of batches, uniform over the transitions of this view.
 
@@ -398,6 +403,10 @@ class Dataset:
             batch_size: transitions or windows in a batch, B.
             horizon: steps of masked windows that never cross an episode, or None for single
                 transitions.
+            burn_in: None: a window starts at any step. Else episodes are cut into segments of
+                `horizon` steps from their start on, and a window is a segment with the `burn_in`
+                steps before it; where these are before the episode, `mask` is False. Segments are
+                chosen in proportion to their steps.
             seed: of the stream.
 
         Raises:
@@ -411,6 +420,7 @@ class Dataset:
             self.selection,
             batch_size=batch_size,
             horizon=horizon,
+            burn_in=burn_in,
             seed=seed,
             scale=scale,
         )

@@ -28,6 +28,7 @@ class Rows:
     """
 
     episode: Int  # [sum T] stored number of the episode that each row of the dataset belongs to
+    starts: Int  # [n] first row of each stored episode
     ends: Int  # [n] row after the last of each stored episode
     valid: Int  # [n valid] rows of the selected episodes
 
@@ -39,7 +40,27 @@ class Rows:
         lengths = table.lengths[selection]
         shifts = table.starts[selection] - (np.cumsum(lengths) - lengths)
         valid = np.arange(int(lengths.sum())) + np.repeat(shifts, lengths)
-        return cls(episode=episode, ends=ends, valid=valid)
+        return cls(episode=episode, starts=table.starts, ends=ends, valid=valid)
+
+    def window(self, index: Int, horizon: int, burn_in: int | None = None) -> tuple[Int, Bool]:
+        """Returns the rows of the steps of windows, and which of them are not padding, [..., L].
+
+        Rows of padding are those of the episode's nearest step.
+
+        Args:
+            index: rows that choose the windows, [...].
+            horizon: steps of a window.
+            burn_in: None: a window starts at its row. Else it is the segment that holds the row,
+                of those of `horizon` steps into which the episode is cut from its start, and the
+                `burn_in` steps before the segment; L is then `burn_in + horizon`.
+        """
+        episode = self.episode.take(index)[..., None]
+        start, end = self.starts.take(episode), self.ends.take(episode)
+        first, before = index[..., None], 0
+        if burn_in is not None:
+            first, before = start + (first - start) // horizon * horizon, burn_in
+        steps = first + np.arange(-before, horizon)
+        return np.clip(steps, start, end - 1), (steps >= start) & (steps < end)
 
 
 def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int) -> Batch:
@@ -63,28 +84,31 @@ def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: In
 
 
 def gather_windows(
-    arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int, horizon: int
+    arrays: Mapping[str, NDArray[Any]],
+    rows: Rows,
+    index: Int,
+    horizon: int,
+    burn_in: int | None = None,
 ) -> Batch:
-    """Returns `horizon` consecutive steps from each row of `index`, [*index.shape, horizon, ...].
+    """Returns the steps of `Rows.window`, fields [*index.shape, L, ...].
 
-    A window ends with its episode: `mask` is False and every field zero from there on.
+    A window ends with its episode, and does not begin before it: outside, `mask` is False and every
+    field zero.
 
     Args:
         arrays: the stored arrays.
         rows: where episodes lie.
-        index: first rows of the windows, int64, any shape.
+        index: rows that choose the windows, int64, any shape.
         horizon: steps in a window.
+        burn_in: None, or steps before a segment.
 
     Raises:
         IndexError: an index outside the dataset.
     """
     _refuse_negative(index)
-    episode = rows.episode.take(index)[..., None]
-    steps = index[..., None] + np.arange(horizon)
-    end = rows.ends.take(episode)
-    mask = steps < end
-    steps = np.minimum(steps, end - 1)
-    batch = _gather(arrays, steps, steps + episode, end - 1, mask)
+    steps, mask = rows.window(index, horizon, burn_in)
+    episode = rows.episode.take(steps)
+    batch = _gather(arrays, steps, steps + episode, rows.ends.take(episode) - 1, mask)
     padding = np.nonzero(~mask)
     if len(padding[0]):
         for field in fields(batch):
@@ -126,7 +150,8 @@ def _gather(
 class Sampler:
     """Draws batches uniformly, with replacement, over the transitions of some episodes.
 
-    With a `horizon`, every transition is equally likely to start a window.
+    With a `horizon`, every transition is equally likely to start a window. With a `burn_in` as
+    well, windows are segments (`Rows.window`), chosen in proportion to their steps.
 
     Args:
         arrays: the stored arrays.
@@ -134,6 +159,7 @@ class Sampler:
         selection: stored episodes to draw from, [n].
         batch_size: transitions or windows in a batch, B.
         horizon: steps of a window, L, or None for single transitions.
+        burn_in: steps before a segment, or None for windows that start anywhere.
         seed: of the stream of batches, 0 to 2**64 - 1.
         scale: of the actions; None gives them as they are stored.
 
@@ -149,6 +175,7 @@ class Sampler:
         *,
         batch_size: int = 256,
         horizon: int | None = None,
+        burn_in: int | None = None,
         seed: int = 0,
         scale: ActionScale | None = None,
     ) -> None:
@@ -158,10 +185,16 @@ class Sampler:
             raise SchemaError(
                 f"sampler got batch_size={batch_size} and horizon={horizon}, expected at least 1"
             )
+        if burn_in is not None and (horizon is None or burn_in < 0):
+            raise SchemaError(
+                f"sampler got burn_in={burn_in} and horizon={horizon}, expected at least 0 steps "
+                "before the segments of a horizon"
+            )
         if not 0 <= seed < 1 << 64:
             raise SchemaError(f"sampler seed is {seed}, expected 0 to 2**64 - 1")
         self.batch_size = batch_size
         self.horizon = horizon
+        self.burn_in = burn_in
         self.seed = seed
         self.rows = Rows.locate(table, selection)
         self._arrays = arrays
@@ -217,7 +250,7 @@ class Sampler:
         if self.horizon is None:
             batch = gather_transitions(self._arrays, self.rows, index)
         else:
-            batch = gather_windows(self._arrays, self.rows, index, self.horizon)
+            batch = gather_windows(self._arrays, self.rows, index, self.horizon, self.burn_in)
         if self._scale is None:
             return batch
         steps, last = self._steps(index)
@@ -233,7 +266,7 @@ class Sampler:
         last = self.rows.ends.take(self.rows.episode.take(index)) - 1
         if self.horizon is None:
             return index, last
-        steps = np.minimum(index[..., None] + np.arange(self.horizon), last[..., None])
+        steps, _ = self.rows.window(index, self.horizon, self.burn_in)
         return steps, np.broadcast_to(last[..., None], steps.shape)
 
     def _to_unit(self, actions: Float, steps: Int, mask: Bool) -> Float:
@@ -264,7 +297,7 @@ class Sampler:
         self._n_drawn = state["n_drawn"]
 
     def _identity(self) -> dict[str, int]:
-        return {
+        return ({} if self.burn_in is None else {"burn_in": self.burn_in}) | {
             "seed": self.seed,
             "batch_size": self.batch_size,
             "horizon": self.horizon or 0,

@@ -58,6 +58,26 @@ class Frame:
         """Number of features that `inputs` adds."""
         return 2 + len(self.closing) + 3 * len(self.heard)
 
+    def names(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Returns the names of the numbers that `inputs` returns.
+
+        What belongs to a slot has its name: `neighbor_0.closing`, `message_1.near_x`.
+
+        Args:
+            names: of the observations' features, [O].
+        """
+        near = (names[k].rpartition(".")[0] for k, _ in self.closing)
+        senders = (names[k].rpartition(".")[0] for k, *_ in self.heard)
+        return (
+            *names, "frame.x", "frame.y", *(f"{slot}.closing" for slot in near),
+            *(f"{s}.{name}" for s in senders for name in ("near_x", "near_y", "closing")),
+        )  # fmt: skip
+
+    def anchor_of(self, names: Sequence[str]) -> str:
+        """Returns the anchor as `find_frame` takes it, given the names of the features, [O]."""
+        name = names[self.anchor].removesuffix("_x")
+        return "target" if name == "own.goal_dx" else name
+
     def fits(self, n_features: int) -> bool:
         """Whether all vectors of this frame are in observations with `n_features` features."""
         first = {self.anchor, *self.vectors, *(k for pair in self.closing for k in pair)}

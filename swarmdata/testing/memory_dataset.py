@@ -1,17 +1,18 @@
 """MemoryDataset, a few episodes in memory that can be trained on like a stored dataset."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.datasets.sampling import Rows
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Batch, Double, Episode, Int
+from swarmdata.types import Batch, Bool, Double, Episode, Int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,16 +82,48 @@ class MemoryDataset:
                 columns.setdefault(name, []).append(rows)
         return {name: np.concatenate(rows) for name, rows in columns.items()}
 
-    def sampler(self, batch_size: int = 256, *, seed: int = 0) -> "MemorySampler":
-        """Returns an endless stream of batches, uniform over transitions."""
-        return MemorySampler(self.transitions, batch_size, seed)
+    @cached_property
+    def rows(self) -> Rows:
+        """Where each episode's transitions lie."""
+        lengths = np.array([len(episode) for episode in self], dtype=np.int64)
+        ends = lengths.cumsum()
+        episode = np.repeat(np.arange(len(lengths)), lengths)
+        return Rows(episode, ends - lengths, ends, valid=np.arange(len(episode)))
+
+    def sampler(
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
+    ) -> "MemorySampler":
+        """Returns an endless stream of batches, as `Dataset.sampler` does."""
+        window = None if horizon is None else partial(self.rows.window, horizon=horizon)
+        if window is not None and burn_in is not None:
+            window = partial(window, burn_in=burn_in)
+        return MemorySampler(self.transitions, batch_size, seed, window)
 
 
 class MemorySampler:
-    """Draws transitions uniformly; a pure function of its seed and of how often it drew."""
+    """Draws transitions uniformly; a pure function of its seed and of how often it drew.
 
-    def __init__(self, transitions: Mapping[str, NDArray[Any]], batch_size: int, seed: int) -> None:
-        self._transitions = transitions
+    Args:
+        transitions: of all episodes, field by field.
+        batch_size: transitions or windows in a batch.
+        seed: of the stream.
+        window: gives the rows of the steps of windows, and which are not padding; None draws single
+            transitions.
+    """
+
+    def __init__(
+        self,
+        transitions: Mapping[str, NDArray[Any]],
+        batch_size: int,
+        seed: int,
+        window: Callable[[Int], tuple[Int, Bool]] | None = None,
+    ) -> None:
+        self._transitions, self._window = transitions, window
         self.batch_size, self.seed, self.n_drawn = batch_size, seed, 0
 
     def draw(self) -> Int:
@@ -102,8 +135,14 @@ class MemorySampler:
         return (uniform(derive(self.seed, numbers)) * n_rows).astype(np.int64)
 
     def gather(self, index: Int) -> Batch:
-        """Returns the transitions at `index`, of any shape."""
-        return Batch(**{name: rows[index] for name, rows in self._transitions.items()})
+        """Returns the transitions at `index`, of any shape, or the windows there."""
+        if self._window is None:
+            return Batch(**{name: rows[index] for name, rows in self._transitions.items()})
+        steps, mask = self._window(index)
+        fields = {name: rows[steps] for name, rows in self._transitions.items()}
+        for values in fields.values():
+            values[~mask] = 0  # of `mask` too, which is True elsewhere
+        return Batch(**fields)
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume."""

@@ -1,6 +1,7 @@
 """Every registered offline algorithm keeps the contract."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -131,3 +132,33 @@ def test_other_ways_of_valuing_keep_the_contract(name: str, changes: dict[str, A
         return kind(Setup(SIZES, seeds, statistics()), config)
 
     check_algorithm(build, draw, step(), n_updates=20)
+
+
+def draw_windows(seeds: Sequence[int], index: int) -> Batch:
+    """As `draw`, as 4 windows of 4 steps: one begins with padding, one ends with it."""
+    batch = draw(seeds, index)
+    values = {f.name: getattr(batch, f.name).unflatten(1, (4, 4)) for f in fields(batch)}
+    values["mask"][:, 0, :1] = values["mask"][:, 1, 3:] = False
+    return Batch(**values)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("bc", {}),
+        ("filtered_bc", {}),
+        ("iql", {}),
+        ("vdn", {"regulariser": "bc"}),
+        ("vdn", {"regulariser": "cql", "parameters": "separate"}),
+        ("qmix", {"regulariser": "bcq"}),
+    ],
+)
+def test_policies_with_a_memory_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    memory = {"memory": "gru", "memory_size": 8, "burn_in": 1, "window": 3}
+    config = kind.Config(**{**SMALL[name], **memory, **changes})
+
+    def build(seeds: Sequence[int]) -> Any:
+        return kind(Setup(SIZES, seeds, statistics()), config)
+
+    check_algorithm(build, draw_windows, step(), n_updates=20)

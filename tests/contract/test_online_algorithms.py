@@ -29,6 +29,21 @@ REPLAY: dict[str, Any] = {
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "mappo": ("mappo", {"hidden": 16, "minibatch": 64}),
     "mappo-separate": ("mappo", {"hidden": 16, "minibatch": 16, "parameters": "separate"}),
+    "mappo-memory": (
+        "mappo",
+        {"hidden": 16, "minibatch": 64, "memory": "gru", "memory_size": 8, "window": 5},
+    ),
+    "mappo-separate-memory": (
+        "mappo",
+        {
+            "hidden": 16,
+            "minibatch": 20,
+            "parameters": "separate",
+            "memory": "gru",
+            "memory_size": 8,
+            "window": 2,
+        },
+    ),
     "mappo-shaped": (
         "mappo",
         {

@@ -95,6 +95,34 @@ def test_windows_never_cross(dataset: Dataset, seed: int, horizon: int) -> None:
             assert not got[n:].any(), name
 
 
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**64 - 1), horizon=st.integers(1, 14), burn_in=st.integers(0, 14))
+def test_segments_cut_episodes_from_their_start(
+    dataset: Dataset, seed: int, horizon: int, burn_in: int
+) -> None:
+    """A segment is that of the drawn step; before it are the steps before, or padding."""
+    view = view_of(dataset, seed)
+    sampler = view.sampler(8, horizon=horizon, burn_in=burn_in, seed=seed)
+    index = sampler.draw()
+    batch = sampler.gather(index)
+    drawn = view.sampler(8, seed=seed).gather(index)
+    by_seed = {episode.seed: episode for episode in view}
+    assert batch.mask.shape == (8, burn_in + horizon)
+    for b in range(8):
+        episode = by_seed[int(drawn.observations[b, 0, 0])]
+        first = int(drawn.observations[b, 0, 1]) // horizon * horizon
+        steps = np.arange(first - burn_in, first + horizon)
+        inside = (steps >= 0) & (steps < len(episode))
+        np.testing.assert_array_equal(batch.mask[b], inside)
+        for name in ("observations", "states", "actions", "rewards", "terminations"):
+            values = getattr(batch, name)[b]
+            np.testing.assert_array_equal(values[inside], getattr(episode, name)[steps[inside]])
+            assert not values[~inside].any()
+        np.testing.assert_array_equal(
+            batch.next_observations[b][inside], episode.observations[steps[inside] + 1]
+        )
+
+
 @pytest.mark.parametrize("horizon", [None, 4])
 def test_every_valid_start_is_drawn_equally_often(dataset: Dataset, horizon: int | None) -> None:
     view = dataset.split("train")
@@ -154,6 +182,7 @@ def test_other_settings_are_refused_on_resume(dataset: Dataset) -> None:
         dataset.sampler(9, seed=1),
         dataset.sampler(8, seed=2),
         dataset.sampler(8, horizon=2, seed=1),
+        dataset.sampler(8, horizon=2, burn_in=0, seed=1),
         dataset.split("train").sampler(8, seed=1),
     ):
         with pytest.raises(SchemaError, match="resume with"):
@@ -209,6 +238,10 @@ def test_impossible_samplers_are_refused(dataset: Dataset) -> None:
         dataset.sampler(0)
     with pytest.raises(SchemaError, match="horizon=0"):
         dataset.sampler(horizon=0)
+    with pytest.raises(SchemaError, match="burn_in=2 and horizon=None"):
+        dataset.sampler(burn_in=2)
+    with pytest.raises(SchemaError, match="burn_in=-1"):
+        dataset.sampler(horizon=3, burn_in=-1)
     with pytest.raises(SchemaError, match="2\\*\\*64"):
         dataset.sampler(seed=-1)
 

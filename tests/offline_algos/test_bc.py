@@ -1,6 +1,8 @@
 """Behavior cloning: its loss, its schedule, and that it imitates."""
 
+from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +13,12 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.setup import Setup  # noqa: E402
+from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.conftest import drive  # noqa: E402
-from tests.offline_algos.toys import batches  # noqa: E402
+from swarmdata.types import Batch, Step, no_messages  # noqa: E402
+from tests.offline_algos.conftest import drive, play  # noqa: E402
+from tests.offline_algos.toys import actions_of, batches  # noqa: E402
 
 
 def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list[Batch]]:
@@ -31,7 +34,7 @@ def test_the_loss_is_the_mean_squared_error_of_the_policy(
 ) -> None:
     bc, batches = made(good_only, 2, n_updates=1, output=output)
     batch = batches[0]
-    outputs = bc.policy(1).actions(batch.observations[1].numpy())  # before the update
+    outputs = actions_of(bc.policy(1), batch.observations[1].numpy())  # before the update
     loss = bc.update(batch)["bc_loss"]
     if output == "tanh":  # clipped outputs differ from those that are trained
         expected = np.square(outputs - batch.actions[1].numpy()).mean()
@@ -69,5 +72,49 @@ def test_it_imitates_each_agent(good_only: MemoryDataset, output: str) -> None:
         bc.update(batch)
     observations = good_only.transitions["observations"]
     for index in range(3):
-        error = bc.policy(index).actions(observations) - drive(observations[..., 2:4])
+        error = actions_of(bc.policy(index), observations) - drive(observations[..., 2:4])
         assert np.sqrt(np.square(error).mean()) < 0.1
+
+
+def sign_at_the_start(n_episodes: int, seed: int) -> MemoryDataset:
+    """Robots see a sign in the first step only, and drive by it in all 12 steps."""
+    rng = np.random.default_rng(seed)
+    episodes = []
+    for _ in range(n_episodes):
+        episode = play(rng, good=True, cut=True)
+        signs = rng.choice([-1.0, 1.0], size=(2, 1))
+        observations = rng.normal(size=episode.observations.shape).astype(np.float32)
+        observations[:, :, 0], observations[0, :, 0] = 0.0, signs[:, 0]
+        actions = np.broadcast_to(0.8 * signs, episode.actions.shape).astype(np.float32)
+        episodes.append(replace(episode, observations=observations, actions=actions))
+    return MemoryDataset(episodes)
+
+
+@pytest.mark.learns
+@pytest.mark.parametrize(("memory", "least"), [("gru", 0.9), ("none", 0.0)])
+def test_it_imitates_what_only_a_memory_knows(memory: Any, least: float, tmp_path: Path) -> None:
+    """Share of robots that still drive by the sign 11 steps later; guessing makes a half."""
+    config = BCConfig(
+        n_updates=600, batch_size=128, hidden=(32,), memory=memory, memory_size=16, burn_in=10,
+        window=12,
+    )  # fmt: skip
+    data = sign_at_the_start(200, 0)
+    policy = train_seeds("bc", data, tmp_path, seeds=(0,), config=config, progress=False)[0]
+    fresh = sign_at_the_start(50, 1)
+    observations = np.stack([episode.observations for episode in fresh], 1)  # [T + 1, E, N, O]
+    actions = acted(policy, observations[:12])[-1]
+    right = (np.sign(actions[..., 0]) == observations[0, ..., 0]).mean()
+    assert (right > least) if memory == "gru" else (0.3 < right < 0.7)
+
+
+def acted(policy: Any, observations: Any) -> list[Any]:
+    """What a policy does in each step of E episodes, given observations [T, E, N, O]."""
+    n_copies, n_agents = observations.shape[1:3]
+    flags, rewards = np.zeros(n_copies, np.bool_), np.zeros((n_copies, n_agents), np.float32)
+    blank = Step(
+        observations[0], rewards, rewards, rewards[..., None], flags, flags, flags,
+        rewards[..., None].astype("u1"), np.arange(n_copies, dtype="u8"), np.zeros(n_copies, "i8"),
+        rewards[..., None], **no_messages(n_copies, n_agents),
+    )  # fmt: skip
+    policy.reset(blank, np.arange(n_copies))
+    return [policy.act(blank._replace(observations=row)) for row in observations]

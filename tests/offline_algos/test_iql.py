@@ -14,6 +14,7 @@ from swarmdata.learn.networks.robot_views import RobotView  # noqa: E402
 from swarmdata.offline_algos.iql import IQL  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
+    actions_of,
     made,
     progress_of,
     random_batch,
@@ -63,7 +64,7 @@ def test_the_weights_of_the_robots_by_hand(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.tensor([twins]))
     with torch.no_grad():
         algorithm.value.flat.zero_()
-    pi = algorithm.actor(batch.observations)
+    _, pi = algorithm.actor.along(batch)
     errors = (pi - batch.actions).square().mean(3)  # [K, B, N]
     weights = torch.tensor([[[0.5, 0.0], [math.log(5.0), 0.25]]]).exp()
     expected = (weights * errors).mean((1, 2)).detach()
@@ -100,5 +101,5 @@ def test_it_improves_on_a_mixture(mixture: MemoryDataset) -> None:
     algorithm, _ = trained(IQL, mixture, 1500, batch_size=256)
     observations = mixture.transitions["observations"]
     for index in range(2):
-        actions = algorithm.policy(index).actions(observations)
+        actions = actions_of(algorithm.policy(index), observations)
         assert progress_of(actions, observations) > 0.07  # straight at the goal: 0.16

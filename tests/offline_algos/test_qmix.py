@@ -6,7 +6,13 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from tests.offline_algos.toys import made, progress_of, random_batch, trained  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    actions_of,
+    made,
+    progress_of,
+    random_batch,
+    trained,
+)
 
 
 def test_states_and_observations_weigh_the_robots(mixture: MemoryDataset) -> None:
@@ -44,7 +50,7 @@ def test_it_beats_its_data(mixture: MemoryDataset, regulariser: str) -> None:
     algorithm, _ = trained(QMIX, mixture, 500, regulariser=regulariser)
     observations = mixture.transitions["observations"]
     for seed in range(2):
-        assert progress_of(algorithm.policy(seed).actions(observations), observations) > 0.08
+        assert progress_of(actions_of(algorithm.policy(seed), observations), observations) > 0.08
 
 
 @pytest.mark.learns
@@ -56,7 +62,7 @@ def test_without_a_regulariser_it_overestimates_narrow_data(good_only: MemoryDat
         algorithm, losses = trained(QMIX, good_only, 500, regulariser=regulariser)
         value[regulariser] = losses[-1]["q"]  # 2.07 against 1.25
         policies = [algorithm.policy(seed) for seed in range(2)]
-        each = [progress_of(policy.actions(observations), observations) for policy in policies]
+        each = [progress_of(actions_of(policy, observations), observations) for policy in policies]
         progress[regulariser] = sum(each) / 2  # 0.07 against 0.12
     assert value["none"] > value["bc"] + 0.1
     assert progress["bc"] > progress["none"] + 0.015

@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from swarmdata.learn.choices.utility_networks import LOSSES  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from tests.offline_algos.toys import progress_of, trained  # noqa: E402
+from tests.offline_algos.toys import actions_of, progress_of, trained  # noqa: E402
 
 
 def test_the_team_is_worth_the_mean_of_its_robots(mixture: MemoryDataset) -> None:
@@ -27,4 +27,4 @@ def test_it_beats_its_data(mixture: MemoryDataset, regulariser: str) -> None:
     algorithm, _ = trained(VDN, mixture, 500, regulariser=regulariser)
     observations = mixture.transitions["observations"]
     for seed in range(2):
-        assert progress_of(algorithm.policy(seed).actions(observations), observations) > 0.08
+        assert progress_of(actions_of(algorithm.policy(seed), observations), observations) > 0.08

@@ -8,8 +8,10 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
+from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
@@ -121,6 +123,12 @@ def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
         next_actions=torch.rand(n_seeds, size, 2, 2) * 2 - 1,
         log_probs=torch.zeros(n_seeds, size, 2),
     )
+
+
+def actions_of(policy: Policy, observations: Float) -> Float:
+    """Returns the actions of a policy without memory."""
+    assert isinstance(policy, Memoryless)
+    return policy.actions(observations)
 
 
 def set_bias(network: StackedMLP, row: int, value: float) -> None:

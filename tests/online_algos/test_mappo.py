@@ -19,6 +19,7 @@ from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
 from swarmdata.learn.networks.team_networks import Parameters
+from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.online_algos.mappo import (
     MAPPO,
     MAPPOConfig,
@@ -27,6 +28,8 @@ from swarmdata.online_algos.mappo import (
     normalized,
     value_losses,
 )
+from swarmdata.online_algos.ppo.initial_weights import StartConfig
+from swarmdata.online_algos.ppo.rollout_samples import sample_segments
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.registry.components import make_env
 from swarmdata.rollouts.evaluate import evaluate
@@ -142,6 +145,7 @@ def test_separate_parameters_give_each_robot_an_actor_of_its_own() -> None:
     assert frame is not None
     group = step.observations[4:]
     wanted = frame.to_world(group, seen).clip(-1, 1)
+    assert isinstance(policy, Memoryless)
     np.testing.assert_allclose(policy.actions(group), wanted, atol=1e-5)
     run.update()
 
@@ -309,3 +313,79 @@ def test_two_robots_learn_to_reach_their_goals() -> None:
     for seed in range(2):
         result = evaluate(run.policy(seed), spec, name="mappo", n_episodes=64, progress=False)
         assert result.metrics["success"].mean() > 0.8
+
+
+MEMORY = replace(SMALL, memory="gru", memory_size=8, window=8, final_std=SMALL.std)
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+def test_segments_are_remembered_as_they_were_played(parameters: Parameters) -> None:
+    """The ratios are 1 before the first update, also where episodes end inside a segment."""
+    config = replace(MEMORY, parameters=parameters)
+    run = MAPPO(make_env(TaskSpec(horizon=11), 8), (0, 1), config)
+    for network in (run.actors.network, run.critic.network):  # means that differ from step to step
+        network.flat.normal_(0, 0.3, generator=torch.Generator().manual_seed(0))
+    for _ in range(2):  # the second rollout begins with what is remembered of the first
+        r = run._collect()
+    assert r.ended[2:7].any()
+    assert np.abs(r.memories[0]).max() > 0
+    means = run.actors.again(*run.actors.seen(r))
+    actions, old = (
+        sample_segments(torch.from_numpy(x), parameters, 8).flatten(1, 2)
+        for x in (r.actions, r.log_probs)
+    )
+    losses, kl = clipped_losses(
+        means, actions, old, torch.ones_like(old), std=run.innovation_std, clip=0.2
+    )
+    torch.testing.assert_close(losses, -torch.ones_like(old), rtol=1e-3, atol=1e-3)
+    assert kl.max() < 1e-4
+
+
+def test_an_episode_begins_with_an_empty_memory() -> None:
+    run = MAPPO(make_env(TaskSpec(horizon=11), 4), (0,), MEMORY)
+    r = run._collect()
+    ended = r.ended[:-1]
+    assert ended.any()
+    assert not r.memories[1:][ended].any()
+    assert (np.abs(r.memories[1:][~ended]).max(-1) > 0).all()
+    run.restart_worlds()
+    assert not run._memory.any()
+
+
+@pytest.mark.parametrize("parameters", ["shared", "separate"])
+def test_the_policy_remembers_as_in_training(parameters: Parameters) -> None:
+    run = MAPPO(make_env(TaskSpec(), 4), (0,), replace(MEMORY, parameters=parameters))
+    run.update()
+    policy, memory = run.policy(0), torch.zeros(1, 4, 4, 8)
+    run.restart_worlds()
+    policy.reset(run.worlds.current_step, np.arange(4))
+    frame = run.worlds.frame
+    assert frame is not None
+    for _ in range(5):
+        step = run.worlds.current_step
+        means, memory = run.actors.act(run.actors.inputs(run.worlds.observations(step)), memory)
+        taken = policy.act(step)
+        wanted = frame.to_world(step.observations, means[0].clamp(-1, 1).numpy()).clip(-1, 1)
+        np.testing.assert_allclose(taken, wanted, atol=1e-4)
+        run.worlds.advance(means.numpy())
+
+
+def test_what_a_memory_does_not_go_with_is_refused() -> None:
+    with pytest.raises(SpecError, match="multiple of window"):
+        replace(MEMORY, window=5)
+    with pytest.raises(SpecError, match="memory_size=0"):
+        replace(MEMORY, memory_size=0)
+    with pytest.raises(SpecError, match="no memory"):
+        replace(MEMORY, start=StartConfig(teacher="scripted"))
+
+
+@pytest.mark.learns
+def test_robots_that_remember_learn_to_reach_their_goals() -> None:
+    nothing = {"circles": 1, "boxes": 0, "corners": 0, "pockets": 0}
+    spec = TaskSpec.parse({"obstacles": nothing, "team": [{"count": 2}]})
+    config = MAPPOConfig(n_steps=200_000, hidden=32, memory="gru", memory_size=16)
+    run = MAPPO(make_env(spec, 64), (0,), config)
+    while run.frames < config.n_steps:
+        run.update()
+    result = evaluate(run.policy(0), spec, name="mappo", n_episodes=64, progress=False)
+    assert result.metrics["success"].mean() > 0.8

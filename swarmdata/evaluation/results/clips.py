@@ -89,7 +89,7 @@ def draw_target(
     name: str,
     out: Path,
     index: int,
-    task: str,
+    task: str | None,
     observation: Source | None = None,
     communication: Source | None = None,
     *,
@@ -102,7 +102,7 @@ def draw_target(
         name: id of a dataset, or of a policy as `find_target` takes it.
         out: a `.gif`, `.mp4` or `.png` file.
         index: of the recorded episode, or of the reserved evaluation seed.
-        task: of policies and tiers: a preset's name, or a spec file.
+        task: of policies, tiers and runs, as `find_target` takes it.
         observation: observation model; a recorded episode is re-observed with it.
         communication: communication model, likewise.
         size: pixels of the arena's longer side.

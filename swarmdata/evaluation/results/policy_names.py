@@ -25,6 +25,9 @@ from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.model_choice import Source, check_senses, with_models
 from swarmdata.specs.task_spec import TaskSpec
 
+DEFAULT_TASK = "coop_nav"
+"""Preset in which policies and tiers act unless another is named."""
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -77,7 +80,7 @@ class Models:
 
 def find_target(
     name: str,
-    task: str = "coop_nav",
+    task: str | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
 ) -> Target:
@@ -87,7 +90,8 @@ def find_target(
         name: a registered policy such as `random`; a learned tier such as `expert`: its checkpoints
             without noise; a dataset's id: its behavior policies as recorded; or a run folder: its
             newest policies, one per seed.
-        task: of a policy or tier: a preset's name, or a spec file.
+        task: where policies, tiers and runs act: a preset's name, or a spec file. None: runs where
+            they were trained, the others in `DEFAULT_TASK`. Datasets' policies stay in their task.
         observation: observation model, such as `lidar`; None: that of the task, the dataset or the
             training.
         communication: communication model, such as `lossy-30`, likewise.
@@ -95,13 +99,14 @@ def find_target(
     Raises:
         UnknownNameError: nothing has that name.
         ReplacedDatasetError: it is the id of a dataset that a newer version has replaced.
-        SchemaError: the models do not provide the inputs of a trained policy.
+        SchemaError: the task or the models do not provide what a trained policy needs.
         SpecError: the run was trained on a recording of another environment.
         MissingExtraError: a run folder needs torch.
     """
     models = Models(observation, communication)
     if is_folder(name) and run_folders(Path(name)):
-        return _run_target(Path(name), models)
+        return _run_target(Path(name), task, models)
+    task = DEFAULT_TASK if task is None else task
     if name in POLICIES and name != "learned":
         spec = models.evaluation_spec(name, find_spec(task), is_fixed=False)
         return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
@@ -133,16 +138,21 @@ def _dataset_target(name: str, task: str, models: Models) -> Target:
     return Target(spec, policies, _numbered(name, [recipe.hash()] * len(policies)))
 
 
-def _run_target(folder: Path, models: Models) -> Target:
+def _run_target(folder: Path, task: str | None, models: Models) -> Target:
     require_extra("torch", "torch", f"loading the run {folder}")
-    from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained  # noqa: PLC0415  (torch is an extra)
+    from swarmdata.evaluation.runs.fitted_policies import fit_policies  # noqa: PLC0415  (torch is an extra)
+    from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained  # noqa: PLC0415
 
-    trained = read_trained(folder)
-    if trained.spec.get("kind") == "recorded":
+    found = read_trained(folder)
+    if found.spec.get("kind") == "recorded":
         raise SpecError(
-            f"{folder} was trained on a recording of {trained.spec['task']}, which this library "
+            f"{folder} was trained on a recording of {found.spec['task']}, which this library "
             "cannot run. Evaluate it with swarmdata.evaluate_parallel and the environment."
         )
-    spec = TaskSpec.parse(trained.spec, str(folder))
-    spec = models.evaluation_spec(str(folder), spec, is_fixed=True)
-    return Target(spec, tuple(load_policies(trained)), trained.provenances)
+    trained = TaskSpec.parse(found.spec, str(folder))
+    world = trained
+    if task is not None:
+        world = with_models(find_spec(task), trained.observation, trained.communication)
+    spec = with_models(world, models.observation, models.communication)
+    policies = fit_policies(str(folder), load_policies(found), trained, spec)
+    return Target(spec, policies, found.provenances)

@@ -64,7 +64,7 @@ def sweep(
     out: Path,
     *,
     n_episodes: int = 200,
-    task: str = "coop_nav",
+    task: str | None = None,
     progress: bool = True,
 ) -> list[Degradation]:
     """Evaluates teams along axes, one parameter at a time, and writes tables and figures.
@@ -75,7 +75,7 @@ def sweep(
         axes: parameters and their values.
         out: folder; an interrupted sweep of the same teams resumes in it.
         n_episodes: number of reserved seeds, the same at every point.
-        task: of tiers: a preset's name, or a spec file.
+        task: of tiers and runs, as `find_target` takes it.
         progress: whether to show a progress bar.
 
     Raises:
@@ -124,7 +124,7 @@ def _check_axes(axes: Sequence[Axis]) -> None:
         raise SpecError(f"{twice[0]} is swept twice. Put all its values into one axis.")
 
 
-def _teams(names: Sequence[str], axes: Sequence[Axis], task: str) -> list[_Team]:
+def _teams(names: Sequence[str], axes: Sequence[Axis], task: str | None) -> list[_Team]:
     """Finds the teams, and checks all of them before any evaluation."""
     targets = []
     for name in names:

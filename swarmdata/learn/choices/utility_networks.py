@@ -22,6 +22,8 @@ from swarmdata.learn.choices.behavior_heads import (
     head_size,
 )
 from swarmdata.learn.choices.choices import Choices
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.team_memory import TeamMemory
 from swarmdata.learn.networks.descent import Descent
 from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
@@ -29,7 +31,7 @@ from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP
 from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.objectives.value_losses import behavior_loss, conservative_gap
-from swarmdata.learn.policies.choice_policy import ChoicePolicy
+from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.setup import Setup
@@ -45,12 +47,12 @@ GREEDY_EVERY = 10
 N_CRITICS = 2
 """Utility networks, and mixers, of a seed."""
 
-UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM = 0, 1, 2
+UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM, MEMORY_STREAM = 0, 1, 2, 3
 """Streams of a seed's initial parameters."""
 
 
 @dataclass(frozen=True)
-class DecompositionConfig:
+class DecompositionConfig(MemorySettings):
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
     regulariser: Regulariser = "bc"  # the best on average in cards/studies/v0/coop_nav
@@ -79,6 +81,9 @@ class DecompositionConfig:
 class UtilityNetworks:
     """K seeds of two utility networks, their targets, and a behavior head where it is needed.
 
+    With a memory, one gated unit of a seed remembers for all of these networks, which see its
+    memory beside the present observation. The targets see that of a target copy.
+
     Args:
         setup: sizes, seeds and the dataset's statistics.
         config: settings.
@@ -93,19 +98,26 @@ class UtilityNetworks:
         self.choices = Choices.of(sizes, config.n_bins, device)
         self.normalizer = Normalizer(setup.statistics, device, clip_target=config.clip_target)
         self._sizes, self._statistics = sizes, setup.statistics
+        self.memory: TeamMemory | None = None
+        n_features = sizes.observation
+        if config.has_memory:
+            self.memory = TeamMemory(setup, config, MEMORY_STREAM, config.parameters)
+            n_features += config.memory_size
         n_utilities = self.choices.n_columns * self.choices.n_choices
         # networks that bootstrap have LayerNorm, cloning needs none
         self.team = Team(
-            MLPShape(sizes.observation, config.hidden, n_utilities, layer_norm=True),
+            MLPShape(n_features, config.hidden, n_utilities, layer_norm=True),
             sizes.n_agents, seeds, UTILITY_STREAM,
             parameters=config.parameters, device=device, n_critics=N_CRITICS,
         )  # fmt: skip
-        networks = {"team": self.team.network} | ({} if mixer is None else {"mixer": mixer})
+        networks: dict[str, Any] = {"team": self.team.network}
+        networks |= {} if mixer is None else {"mixer": mixer}
+        networks |= {} if self.memory is None else {"memory": self.memory.network}
         followed, self.behavior = tuple(networks), None
         if self.rule.has_behavior:
             n_outputs = head_size(self.choices, config.behavior_head)
             self.behavior = Team(
-                MLPShape(sizes.observation, config.hidden, n_outputs),
+                MLPShape(n_features, config.hidden, n_outputs),
                 sizes.n_agents, seeds, BEHAVIOR_STREAM,
                 parameters=config.parameters, device=device,
             )  # fmt: skip
@@ -114,11 +126,24 @@ class UtilityNetworks:
             networks, len(seeds), config.learning_rate, config.max_grad_norm, followed
         )
 
+    def see(self, batch: Batch) -> "Seen":
+        """Returns transitions [K, B, ...], and what networks see of them.
+
+        Args:
+            batch: transitions, or windows [K, B, L, ...] with a memory.
+        """
+        if self.memory is not None:
+            slow = self.descent.targets["memory"]
+            return Seen(*self.memory.along(batch, self.normalizer.observations, slow))
+        features = self.normalizer.observations(batch.observations)
+        after = self.normalizer.observations(batch.next_observations)
+        return Seen(batch, features, after, after)
+
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
         """Returns both networks' utilities of every choice, [K, J, B, N, D, C].
 
         Args:
-            features: normalized observations, [K, B, N, O].
+            features: normalized observations, with the memory if there is one, [K, B, N, F].
             network: other parameters to use, those of the targets.
         """
         outputs = self.team(features.repeat_interleave(N_CRITICS, 0), network)
@@ -129,9 +154,10 @@ class UtilityNetworks:
 
         Args:
             states: as recorded, [K, B, S].
-            features: normalized observations, [K, B, N, O].
+            features: what the networks see; of it, the observations, which come first, are taken.
         """
-        return information(self.normalizer.states(states), features)
+        observations = features[..., : self._sizes.observation]
+        return information(self.normalizer.states(states), observations)
 
     def log_probs(self, features: Tensor) -> Tensor | None:
         """Returns log pi_b, [K, B, N, D, C], or [K, B, N, C ** D] of a joint head.
@@ -162,11 +188,11 @@ class UtilityNetworks:
             return Loss(config.cql_weight * gap, {"conservative_gap": gap})
         return Loss(weights.new_zeros(len(weights)), {})
 
-    def policy(self, index: int) -> ChoicePolicy:
+    def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
         """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
         n_rows = N_CRITICS * self.team.n_rows
         behavior: list[Layer] = [] if self.behavior is None else self.behavior.extract(index)
-        return ChoicePolicy(
+        chooser = ChoicePolicy(
             layers=self.team.network.extract(index * n_rows, torch.float64, n_rows),
             behavior=behavior,
             observation_mean=torch.tensor(self._statistics.observation_mean, dtype=torch.float64),
@@ -177,6 +203,18 @@ class UtilityNetworks:
             frame=self._sizes.frame,
             parameters=self.config.parameters,
         )
+        if self.memory is None:
+            return chooser
+        return RecurrentChoicePolicy(self.memory.extract(index), chooser)
+
+
+class Seen(NamedTuple):
+    """Transitions, and what networks see of them: features F, of a memory too if there is one."""
+
+    batch: Batch  # fields [K, B, ...]
+    features: Tensor  # [K, B, N, F]
+    next_features: Tensor  # without a gradient if there is a memory, [K, B, N, F]
+    slow_next_features: Tensor  # what the targets see, [K, B, N, F]
 
 
 class Evaluated(NamedTuple):
@@ -194,7 +232,7 @@ class Decomposition(Protocol):
     n_updates: int
     networks: UtilityNetworks
 
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B]."""
         ...
 
@@ -208,10 +246,14 @@ class Decomposition(Protocol):
 
 
 def regularised_update(self: Decomposition, batch: Batch) -> dict[str, Tensor]:
-    """One step on tensors [K, B, ...]; returns losses [K], those that the regulariser has."""
+    """One step on tensors [K, B, ...], windows with a memory; returns losses [K].
+
+    Losses that the regulariser does not have are left out.
+    """
     networks, config = self.networks, self.networks.config
-    y = self.targets(batch)  # [K, B]
-    features = networks.normalizer.observations(batch.observations)
+    seen = networks.see(batch)
+    y = self.targets(seen)  # [K, B]
+    batch, features = seen.batch, seen.features
     evaluated = Evaluated(
         networks.choices.weights(batch.actions),
         networks.utilities(features),
@@ -231,7 +273,7 @@ def regularised_update(self: Decomposition, batch: Batch) -> dict[str, Tensor]:
     return {name: loss.detach() for name, loss in reported.items()}
 
 
-def policy_of(self: Decomposition, index: int) -> ChoicePolicy:
+def policy_of(self: Decomposition, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
     """The greedy policy of seed number `index`, as it is now."""
     return self.networks.policy(index)
 

@@ -98,7 +98,6 @@ class SecondStage:
         generators: of the draws from the density, one per seed, [K].
         config: settings of the extraction.
         n_updates: of both stages.
-        hidden: sizes of the density's hidden layers.
         learning_rate: of Adam, of the density and of the second stage.
         max_norm: largest norm of one seed's gradient; None does not clip.
     """
@@ -110,7 +109,6 @@ class SecondStage:
         generators: Sequence[torch.Generator],
         config: ExtractionConfig,
         n_updates: int,
-        hidden: tuple[int, ...],
         *,
         learning_rate: float,
         max_norm: float | None,
@@ -119,7 +117,7 @@ class SecondStage:
         self.begins_at = n_updates - round(n_updates * config.extraction_share)
         self.has_frozen_critics = config.frozen_critics
         self.density = BehaviorDensity(
-            actor.online, seeds, hidden,
+            actor.online, seeds,
             floor=config.density_floor, learning_rate=learning_rate, max_norm=max_norm,
         )  # fmt: skip
         network = actor.online.network

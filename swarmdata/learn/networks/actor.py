@@ -1,7 +1,7 @@
 """The deterministic policies of K seeds, each shared by all agents, and their slow copies."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -9,19 +9,27 @@ from torch import Tensor
 from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.set_networks import SetShape, StackedSets
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.objectives.td_targets import move_target
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.exploration import normal_like
+from swarmdata.perception.slots import slots_of
+from swarmdata.types import Batch
 
 ACTOR_STREAM, CRITIC_STREAM = 0, 1
 """Streams of a seed's initial parameters."""
 
 
+PolicyNetwork = Literal["mlp", "deep_sets"]
+"""A perceptron of the whole observation and the robot's number, or a network over sets."""
+
+
 class StackedActor:
-    """Maps normalized observations and the agent's number to actions.
+    """Maps normalized observations to actions; perceptrons see the agent's number too.
 
     Args:
         sizes: numbers of agents and features.
@@ -30,6 +38,10 @@ class StackedActor:
         statistics: of the dataset, to normalize observations.
         squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
         device: where the parameters are.
+        policy_network: `deep_sets` reads the slots of an observation as sets (`set_networks`).
+
+    Raises:
+        SchemaError: features have no names, which `deep_sets` needs.
     """
 
     def __init__(
@@ -41,22 +53,37 @@ class StackedActor:
         *,
         squash: bool,
         device: torch.device | str,
+        policy_network: PolicyNetwork = "mlp",
     ) -> None:
-        shape = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
-        self.network = StackedMLP(shape, len(seeds), device)
+        self.network: StackedMLP | StackedSets
+        mean, std = statistics.observation_mean, statistics.observation_std
+        if policy_network == "deep_sets":
+            slots = slots_of(sizes.features, sizes.frame)
+            self._field_moments = slots.moments(mean, std)
+            mean, std = slots.normalizing(*self._field_moments)
+            self.network = StackedSets(SetShape(slots, hidden, sizes.action), len(seeds), device)
+        else:
+            shape = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
+            self.network = StackedMLP(shape, len(seeds), device)
         initialize(self.network, seeds, ACTOR_STREAM)
-        self.squash, self._frame = squash, sizes.frame
-        self._mean = torch.tensor(statistics.observation_mean, dtype=torch.float64)
-        self._std = torch.tensor(statistics.observation_std, dtype=torch.float64)
+        self.squash, self._frame, self._features = squash, sizes.frame, sizes.features
+        self._mean = torch.tensor(mean, dtype=torch.float64)
+        self._std = torch.tensor(std, dtype=torch.float64)
         self._mean_here = self._mean.to(device, torch.float32)
         self._std_here = self._std.to(device, torch.float32)
 
     def inputs(self, observations: Tensor) -> Tensor:
-        """Returns the network's input rows, [K, B N, O + N], of observations [K, B, N, O]."""
-        standard = standardize(observations, self._mean_here, self._std_here)
-        return with_agent_id(standard).flatten(1, 2)
+        """Returns the network's input rows of observations [K, B, N, O].
 
-    def __call__(self, observations: Tensor, network: StackedMLP | None = None) -> Tensor:
+        Those of a perceptron are [K, B N, O + N], those of a network over sets [K, B N, O].
+        """
+        standard = standardize(observations, self._mean_here, self._std_here)
+        is_numbered = isinstance(self.network, StackedMLP)
+        return (with_agent_id(standard) if is_numbered else standard).flatten(1, 2)
+
+    def __call__(
+        self, observations: Tensor, network: StackedMLP | StackedSets | None = None
+    ) -> Tensor:
         """Returns actions, [K, B, N, A], of observations [K, B, N, O].
 
         Args:
@@ -67,14 +94,33 @@ class StackedActor:
         actions = outputs.tanh() if self.squash else outputs
         return actions.view(*observations.shape[:3], -1)
 
-    def policy(self, index: int) -> TorchPolicy:
+    def along(self, batch: Batch) -> tuple[Batch, Tensor]:
+        """Returns a batch of transitions, and the actions there, [K, B, N, A]."""
+        return batch, self(batch.observations)
+
+    def policy(self, index: int) -> TorchPolicy | SetPolicy:
         """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
+        if isinstance(self.network, StackedSets):
+            return self._set_policy(index, self.network.shape)
         return TorchPolicy(
             layers=self.network.extract(index, torch.float64),
             observation_mean=self._mean,
             observation_std=self._std,
             squash=self.squash,
             frame=self._frame,
+        )
+
+    def _set_policy(self, index: int, shape: SetShape) -> SetPolicy:
+        mean, std = self._field_moments
+        return SetPolicy(
+            layers=self.network.extract(index, torch.float64),
+            field_mean=torch.from_numpy(mean),
+            field_std=torch.from_numpy(std),
+            squash=self.squash,
+            slots=shape.slots,
+            hidden=shape.hidden,
+            frame=self._frame,
+            anchor="world" if self._frame is None else self._frame.anchor_of(self._features),
         )
 
 
@@ -155,7 +201,7 @@ class DelayedActor:
         """Moves the slow copies by `rate` of the way to the policies (Polyak averaging)."""
         move_target(self.target, self.online.network, rate)
 
-    def policy(self, index: int) -> TorchPolicy:
+    def policy(self, index: int) -> TorchPolicy | SetPolicy:
         """Returns the policy of seed number `index`, as it is now."""
         return self.online.policy(index)
 

@@ -6,7 +6,7 @@ from typing import Any
 from torch import Tensor
 
 from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
-from swarmdata.learn.networks.perceptrons import StackedMLP, backward
+from swarmdata.learn.networks.perceptrons import backward
 from swarmdata.learn.objectives.td_targets import move_target
 
 
@@ -14,7 +14,7 @@ class Descent:
     """Adam on several kinds of networks, whose gradients come from one backward pass.
 
     Args:
-        networks: what to train, by name; the rows of each are grouped by seed.
+        networks: `StackedLayers` of any kinds, by name; the rows of each are grouped by seed.
         n_seeds: number of groups, K.
         learning_rate: Adam's alpha.
         max_norm: largest norm of one seed's gradient in one kind of network; None does not clip.
@@ -23,7 +23,7 @@ class Descent:
 
     def __init__(
         self,
-        networks: Mapping[str, StackedMLP],
+        networks: Mapping[str, Any],
         n_seeds: int,
         learning_rate: float,
         max_norm: float | None,

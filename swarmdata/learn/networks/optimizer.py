@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.perceptrons import StackedLayers
 from swarmdata.learn.training.checkpoint import part
 
 
@@ -23,7 +23,11 @@ class StackedAdam:
     """
 
     def __init__(
-        self, network: StackedMLP, n_seeds: int, learning_rate: float, max_norm: float | None = None
+        self,
+        network: StackedLayers,
+        n_seeds: int,
+        learning_rate: float,
+        max_norm: float | None = None,
     ) -> None:
         self.network = network
         self.n_seeds = n_seeds

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol, Self
 
 import torch
 from torch import Tensor
@@ -56,8 +56,18 @@ class MLPShape:
         return sum(i * o + o + 2 * o * has_norm for i, o, has_norm in self.layers())
 
 
-class StackedMLP:
-    """R independent networks of one shape, trained and evaluated together.
+class Shape(Protocol):
+    """Sizes of the layers of a kind of network."""
+
+    @property
+    def outputs(self) -> int: ...
+    @property
+    def n_parameters(self) -> int: ...  # of one network, P
+    def layers(self) -> Iterator[tuple[int, int, bool]]: ...  # as `MLPShape.layers`
+
+
+class StackedLayers:
+    """The weights of R independent networks of one shape, and their gradients.
 
     Attributes:
         flat: the parameters, one network per row, [R, P].
@@ -65,7 +75,7 @@ class StackedMLP:
         layers: the same memory as named weights that autograd differentiates.
     """
 
-    def __init__(self, shape: MLPShape, n_networks: int, device: torch.device | str) -> None:
+    def __init__(self, shape: Shape, n_networks: int, device: torch.device | str) -> None:
         self.shape = shape
         self.flat = torch.zeros(n_networks, shape.n_parameters, device=device)
         # Adam(fused=True) ignores the strides of gradients on the CPU, so the gradient is one
@@ -78,19 +88,6 @@ class StackedMLP:
             for layer in self._frozen
         ]
         self._gradients = _views(shape, self.gradient)
-
-    def __call__(self, inputs: Tensor) -> Tensor:
-        """Returns the outputs, [R, B, outputs], of inputs [R, B, inputs]."""
-        return mlp(self.layers, inputs)
-
-    def frozen(self, inputs: Tensor, every: int = 1) -> Tensor:
-        """Returns outputs that are differentiable in the inputs only: the weights are constants.
-
-        Args:
-            inputs: [R / every, B, inputs].
-            every: uses each `every`-th network only, from the first.
-        """
-        return mlp(self.constants(every), inputs)
 
     def constants(self, every: int = 1) -> list[Layer]:
         """Returns the weights of each `every`-th network, from the first, as constants."""
@@ -139,14 +136,33 @@ class StackedMLP:
             for part, other in zip(mine, theirs, strict=True):
                 part.copy_(other)
 
-    def clone(self) -> "StackedMLP":
+    def clone(self) -> Self:
         """Returns networks with equal parameters in memory of their own."""
-        copy = StackedMLP(self.shape, len(self.flat), self.flat.device)
+        copy = type(self)(self.shape, len(self.flat), self.flat.device)
         copy.flat.copy_(self.flat)
         return copy
 
 
-def backward(loss: Tensor, networks: Sequence[StackedMLP]) -> None:
+class StackedMLP(StackedLayers):
+    """R independent perceptrons of one shape, trained and evaluated together."""
+
+    shape: MLPShape
+
+    def __call__(self, inputs: Tensor) -> Tensor:
+        """Returns the outputs, [R, B, outputs], of inputs [R, B, inputs]."""
+        return mlp(self.layers, inputs)
+
+    def frozen(self, inputs: Tensor, every: int = 1) -> Tensor:
+        """Returns outputs that are differentiable in the inputs only: the weights are constants.
+
+        Args:
+            inputs: [R / every, B, inputs].
+            every: uses each `every`-th network only, from the first.
+        """
+        return mlp(self.constants(every), inputs)
+
+
+def backward(loss: Tensor, networks: Sequence[StackedLayers]) -> None:
     """Fills the gradients of several networks with those of one scalar loss, in one pass."""
     leaves = [pair for network in networks for pair in network._leaves()]
     gradients = torch.autograd.grad(loss, [weight for weight, _ in leaves])
@@ -192,7 +208,7 @@ def _activate(layer: Layer, x: Tensor) -> Tensor:
 
 
 def initialize(
-    network: StackedMLP,
+    network: StackedLayers,
     seeds: Sequence[int],
     stream: int,
     *,
@@ -245,7 +261,7 @@ def _draw(
         layer.shift.zero_()
 
 
-def _views(shape: MLPShape, flat: Tensor) -> list[Layer]:
+def _views(shape: Shape, flat: Tensor) -> list[Layer]:
     layers, start = [], 0
     for n_in, n_out, has_norm in shape.layers():
         rows = (n_in, 1, 1, 1) if has_norm else (n_in, 1)

@@ -23,6 +23,7 @@ class Sizes:
     frame: Frame | None = None  # that observations and actions are in; None: the world's
     robot_columns: int = 0  # of a state for each robot, the first N times as many; 0: unknown
     state_vectors: tuple[int, ...] = ()  # x components of a state's planar vectors; y follows each
+    features: tuple[str, ...] = ()  # names, without what the frame adds; empty: unknown
 
     def __post_init__(self) -> None:
         """Checks that every size is positive."""

@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.perceptrons import StackedLayers
 
 
 def team_reward(rewards: Tensor) -> Tensor:
@@ -38,6 +38,6 @@ def td_error(q: Tensor, y: Tensor) -> Tensor:
     return (q - y[:, None]).square().mean(2).sum(1)
 
 
-def move_target(target: StackedMLP, online: StackedMLP, rate: float) -> None:
+def move_target(target: StackedLayers, online: StackedLayers, rate: float) -> None:
     """Moves the target's parameters by `rate` of their distance to the online ones, in place."""
     target.flat.lerp_(online.flat, rate)

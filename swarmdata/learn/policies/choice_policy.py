@@ -1,7 +1,7 @@
-"""ChoicePolicy, the greedy policy of one seed that learned choices offline."""
+"""The greedy policies of one seed that learned choices offline, with a memory and without."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -11,10 +11,12 @@ from swarmdata.learn.choices.behavior_heads import Rule, behavior_log_probs
 from swarmdata.learn.choices.bins import by_dimension
 from swarmdata.learn.choices.choices import Choices, columns_of
 from swarmdata.learn.networks.perceptrons import Layer, present
-from swarmdata.learn.networks.team_networks import Parameters
-from swarmdata.learn.policies.torch_policy import Memoryless, outputs_of
+from swarmdata.learn.networks.team_networks import Parameters, answer
+from swarmdata.learn.policies.recurrent_policy import RunningMemory
+from swarmdata.learn.policies.torch_policy import Memoryless, standard_features
 from swarmdata.perception.frames import Frame, in_world
-from swarmdata.types import Bool, Float, Step
+from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
+from swarmdata.types import Bool, Float, Int, Step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +56,7 @@ class ChoicePolicy(Memoryless):
         Raises:
             SchemaError: the observations are not those the policy was trained on.
         """
-        return self._choose(observations, None)
+        return self.choose(self._features(observations), observations)
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
         """Returns the preferred of the allowed choices, as `act` does of all.
@@ -64,35 +66,96 @@ class ChoicePolicy(Memoryless):
             allowed: recorded choices that the environment allows: all columns of a robot one after
                 the other, then padding, [E, N, M].
         """
-        columns = columns_of(torch.from_numpy(allowed), self.ranges, self.choices.n_columns)
-        return self._choose(step.observations, columns)
+        return self.choose(self._features(step.observations), step.observations, allowed)
 
-    def utilities(self, observations: Float) -> Tensor:
+    def utilities(self, features: Tensor) -> Tensor:
         """Returns the mean utilities of both networks, float64 [E, N, D, C].
 
         Args:
-            observations: in the robots' frame, [E, N, O].
+            features: what the networks see, float64 [E, N, F].
         """
-        n_rows = 1 if self.parameters == "shared" else observations.shape[1]
+        n_rows = 1 if self.parameters == "shared" else features.shape[1]
         n_critics = len(self.layers[0].weight) // n_rows
         answers = []
         for critic in range(n_critics):
             rows = slice(critic * n_rows, (critic + 1) * n_rows)
             layers = [Layer(*(weight[rows] for weight in present(each))) for each in self.layers]
-            answers.append(self._answer(layers, observations))
+            answers.append(answer(layers, features, self.parameters))
         return by_dimension(torch.stack(answers).mean(0), self.choices.n_choices)
 
-    def _choose(self, observations: Float, allowed: Tensor | None) -> Float:
-        framed = observations if self.frame is None else self.frame.inputs(observations)
+    @torch.no_grad()
+    def choose(self, features: Tensor, observations: Float, allowed: Bool | None = None) -> Float:
+        """Returns joint actions, float32 [E, N, D].
+
+        Args:
+            features: what the networks see, float64 [E, N, F].
+            observations: in the world's frame, [E, N, O].
+            allowed: as in `act_among`; None: all.
+        """
+        columns = None
+        if allowed is not None:
+            columns = columns_of(torch.from_numpy(allowed), self.ranges, self.choices.n_columns)
         log_probs = None
         if self.behavior:
-            outputs = self._answer(self.behavior, framed)
+            outputs = answer(self.behavior, features, self.parameters)
             log_probs = behavior_log_probs(outputs, self.choices, self.rule.head)
-        utilities = self.utilities(framed)
-        weights = self.rule.act(utilities, log_probs, self.choices, allowed)
+        weights = self.rule.act(self.utilities(features), log_probs, self.choices, columns)
         actions = self.choices.to_actions(weights).numpy()
         return in_world(self.frame, observations, actions).astype(np.float32)
 
-    def _answer(self, layers: Sequence[Layer], observations: Float) -> Tensor:
+    def features(self, first: Layer, observations: Float) -> Tensor:
+        """Returns normalized observations in the robots' frame, float64 [E, N, O].
+
+        Args:
+            first: layer of the networks that see them.
+            observations: in the world's frame, [E, N, O].
+
+        Raises:
+            SchemaError: the observations are not those the policy was trained on.
+        """
+        framed = observations if self.frame is None else self.frame.inputs(observations)
         mean, std = self.observation_mean, self.observation_std
-        return outputs_of(layers, observations, mean, std, self.parameters)
+        return standard_features(first, framed, mean, std, self.parameters)
+
+    def _features(self, observations: Float) -> Tensor:
+        rows = slice(1 if self.parameters == "shared" else observations.shape[1])  # of one critic
+        first = Layer(*(weight[rows] for weight in present(self.layers[0])))
+        return self.features(first, observations)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecurrentChoicePolicy:
+    """Takes what a `ChoicePolicy` prefers that sees a memory of the episode beside the present.
+
+    Attributes:
+        gates: layers of the gated units (`gated_networks`), float64; one unit if robots share it,
+            else N.
+        chooser: sees normalized observations and the memory.
+    """
+
+    gates: Sequence[Layer]
+    chooser: ChoicePolicy
+    uses_state: bool = False
+    _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
+    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        self._memory.reset(step, copies, self.gates[1].weight.shape[1])
+
+    def act(self, step: Step) -> Float:
+        return self._act(step, None)
+
+    def act_among(self, step: Step, allowed: Bool) -> Float:
+        """Returns the preferred of the allowed choices, as `ChoicePolicy.act_among`."""
+        return self._act(step, allowed)
+
+    def _act(self, step: Step, allowed: Bool | None) -> Float:
+        chooser, observations = self.chooser, step.observations
+        features = chooser.features(self.gates[0], observations)
+        memory = self._memory.advance(self.gates, features, chooser.parameters)
+        actions = chooser.choose(torch.cat([features, memory], -1), observations, allowed)
+        self._last.keep(step, actions.astype(np.float64))
+        return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return certain_log_probs(self._last.require(step).astype(np.float32), actions)

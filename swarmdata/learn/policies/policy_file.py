@@ -11,12 +11,17 @@ from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.perception.frames import Frame
+from swarmdata.perception.slots import Slots
 
-KINDS: dict[str, Callable[..., Policy]] = {kind.__name__: kind for kind in (TorchPolicy, BinPolicy)}
-"""Policies that can be kept, by name: dataclasses of layers, tensors, a frame and JSON values."""
+KINDS: dict[str, Callable[..., Policy]] = {
+    kind.__name__: kind for kind in (TorchPolicy, BinPolicy, RecurrentPolicy, SetPolicy)
+}
+"""Policies that can be kept: dataclasses of layers, tensors, a frame, slots and JSON values."""
 
 
 def save_policy(path: Path, policy: Policy) -> None:
@@ -33,7 +38,7 @@ def save_policy(path: Path, policy: Policy) -> None:
                 tensors |= {f"layers.{index}.{k}": v for k, v in parts if v is not None}
         elif isinstance(value, Tensor):
             tensors[field.name] = value
-        elif isinstance(value, Frame):
+        elif isinstance(value, Frame | Slots):
             metadata[field.name] = asdict(value)
         else:
             metadata[field.name] = value
@@ -59,6 +64,8 @@ def load_policy(path: Path) -> Policy:
         closing = tuple((near, speed) for near, speed in frame["closing"])
         heard = tuple((x, own, other) for x, own, other in frame.get("heard", ()))  # newer files
         values["frame"] = Frame(frame["anchor"], tuple(frame["vectors"]), closing, heard)
+    if slots := values.get("slots"):
+        values |= {"slots": Slots.parse(slots), "hidden": tuple(values["hidden"])}
     policy: Policy = KINDS[metadata["kind"]](**values)
     return policy
 

@@ -96,8 +96,26 @@ def outputs_of(
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
+    return answer(layers, standard_features(layers[0], framed, mean, std, parameters), parameters)
+
+
+def standard_features(
+    first: Layer, framed: Float, mean: Tensor, std: Tensor, parameters: Parameters
+) -> Tensor:
+    """Returns what one seed's networks see, float64 [E, N, O].
+
+    Args:
+        first: their first layer.
+        framed: observations in the robots' frame, [E, N, O].
+        mean: subtracted from them, float64 [O].
+        std: what they are divided by, float64 [O].
+        parameters: whether the agents share one network.
+
+    Raises:
+        SchemaError: the observations are not those the networks were trained on.
+    """
     n_agents, size = framed.shape[1:]
-    n_rows, n_inputs = layers[0].weight.shape[:2]
+    n_rows, n_inputs = first.weight.shape[:2]
     expected = len(mean)
     n_known = n_inputs - expected if parameters == "shared" else n_rows
     if size != expected or n_agents != n_known:
@@ -106,5 +124,4 @@ def outputs_of(
             f"of {n_known} agents. "
             "Evaluate it on the task and observation model that it was trained on."
         )
-    exact = torch.from_numpy(framed.astype(np.float64))
-    return answer(layers, standardize(exact, mean, std), parameters)
+    return standardize(torch.from_numpy(framed.astype(np.float64)), mean, std)

@@ -14,9 +14,10 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.extraction.second_stage import ExtractionConfig, SecondStage, Valuer
-from swarmdata.learn.networks.actor import DelayedActor, StackedActor
+from swarmdata.learn.networks.actor import DelayedActor, PolicyNetwork, StackedActor
 from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
 from swarmdata.learn.networks.optimizer import cosine
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -29,6 +30,7 @@ class ActorCriticConfig:
     n_updates: int = 8_000
     batch_size: int = 256  # joint transitions
     actor_hidden: tuple[int, ...] = (128, 128)
+    policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
     critic_hidden: tuple[int, ...] = (128, 128)  # of everything that estimates values
     actor_learning_rate: float = 3e-3  # see `bc`
     critic_learning_rate: float = 1e-3  # see `maddpg_bc`
@@ -57,8 +59,9 @@ def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     """Makes the actors of K seeds, whose outputs pass through tanh."""
     sizes, seeds, statistics = setup.sizes, setup.seeds, setup.statistics
     return StackedActor(
-        sizes, seeds, config.actor_hidden, statistics, squash=True, device=setup.device
-    )
+        sizes, seeds, config.actor_hidden, statistics,
+        squash=True, device=setup.device, policy_network=config.policy_network,
+    )  # fmt: skip
 
 
 def delayed_actor(setup: Setup, config: ActorCriticConfig) -> DelayedActor:
@@ -86,7 +89,6 @@ def second_stage(
         generators,
         config,
         config.n_updates,
-        config.actor_hidden,
         learning_rate=config.actor_learning_rate,
         max_norm=config.max_grad_norm,
     )
@@ -111,7 +113,7 @@ class Trained(Protocol):
 class Actor(Protocol):
     """Deterministic policies of K seeds."""
 
-    def policy(self, index: int) -> TorchPolicy: ...
+    def policy(self, index: int) -> TorchPolicy | SetPolicy: ...
 
 
 class HasActor(Protocol):
@@ -232,7 +234,7 @@ def smoothed_actions(self: ActorCritic, observations: Tensor) -> Tensor:
     )
 
 
-def policy_of(self: HasActor, index: int) -> TorchPolicy:
+def policy_of(self: HasActor, index: int) -> TorchPolicy | SetPolicy:
     """The policy of seed number `index`, as it is now."""
     return self.actor.policy(index)
 

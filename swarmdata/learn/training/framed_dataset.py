@@ -56,8 +56,16 @@ class _FramedData:
     def __iter__(self) -> Iterator[Episode]:
         return iter(self._data)
 
-    def sampler(self, batch_size: int, *, seed: int) -> Sampler:
-        return _FramedSampler(self._data.sampler(batch_size, seed=seed), self._frame)
+    def sampler(
+        self,
+        batch_size: int,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int,
+    ) -> Sampler:
+        sampler = self._data.sampler(batch_size, horizon=horizon, burn_in=burn_in, seed=seed)
+        return _FramedSampler(sampler, self._frame)
 
     def filter(self, *, min_return: float) -> Data:
         return _FramedData(self._data.filter(min_return=min_return), self._frame)

@@ -24,6 +24,7 @@ from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
 from swarmdata.learn.training.setup import Setup
 from swarmdata.perception.frames import Frame
+from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
@@ -67,8 +68,8 @@ class Run(Frozen):
     @property
     def sizes(self) -> Sizes:
         """Numbers of agents and features, the choices of a recorded environment, frames."""
-        world = self.spec.world
-        columns = () if world is None else state_columns(make_task(world))
+        task = None if self.spec.world is None else make_task(self.spec.world)
+        columns = () if task is None else state_columns(task)
         is_known = len(columns) == self.state_size  # episodes in memory may have other states
         return Sizes(
             n_agents=self.n_agents,
@@ -79,6 +80,7 @@ class Run(Frozen):
             frame=self.frame,
             robot_columns=N_COLUMNS if is_known else 0,
             state_vectors=planar_vectors(columns) if is_known else (),
+            features=() if task is None else tuple(f.name for f in features_of(task)),
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:

@@ -19,6 +19,7 @@ from tqdm import tqdm
 from swarmdata.datasets.action_scaling import choices_of, has_choices
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Policy
+from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training import checkpoint
@@ -114,8 +115,8 @@ def train_seeds(
 
     Raises:
         UnknownNameError: no such algorithm.
-        SchemaError: the algorithm cannot learn the actions of a recorded environment, or has
-            nothing to compile.
+        SchemaError: the algorithm cannot learn the actions of a recorded environment, has nothing
+            to compile, or has settings of a memory that do not fit each other.
         ProgramError: `compile` found no working compiler.
         CheckpointError: the folder holds another run, or a damaged one.
         DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
@@ -127,9 +128,9 @@ def train_seeds(
     schedule = schedule or Schedule()
     _check_actions(algorithm, dataset)
     if compile:
-        _check_compilable(algorithm, kind)
+        _check_compilable(algorithm, kind, config)
     dataset, min_return = _select(framed(dataset, frame), config)
-    samplers = [dataset.sampler(config.batch_size, seed=seed) for seed in seeds]
+    samplers = [_sampler(dataset, config, seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
     run = _describe(
         algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
@@ -144,8 +145,22 @@ def train_seeds(
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 
 
-def _check_compilable(algorithm: str, kind: type) -> None:
-    """Raises SchemaError unless there is something to compile."""
+def _sampler(dataset: Data, config: Any, seed: int) -> Sampler:
+    """The stream of batches of a seed: transitions, or as many steps of windows with a memory."""
+    size = config.batch_size
+    if not isinstance(config, MemorySettings) or not config.has_memory:
+        return dataset.sampler(size, seed=seed)
+    n_windows = config.n_windows(size)
+    return dataset.sampler(n_windows, horizon=config.window, burn_in=config.burn_in, seed=seed)
+
+
+def _check_compilable(algorithm: str, kind: type, config: Any) -> None:
+    """Raises SchemaError unless there is something to compile, in reasonable time."""
+    if isinstance(config, MemorySettings) and config.has_memory:
+        raise SchemaError(
+            f"{algorithm} has memory={config.memory}, whose steps one after the other would take "
+            "too long to compile. Train it without compiling, or with memory=none."
+        )
     if not has_compilable(kind):
         raise SchemaError(
             f"{algorithm} has nothing to compile: no method of {kind.__name__} is marked with "

@@ -12,7 +12,7 @@ class Sampler(Protocol):
     """An endless seeded stream of batches, split into choosing rows and reading them."""
 
     def draw(self) -> Int: ...  # [B]
-    def gather(self, index: Int) -> Batch: ...  # index [K, B] gives fields [K, B, ...]
+    def gather(self, index: Int) -> Batch: ...  # [K, B] gives fields [K, B, ...], or [K, B, L, ...]
     def state_dict(self) -> dict[str, int]: ...
     def load_state_dict(self, state: Mapping[str, int]) -> None: ...
 
@@ -29,7 +29,14 @@ class Data(Episodes, Protocol):
     @property
     def spec(self) -> Spec: ...
     def __len__(self) -> int: ...  # episodes
-    def sampler(self, batch_size: int, *, seed: int) -> Sampler: ...
+    def sampler(
+        self,
+        batch_size: int,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int,
+    ) -> Sampler: ...
     def filter(self, *, min_return: float) -> "Data": ...  # episodes of at least this team return
 
 

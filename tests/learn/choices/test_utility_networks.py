@@ -18,7 +18,7 @@ from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import SIZES, two_episodes  # noqa: E402
+from tests.offline_algos.toys import SIZES, actions_of, two_episodes  # noqa: E402
 
 DISCRETE = replace(SIZES, choices=((range(3), range(3)), (range(1, 3),)))
 
@@ -83,7 +83,7 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(learner, "value", value)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
-    y = learner.targets(batch)
+    y = learner.targets(learner.networks.see(batch))
     # episode 1: half of 2, and V(1, 1) / 2, then 3 without a bootstrap; a cut does not stop it
     torch.testing.assert_close(y, torch.tensor([[1 + 55.0, 3.0, 1 + 105.0, 3 + 110.0]]))
 
@@ -106,7 +106,7 @@ def test_the_online_networks_choose_and_the_targets_value(is_monotonic: bool) ->
     else:
         q_next = taken.mean((1, 3))
     expected = batch.rewards.mean(-1) + 0.5 * ~batch.terminations * q_next
-    torch.testing.assert_close(learner.targets(batch), expected.detach())
+    torch.testing.assert_close(learner.targets(learner.networks.see(batch)), expected.detach())
 
 
 def test_targets_are_at_most_what_data_return() -> None:
@@ -116,8 +116,8 @@ def test_targets_are_at_most_what_data_return() -> None:
         values.networks.descent.targets["team"].flat.fill_(3.0)
     r = batch.rewards.mean(-1) / 0.5
     bound = r + 0.95 * (~batch.terminations) * 2.0  # the largest return-to-go is 1
-    torch.testing.assert_close(clipped.targets(batch), bound)
-    assert (free.targets(batch) > bound + 1).any()
+    torch.testing.assert_close(clipped.targets(clipped.networks.see(batch)), bound)
+    assert (free.targets(free.networks.see(batch)) > bound + 1).any()
 
 
 def test_mixing_raises_no_value_by_lowering_a_robots() -> None:
@@ -161,8 +161,8 @@ def test_the_mask_holds_in_the_target_and_when_acting(head: Any) -> None:
             make_constant(learner.networks.behavior.network, one)
         q_next = (3.0, 4.0, 5.0)[best]
         expected = batch.rewards.mean(-1) + 0.5 * q_next * ~batch.terminations
-        torch.testing.assert_close(learner.targets(batch), expected)
-        assert (learner.policy(0).actions(observations) == best - 1).all()  # bins -1, 0, 1
+        torch.testing.assert_close(learner.targets(learner.networks.see(batch)), expected)
+        assert (actions_of(learner.policy(0), observations) == best - 1).all()  # bins -1, 0, 1
 
 
 def test_bc_takes_the_mean_of_data_weighed_by_utilities() -> None:
@@ -172,7 +172,7 @@ def test_bc_takes_the_mean_of_data_weighed_by_utilities() -> None:
     # p = softmax(U + log pi_b) of bins -1, 0, 1 has logits (top, 3, 0) and (top, 0, 3)
     for top in (1.0, 4.0):
         make_constant(learner.networks.team.network, *[[top, 0.0, 0.0] * 2] * 2)
-        actions = learner.policy(0).actions(np.zeros((1, 2, 3), np.float32))
+        actions = actions_of(learner.policy(0), np.zeros((1, 2, 3), np.float32))
         total = np.exp([top, 3.0, 0.0]).sum()
         first, second = (1 - np.exp(top)) / total, (np.exp(3.0) - np.exp(top)) / total
         np.testing.assert_allclose(actions, [[[first, second]] * 2], rtol=1e-6)
@@ -226,7 +226,8 @@ def test_robots_with_different_choices_learn_and_stay_within_them(
         losses = learner.update(batch)
     assert all(loss.isfinite().all() for loss in losses.values())
     policy = learner.policy(0)
-    taken = policy.actions(np.random.default_rng(0).normal(size=(200, 2, 3)).astype(np.float32))
+    seen = np.random.default_rng(0).normal(size=(200, 2, 3)).astype(np.float32)
+    taken = actions_of(policy, seen)
     assert set(np.unique(taken[:, 0])) <= {0, 1, 2}
     assert set(np.unique(taken[:, 1, 0])) <= {1, 2}
     assert not taken[:, 1, 1].any()

@@ -11,7 +11,7 @@ from tests.offline_algos.toys import SIZES, statistics  # noqa: E402
 
 def made(floor: float = 0.01) -> BehaviorDensity:
     actor = StackedActor(SIZES, [0], (32,), statistics(), squash=True, device="cpu")
-    return BehaviorDensity(actor, [0], (32,), floor=floor, learning_rate=1e-2, max_norm=None)
+    return BehaviorDensity(actor, [0], floor=floor, learning_rate=1e-2, max_norm=None)
 
 
 @pytest.mark.learns

@@ -14,6 +14,7 @@ from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Step, no_messages  # noqa: E402
+from tests.offline_algos.toys import actions_of  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=4, action=2, state=5)
 CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))
@@ -105,4 +106,4 @@ def test_it_takes_the_best_of_what_is_allowed(regulariser: Any) -> None:
 
 def test_other_observations_are_refused() -> None:
     with pytest.raises(SchemaError, match="expected 4 features of 3 agents"):
-        made().policy(0).actions(np.zeros((2, 3, 5), np.float32))
+        actions_of(made().policy(0), np.zeros((2, 3, 5), np.float32))

@@ -53,6 +53,21 @@ def test_batches_are_those_of_the_data_turned(data: Dataset, frame: Frame) -> No
         np.testing.assert_allclose(back, recorded / norm, atol=1e-6)
 
 
+def test_windows_are_turned_step_by_step(data: Dataset, frame: Frame) -> None:
+    sampler = framed(data, frame).sampler(16, horizon=5, burn_in=3, seed=3)
+    plain = data.sampler(16, horizon=5, burn_in=3, seed=3)
+    index = np.arange(16)
+    seen, world = sampler.gather(index), plain.gather(index)
+    mask = world.mask
+    assert not mask.all()
+    np.testing.assert_array_equal(seen.mask, mask)
+    inputs = frame.inputs(world.observations[mask])
+    np.testing.assert_array_equal(seen.observations[mask], inputs)
+    back = frame.to_world(world.observations[mask], seen.actions[mask])
+    norm = np.maximum(np.linalg.norm(world.actions[mask], axis=-1, keepdims=True), 1)
+    np.testing.assert_allclose(back, world.actions[mask] / norm, atol=1e-6)
+
+
 def test_without_a_frame_it_is_the_data(data: Dataset) -> None:
     assert framed(data, None) is data
 

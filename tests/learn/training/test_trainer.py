@@ -23,9 +23,11 @@ from swarmdata.errors import (  # noqa: E402
     UnknownNameError,
 )
 from swarmdata.interfaces import Policy  # noqa: E402
-from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
+from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy  # noqa: E402
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import Memoryless, TorchPolicy  # noqa: E402
 from swarmdata.learn.training.checkpoint import load_checkpoint  # noqa: E402
+from swarmdata.learn.training.compact import compact, is_same  # noqa: E402
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
@@ -123,6 +125,47 @@ def test_a_stopped_and_resumed_run_equals_an_unbroken_one(
     monkeypatch.undo()
     run(algorithm, broken)
     assert_same_files(whole, broken)
+
+
+@pytest.mark.parametrize("algorithm", ["bc", "filtered_bc", "iql", "vdn", "qmix"])
+def test_policies_with_a_memory_are_resumed_and_loaded(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory = {"memory": "gru", "memory_size": 4, "burn_in": 2, "window": 4}
+    config, folders = config_of(algorithm, **memory), (tmp_path / "whole", tmp_path / "broken")
+    whole = run(algorithm, folders[0], config=config, evaluate=None)
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    update = kind.update
+
+    def interrupted(self: Any, batch: Any) -> Any:
+        assert batch.mask.shape == (2, 2, 6)  # 8 transitions are 2 segments of 4 steps
+        if self.n_updates == 15:
+            raise KeyboardInterrupt
+        return update(self, batch)
+
+    monkeypatch.setattr(kind, "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(algorithm, folders[1], config=config, evaluate=None)
+    monkeypatch.undo()
+    run(algorithm, folders[1], config=config, evaluate=None)
+    for name in (CONFIG, LOSSES, CHECKPOINT):
+        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name
+    compact(folders[1])
+    for policy, kept in zip(whole, load_run(folders[1]), strict=True):
+        assert is_same(policy, kept)
+        assert type(policy) in (RecurrentPolicy, RecurrentChoicePolicy)
+
+
+def test_memories_are_not_compiled(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="bc has memory=gru"):
+        run("bc", tmp_path, config=config_of("bc", memory="gru"), compile=True)
+
+
+def test_a_batch_smaller_than_a_segment_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="batch_size is 8 and window 9"):
+        run("bc", tmp_path, config=config_of("bc", memory="gru", window=9))
+    with pytest.raises(SchemaError, match="memory_size=0, burn_in=10 and window=20"):
+        run("bc", tmp_path, config=config_of("bc", memory="gru", memory_size=0))
 
 
 def test_ctrl_c_says_how_to_go_on(

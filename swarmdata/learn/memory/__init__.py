@@ -1,0 +1,1 @@
+"""Recurrent policies: what they are trained on, their networks, and how they act."""

@@ -1,0 +1,45 @@
+"""MemorySettings, whether a policy remembers, and the windows that it learns from."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from swarmdata.errors import SchemaError
+
+Memory = Literal["none", "gru"]
+"""What a policy acts on: the present observation, or all of the episode so far."""
+
+
+@dataclass(frozen=True)
+class MemorySettings:
+    """Settings of policies with a memory; without one, only `memory` matters."""
+
+    memory: Memory = "none"
+    memory_size: int = 64  # numbers that each robot remembers
+    burn_in: int = 10  # steps before a segment that bring the memory up to date; no loss
+    window: int = 20  # steps of a segment, which the loss is over; `batch_size` counts them
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the policy has a memory."""
+        return self.memory != "none"
+
+    def n_windows(self, batch_size: int) -> int:
+        """Returns how many segments have as many steps as a batch of transitions.
+
+        Args:
+            batch_size: joint transitions.
+
+        Raises:
+            SchemaError: a size is out of range, or less than a segment is asked for.
+        """
+        if self.memory_size < 1 or self.burn_in < 0 or self.window < 1:
+            raise SchemaError(
+                f"got memory_size={self.memory_size}, burn_in={self.burn_in} and window="
+                f"{self.window}, expected at least 1, 0 and 1"
+            )
+        if batch_size < self.window:
+            raise SchemaError(
+                f"batch_size is {batch_size} and window {self.window}: a batch has less than one "
+                "segment. Raise batch_size or lower window."
+            )
+        return batch_size // self.window

@@ -1,0 +1,99 @@
+"""The deterministic policies of K seeds that remember, each shared by all agents.
+
+A robot's memory is that of a gated recurrent unit which sees its normalized observations and its
+number; a perceptron maps these and the memory to actions (Hausknecht & Stone, "Deep recurrent
+Q-learning for partially observable MDPs", 2015, have the unit before the last layer). The memory is
+empty when an episode begins.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from swarmdata.errors import SchemaError
+from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.segments import learned_rows, learned_steps, remembered, take
+from swarmdata.learn.networks.actor import ACTOR_STREAM, PolicyNetwork, StackedActor
+from swarmdata.learn.networks.network_inputs import standardize
+from swarmdata.learn.networks.perceptrons import MLPShape, initialize
+from swarmdata.learn.networks.team_networks import by_network, from_rows, to_rows
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.training.setup import Setup
+from swarmdata.types import Batch
+
+
+class RecurrentActor:
+    """Maps all normalized observations of an episode so far, and the agent's number, to actions.
+
+    Args:
+        setup: sizes, seeds and the dataset's statistics.
+        hidden: sizes of the hidden layers.
+        settings: of the memory.
+        squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
+    """
+
+    def __init__(
+        self, setup: Setup, hidden: tuple[int, ...], settings: MemorySettings, *, squash: bool
+    ) -> None:
+        sizes, statistics = setup.sizes, setup.statistics
+        perceptron = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
+        shape = GatedShape.reading(perceptron, settings.memory_size)
+        self.network = StackedGates(shape, setup.n_seeds, setup.device)
+        initialize(self.network, setup.seeds, ACTOR_STREAM)
+        self.squash, self.window, self._frame = squash, settings.window, sizes.frame
+        self._mean = torch.tensor(statistics.observation_mean, dtype=torch.float64)
+        self._std = torch.tensor(statistics.observation_std, dtype=torch.float64)
+        self._mean_here = self._mean.to(setup.device, torch.float32)
+        self._std_here = self._std.to(setup.device, torch.float32)
+
+    def along(self, batch: Batch) -> tuple[Batch, Tensor]:
+        """Returns the transitions to learn from, fields [K, R, ...], and the actions there.
+
+        Args:
+            batch: windows [K, B, L, ...]; R is B times the steps of a segment.
+        """
+        rows = learned_rows(batch.mask, self.window)
+        features = standardize(batch.observations, self._mean_here, self._std_here)
+        memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
+        seen = to_rows(take(features, rows), "shared")
+        outputs = self.network.read(seen, by_network(memory, "shared"))
+        actions = from_rows(outputs.tanh() if self.squash else outputs, memory.shape, "shared")
+        return learned_steps(batch, rows), actions
+
+    def policy(self, index: int) -> RecurrentPolicy:
+        """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
+        return RecurrentPolicy(
+            layers=self.network.extract(index, torch.float64),
+            observation_mean=self._mean,
+            observation_std=self._std,
+            squash=self.squash,
+            frame=self._frame,
+        )
+
+
+def make_actor(
+    setup: Setup,
+    hidden: Sequence[int],
+    settings: MemorySettings,
+    *,
+    squash: bool,
+    policy_network: PolicyNetwork,
+) -> StackedActor | RecurrentActor:
+    """Makes the actors of K seeds, which remember if the settings say so.
+
+    Raises:
+        SchemaError: networks over sets are to remember.
+    """
+    if settings.has_memory:
+        if policy_network != "mlp":
+            raise SchemaError(
+                f"got policy_network {policy_network} with memory {settings.memory}: only mlp has "
+                "a memory. Set memory none or policy_network mlp."
+            )
+        return RecurrentActor(setup, tuple(hidden), settings, squash=squash)
+    return StackedActor(
+        setup.sizes, setup.seeds, tuple(hidden), setup.statistics,
+        squash=squash, device=setup.device, policy_network=policy_network,
+    )  # fmt: skip

@@ -1,0 +1,120 @@
+"""RecurrentPolicy, the greedy policy of one seed that remembers the running episode."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from swarmdata.errors import SchemaError
+from swarmdata.learn.memory.gated_networks import next_memory, read
+from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows, to_rows
+from swarmdata.learn.policies.torch_policy import standard_features
+from swarmdata.perception.frames import Frame, in_world
+from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
+from swarmdata.types import Float, Int, Step
+
+
+class RunningMemory:
+    """What the robots of E running episodes remember; empty when an episode begins.
+
+    It is kept in float32: the sums of a network round differently when other copies run beside,
+    and rounding after every step keeps such differences of 1e-16 from growing along an episode.
+    """
+
+    def __init__(self) -> None:
+        self._values: Tensor | None = None  # float32 [E, N, M]
+
+    def reset(self, step: Step, copies: Int, size: int) -> None:
+        """Empties the memory of some copies; of all of them, if their number has changed.
+
+        Args:
+            step: of all copies.
+            copies: in which new episodes have begun.
+            size: numbers that a robot remembers, M.
+        """
+        shape = (*step.observations.shape[:2], size)
+        if self._values is None or self._values.shape != shape:
+            self._values = torch.zeros(shape)
+        self._values[torch.from_numpy(np.asarray(copies, dtype=np.int64))] = 0.0
+
+    @torch.no_grad()
+    def advance(self, gates: Sequence[Layer], features: Tensor, parameters: Parameters) -> Tensor:
+        """Takes in a step; returns the memory after it, float64 [E, N, M].
+
+        Args:
+            gates: layers of gated units, and more, float64.
+            features: what the robots see, normalized, float64 [E, N, F].
+            parameters: whether the robots share one network.
+
+        Raises:
+            SchemaError: the memory is of other copies.
+        """
+        if self._values is None or self._values.shape[:2] != features.shape[:2]:
+            raise SchemaError(
+                f"a policy with memory got a step of {tuple(features.shape[:2])} copies and robots,"
+                f" and remembers {None if self._values is None else tuple(self._values.shape[:2])}."
+                " Call reset(step, copies) with all copies before the first act(step)."
+            )
+        before = by_network(self._values[None].double(), parameters)
+        after = next_memory(gates, to_rows(features[None], parameters), before)
+        self._values = from_rows(after, (1, *features.shape), parameters)[0].float()
+        return self._values.double()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecurrentPolicy:
+    """Actors on all normalized observations of an episode so far, as `TorchPolicy` on the last.
+
+    `reset` empties the memory of the copies it names, and `act` takes one step in; so every step
+    of an episode is acted on once, in order.
+
+    Attributes:
+        layers: gates and reader of the actors (`gated_networks`), float64; R = 1 if they are
+            shared, else N.
+        observation_mean: subtracted from observations, float64 [O].
+        observation_std: what they are divided by, float64 [O].
+        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
+        frame: in which the actors see and act; None for the world's.
+        parameters: whether the agents share one actor.
+    """
+
+    layers: Sequence[Layer]
+    observation_mean: Tensor
+    observation_std: Tensor
+    squash: bool
+    frame: Frame | None = None
+    uses_state: bool = False
+    parameters: Parameters = "shared"
+    _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
+    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        self._memory.reset(step, copies, self.layers[1].weight.shape[1])
+
+    @torch.no_grad()
+    def act(self, step: Step) -> Float:
+        """Returns joint actions, float32 [E, N, A], and remembers the step.
+
+        Raises:
+            SchemaError: the observations are not those the policy was trained on, or `reset` was
+                not called with these copies.
+        """
+        observations = step.observations
+        framed = observations if self.frame is None else self.frame.inputs(observations)
+        features = standard_features(
+            self.layers[0], framed, self.observation_mean, self.observation_std, self.parameters
+        )
+        memory = self._memory.advance(self.layers, features, self.parameters)
+        rows = by_network(memory[None], self.parameters)
+        outputs = read(self.layers, to_rows(features[None], self.parameters), rows)
+        answers = from_rows(outputs, (1, *features.shape), self.parameters)[0]
+        local = answers.tanh() if self.squash else answers.clamp(-1, 1)
+        actions = in_world(self.frame, observations, local.numpy()).astype(np.float32)
+        self._last.keep(step, actions.astype(np.float64))
+        return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return certain_log_probs(self._last.require(step).astype(np.float32), actions)

@@ -1,0 +1,122 @@
+"""Gated units equal torch's, forget where told to, and stack."""
+
+from typing import Any
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from swarmdata.learn.memory.gated_networks import (  # noqa: E402
+    GatedShape,
+    StackedGates,
+    memories,
+    next_memory,
+)
+from swarmdata.learn.networks.optimizer import StackedAdam  # noqa: E402
+from swarmdata.learn.networks.perceptrons import MLPShape, initialize  # noqa: E402
+
+F, M, T, B = 5, 4, 6, 3
+
+
+def made(n_networks: int = 2, *, reader: bool = False) -> StackedGates:
+    shape = GatedShape.reading(MLPShape(F, (8,), 2), M) if reader else GatedShape(F, M)
+    network = StackedGates(shape, n_networks, "cpu")
+    initialize(network, range(n_networks), 0)
+    return network
+
+
+def torch_unit(network: StackedGates, row: int) -> Any:
+    """The unit of one row as torch writes it: outputs first, r, z, n."""
+    unit: Any = torch.nn.GRU(F, M)
+    of_inputs, of_memory = network.extract(row, torch.float32)[:2]
+    with torch.no_grad():
+        unit.weight_ih_l0.copy_(of_inputs.weight[0].T)
+        unit.bias_ih_l0.copy_(of_inputs.bias[0, 0])
+        unit.weight_hh_l0.copy_(of_memory.weight[0].T)
+        unit.bias_hh_l0.copy_(of_memory.bias[0, 0])
+    return unit
+
+
+def test_memories_and_gradients_are_those_of_torch() -> None:
+    network = made()
+    inputs = torch.randn(2, T, B, F, generator=torch.Generator().manual_seed(0))
+    starts = torch.zeros(2, T, B, dtype=torch.bool)
+    starts[:, 0] = True
+    found = network.remember(inputs, starts)
+    network.backward(found.square().sum())
+    of_inputs, of_memory = network._gradients
+    for row in range(2):
+        unit = torch_unit(network, row)
+        expected, _ = unit(inputs[row])
+        torch.testing.assert_close(found[row], expected, rtol=1e-5, atol=1e-6)
+        expected.square().sum().backward()
+        pairs = (
+            (of_inputs.weight[row].T, unit.weight_ih_l0.grad),
+            (of_inputs.bias[row, 0], unit.bias_ih_l0.grad),
+            (of_memory.weight[row].T, unit.weight_hh_l0.grad),
+            (of_memory.bias[row, 0], unit.bias_hh_l0.grad),
+        )
+        for ours, theirs in pairs:
+            torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_a_start_forgets_what_was_before() -> None:
+    network, inputs = made(), torch.randn(2, T, B, F)
+    starts = torch.zeros(2, T, B, dtype=torch.bool)
+    starts[:, 3, 1] = True
+    changed = inputs.clone()
+    changed[:, :3] += 1.0
+    one, other = network.remember(inputs, starts), network.remember(changed, starts)
+    assert torch.equal(one[:, 3:, 1], other[:, 3:, 1])
+    assert not torch.isclose(one[:, 3:, [0, 2]], other[:, 3:, [0, 2]]).all(-1).any()
+
+
+def test_steps_one_by_one_are_a_window() -> None:
+    network, inputs = made(), torch.randn(2, T, B, F)
+    starts = torch.zeros(2, T, B, dtype=torch.bool)
+    whole = network.remember(inputs, starts)
+    memory = torch.zeros(2, B, M)
+    for t in range(T):
+        memory = next_memory(network.layers, inputs[:, t], memory)
+        torch.testing.assert_close(memory, whole[:, t])
+    rest = memories(network.layers, inputs[:, 4:], starts[:, 4:], whole[:, 3])
+    torch.testing.assert_close(rest, whole[:, 4:])
+
+
+def test_stacked_units_are_separate_ones() -> None:
+    both, second = made(), made()
+    second.flat[0] = 0.0
+    inputs, starts = torch.randn(2, T, B, F), torch.zeros(2, T, B, dtype=torch.bool)
+    assert torch.equal(both.remember(inputs, starts)[1], second.remember(inputs, starts)[1])
+
+
+@pytest.mark.parametrize("reader", [False, True])
+def test_one_buffer_holds_all_weights(reader: bool) -> None:
+    network = made(reader=reader)
+    assert sum(part.numel() for layer in network.layers for part in layer[:2] if part is not None)
+    n_weights = sum(w.numel() for layer in network.layers for w in layer if w is not None)
+    assert network.flat.numel() == n_weights == 2 * network.shape.n_parameters
+    assert network.shape.outputs == (2 if reader else M)
+    copy = network.clone()
+    network.flat.zero_()
+    assert copy.flat.abs().sum() > 0
+    assert type(copy) is StackedGates
+
+
+@pytest.mark.learns
+def test_it_learns_to_recall_the_first_input() -> None:
+    """A sign is seen at the first of 6 steps, then noise; without a memory the error stays 1."""
+    network = made(reader=True)
+    adam = StackedAdam(network, 2, 1e-2)
+    generator = torch.Generator().manual_seed(0)
+    starts = torch.zeros(2, T, 64, dtype=torch.bool)
+    for _ in range(300):
+        inputs = torch.randn(2, T, 64, F, generator=generator)
+        inputs[..., 0] = 0.0
+        sign = torch.randint(2, (2, 64), generator=generator) * 2.0 - 1
+        inputs[:, 0, :, 0] = sign
+        memory = network.remember(inputs, starts)[:, -1]
+        answers = network.read(inputs[:, -1], memory)[..., 0]
+        loss = (answers - sign).square().mean(1)
+        adam.step(loss)
+    assert (loss < 0.1).all()
