@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -143,19 +143,28 @@ class Mixture:
         return Mixture(tuple(p for p, _ in kept), _normalized([w for _, w in kept]))
 
     def sampler(
-        self, batch_size: int = 256, *, horizon: int | None = None, seed: int = 0
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
     ) -> "MixtureSampler":
         """Returns an endless stream of batches, each of whose rows is drawn with the weights.
 
         Args:
             batch_size: transitions or windows in a batch, B.
             horizon: steps of masked windows, as `Dataset.sampler` takes it.
+            burn_in: steps before the segments, as `Dataset.sampler` takes it.
             seed: of the stream.
 
         Raises:
             SchemaError: a size is below 1, or continuous actions have no bounds.
         """
-        samplers = [part.sampler(batch_size, horizon=horizon, seed=seed) for part in self.parts]
+        samplers = [
+            part.sampler(batch_size, horizon=horizon, burn_in=burn_in, seed=seed)
+            for part in self.parts
+        ]
         return MixtureSampler(samplers, self.weights)
 
     def make_env(self, n_copies: int = 1) -> VecEnv:
@@ -182,6 +191,8 @@ class MixtureSampler:
         self._samplers, self._n_drawn = tuple(samplers), 0
         self._bounds = np.cumsum(weights)[:-1]
         self._starts = np.cumsum([0, *(len(s.rows.episode) for s in samplers)])
+        n_episodes = (np.count_nonzero(s.rows.positions >= 0) for s in samplers)
+        self._first_episodes = np.cumsum([0, *n_episodes])  # of each part, in the mixture
         self.batch_size, self.seed = samplers[0].batch_size, samplers[0].seed
 
     def __iter__(self) -> "MixtureSampler":
@@ -222,10 +233,7 @@ class MixtureSampler:
         parts = np.searchsorted(self._starts, index, side="right") - 1
         present = [part for part in range(len(self._samplers)) if (parts == part).any()]
         owns = [parts == part for part in present]
-        batches = [
-            self._samplers[part].gather(index[own] - self._starts[part])
-            for part, own in zip(present, owns, strict=True)
-        ]
+        batches = [self._gather(part, index[own]) for part, own in zip(present, owns, strict=True)]
         values: dict[str, Any] = {}
         for field in fields(Batch):
             found = [getattr(batch, field.name) for batch in batches]
@@ -237,6 +245,12 @@ class MixtureSampler:
                 whole[own] = each
             values[field.name] = whole
         return Batch(**values)
+
+    def _gather(self, part: int, index: Int) -> Batch:
+        batch = self._samplers[part].gather(index - self._starts[part])
+        if batch.episodes is None:
+            return batch
+        return replace(batch, episodes=batch.episodes + self._first_episodes[part])
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume the stream: plain integers."""

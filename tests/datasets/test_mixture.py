@@ -116,6 +116,27 @@ def test_the_return_to_go_deviates_by_the_weights(parts: tuple[Dataset, Dataset]
     assert alone[0].return_std != pytest.approx(alone[1].return_std, rel=1e-3)
 
 
+def test_episodes_are_numbered_through_all_parts(mixture: Mixture) -> None:
+    sampler = mixture.sampler(400, seed=1)
+    index = sampler.draw()
+    episodes = sampler.gather(index).episodes
+    is_first, n_first = index < mixture.parts[0].n_steps, len(mixture.parts[0])
+    assert set(np.unique(episodes[is_first])) == set(range(n_first))
+    assert set(np.unique(episodes[~is_first])) == set(range(n_first, len(mixture)))
+
+
+def test_segments_with_a_burn_in_are_those_of_the_parts(mixture: Mixture) -> None:
+    sampler, first = (
+        each.sampler(64, horizon=4, burn_in=2, seed=1) for each in (mixture, mixture.parts[0])
+    )
+    index = sampler.draw()
+    own = index < mixture.parts[0].n_steps
+    ours, theirs = sampler.gather(index), first.gather(index[own])
+    assert ours.mask.shape == (64, 6)
+    np.testing.assert_array_equal(ours.observations[own], theirs.observations)
+    np.testing.assert_array_equal(ours.mask[own], theirs.mask)
+
+
 def test_frames_keep_the_weights(mixture: Mixture) -> None:
     frame = find_frame(features_of(make_task(TINY.spec)), "target")
     data = framed(mixture, frame)
