@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from swarmdata.cli.shared_options import Communication, Episodes, Observation, Task
+from swarmdata.cli.shared_options import (
+    Again,
+    Communication,
+    Episodes,
+    Observation,
+    Task,
+    Validation,
+)
 
 
 def evaluate(
@@ -20,13 +27,8 @@ def evaluate(
         str | None,
         typer.Option(help="name of the targets in tables", show_default="the target's name"),
     ] = None,
-    validation: Annotated[
-        bool,
-        typer.Option("--validation", help="use the validation seeds, to choose settings"),
-    ] = False,
-    again: Annotated[
-        bool, typer.Option(help="evaluate again, even if --out has the result")
-    ] = False,
+    validation: Validation = False,
+    again: Again = False,
     observation: Observation = None,
     communication: Communication = None,
 ) -> None:

@@ -51,3 +51,10 @@ def parse_settings(texts: list[str] | None, option: str = "--set") -> dict[str, 
             raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint=option)
         settings[key] = value
     return settings
+
+
+Validation = Annotated[
+    bool, typer.Option("--validation", help="use the validation seeds, to choose settings")
+]
+
+Again = Annotated[bool, typer.Option(help="evaluate again, even if --out has the result")]
