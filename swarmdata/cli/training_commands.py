@@ -70,27 +70,36 @@ def train(
     interrupted training resumes: run the same command again. Online training may begin with the
     networks of an offline run (--start) and mix recorded data into its batches (--data).
     """
-    from swarmdata.runtime.extras import require_extra
-
-    require_extra("torch", "torch", "training")
-    from swarmdata.evaluation.runs.train import train, train_online
-
     _check_arguments(context, algorithm, data, task)
     changes = _changes(config, settings, n_steps=steps, n_updates=updates, regulariser=regulariser)
     ids, weights = _datasets(recorded if data is None else data)
-    sources = [task] if task else [ids] if isinstance(ids, str) else ids or []
-    folder = out or Path("runs") / f"{algorithm}-{'+'.join(Path(each).stem for each in sources)}"
-    options: dict[str, Any] = {"observation": observation, "communication": communication}
+    folder = out or _default_folder(algorithm, task or ids)
+    options: Any = {"observation": observation, "communication": communication, "weights": weights}
     if task is not None:
         options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
-        options |= {"start": start, "data": ids, "weights": weights, "offline_share": offline_share}
-        train_online(algorithm, task, folder, changes=changes, **options)
+        options |= {"start": start, "data": ids, "offline_share": offline_share}
+        _trainers().train_online(algorithm, task, folder, changes=changes, **options)
     elif data is not None:
         options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
-        options |= {"compile": compile, "rewards": _rewards(reward)}
-        options["weights"] = weights
-        train(algorithm, ids or data, folder, n_seeds=seeds, changes=changes, **options)
+        options |= {"compile": compile, "rewards": _rewards(reward), "n_seeds": seeds}
+        _trainers().train(algorithm, ids or data, folder, changes=changes, **options)
     typer.echo(folder)
+
+
+def _trainers() -> Any:
+    """Returns the module that trains, offline and online, which needs an extra."""
+    from swarmdata.runtime.extras import require_extra
+
+    require_extra("torch", "torch", "training")
+    from swarmdata.evaluation.runs import train
+
+    return train
+
+
+def _default_folder(algorithm: str, sources: str | list[str] | None) -> Path:
+    """Returns the run folder that is named after the algorithm and the task or datasets."""
+    names = [sources] if isinstance(sources, str) else sources or []
+    return Path("runs") / f"{algorithm}-{'+'.join(Path(name).stem for name in names)}"
 
 
 def _check_arguments(

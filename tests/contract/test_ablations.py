@@ -11,14 +11,16 @@ from swarmdata.learn.training.setup import Setup
 from swarmdata.learn.training.training_data import Selective
 from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from tests.contract.test_algorithms import SIZES, SMALL, draw, statistics, step
+from tests.contract.test_algorithms import N_EPISODES, SIZES, SMALL, draw, statistics, step
 
+N_UPDATES = 20
 ABLATED = {name: ablation for name, ablation in ABLATIONS.items() if ablation is not None}
 
 
 def made(name: str, settings: dict[str, Any]) -> Any:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    return kind(Setup(SIZES, (0,), statistics()), kind.Config(**{**SMALL[name], **settings}))
+    config = kind.Config(**{**SMALL[name], "n_updates": N_UPDATES, **settings})
+    return kind(Setup(SIZES, (0,), statistics(), n_episodes=N_EPISODES), config)
 
 
 def test_every_algorithm_has_an_ablation_or_is_the_clone() -> None:
@@ -36,7 +38,7 @@ def test_without_its_ingredient_it_learns_something_else(name: str) -> None:
         assert not isinstance(other.config, Selective)
         return
     for algorithm in (full, other):
-        for index in range(20):
+        for index in range(N_UPDATES):
             algorithm.update(draw((0,), index))
     ours, theirs = (algorithm.policy(0).act(step()) for algorithm in (full, other))
     assert np.abs(ours - theirs).max() > 1e-4

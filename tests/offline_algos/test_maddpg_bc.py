@@ -1,6 +1,6 @@
 """MADDPG+BC: targets, twins, the two policy gradients, and that it improves on its data."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from tests.offline_algos.toys import (  # noqa: E402
     made,
     progress_of,
     random_batch,
+    seed_of,
     set_bias,
     statistics,
     trained,
@@ -259,9 +260,9 @@ def test_a_seed_of_a_stack_learns_what_it_learns_alone() -> None:
         stack.update(batch)
     for seed in range(3):
         alone = MADDPGBC(Setup(SIZES, [seed], statistics()), stack.config)
-        row = {f.name: getattr(batch, f.name)[seed : seed + 1] for f in fields(batch)}
+        row = seed_of(batch, seed)
         for _ in range(50):
-            alone.update(Batch(**row))
+            alone.update(row)
         pairs = {
             "actor": (
                 stack.actor.online.network.flat[seed],

@@ -126,6 +126,12 @@ def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
     )
 
 
+def seed_of(batch: Batch, seed: int) -> Batch:
+    """Returns the rows of one seed, [1, B, ...], of a batch [K, B, ...]."""
+    values = {field.name: getattr(batch, field.name) for field in fields(batch)}
+    return Batch(**{k: None if v is None else v[seed : seed + 1] for k, v in values.items()})
+
+
 def actions_of(policy: Policy, observations: Float) -> Float:
     """Returns the actions of a policy without memory."""
     assert isinstance(policy, Memoryless)

@@ -14,6 +14,7 @@ from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG, Learner, MADDPGConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
+from tests.offline_algos.toys import seed_of  # noqa: E402
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 SMALL: dict[str, Any] = {
@@ -80,7 +81,7 @@ def test_smoothing_noise_is_clipped_and_per_seed() -> None:
     assert not torch.equal(first, second)
     torch.testing.assert_close(first, second, rtol=0, atol=0.05)
     alone = Learner(SIZES, [1], learner.config)
-    row = Batch(**{name: getattr(batch, name)[1:] for name in Batch.__dataclass_fields__})
+    row = seed_of(batch, 1)
     torch.testing.assert_close(alone.targets(row)[0], first[1], rtol=0, atol=1e-5)
 
 
@@ -158,9 +159,9 @@ def test_a_seed_of_a_stack_learns_what_it_learns_alone(parameters: Any) -> None:
         stack.update(batch)
     for seed in range(3):
         alone = Learner(SIZES, [seed], stack.config)
-        row = {name: getattr(batch, name)[seed : seed + 1] for name in Batch.__dataclass_fields__}
+        row = seed_of(batch, seed)
         for _ in range(20):
-            alone.update(Batch(**row))
+            alone.update(row)
         ours = stack.critics.online.flat[2 * seed : 2 * seed + 2]
         torch.testing.assert_close(ours, alone.critics.online.flat, rtol=0, atol=2e-5)
         n_rows = stack.actors.n_rows

@@ -92,8 +92,7 @@ def train(
     view: dict[str, Any] = {"observation": observation, "communication": communication}
     view |= {"rewards": rewards, "progress": progress}
     dataset = open_data(dataset_id, weights, view)
-    spec = dataset.spec
-    evaluation = None
+    spec, evaluation = dataset.spec, None
     if spec.world is not None and is_simulated(spec.world):
         evaluation = partial(measure_curve_point, spec=spec.world)
     return train_seeds(

@@ -17,7 +17,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.exploration import normal_like
-from swarmdata.perception.slots import slots_of
+from swarmdata.perception.feature_slots import slots_of
 from swarmdata.types import Batch
 
 ACTOR_STREAM, CRITIC_STREAM = 0, 1

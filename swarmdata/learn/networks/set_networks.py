@@ -30,7 +30,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp,
     mlp_of_branches,
 )
-from swarmdata.perception.slots import SlotKind, Slots
+from swarmdata.perception.feature_slots import SlotKind, Slots
 
 
 @dataclass(frozen=True, slots=True)

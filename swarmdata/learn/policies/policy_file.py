@@ -17,8 +17,8 @@ from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.perception.feature_slots import Slots
 from swarmdata.perception.frames import Frame
-from swarmdata.perception.slots import Slots
 
 KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind

@@ -12,8 +12,8 @@ from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.set_networks import SetShape, over_sets
 from swarmdata.learn.policies.torch_policy import Memoryless
+from swarmdata.perception.feature_slots import Slots, slots_of
 from swarmdata.perception.frames import Frame, find_frame, in_world
-from swarmdata.perception.slots import Slots, slots_of
 from swarmdata.specs.features import Feature
 from swarmdata.types import Float
 

@@ -21,6 +21,7 @@ from tests.offline_algos.conftest import play  # noqa: E402
 from tests.offline_algos.toys import random_batch  # noqa: E402
 
 BURN_IN, WINDOW = 3, 5
+MISSING = ("log_probs", "episodes")
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +118,7 @@ def test_transitions_keep_what_they_lack() -> None:
     batch = random_batch(2, 12)
     windows = type(batch)(
         **{
-            name: None if name == "log_probs" else getattr(batch, name).unflatten(1, (2, 6))
+            name: None if name in MISSING else getattr(batch, name).unflatten(1, (2, 6))
             for name in batch.__dataclass_fields__
         }
     )

@@ -12,7 +12,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.networks.perceptrons import initialize  # noqa: E402
 from swarmdata.learn.networks.set_networks import SetShape, StackedSets, over_sets  # noqa: E402
-from swarmdata.perception.slots import SlotKind, Slots  # noqa: E402
+from swarmdata.perception.feature_slots import SlotKind, Slots  # noqa: E402
 
 
 def slots_with(n_neighbors: int, n_goals: int) -> Slots:

@@ -10,7 +10,10 @@ torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.hub.catalog.catalog import load  # noqa: E402
+from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
+from swarmdata.learn.policies.flow_policy import FlowPolicy  # noqa: E402
+from swarmdata.learn.policies.latent_policy import LatentPolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
@@ -19,7 +22,9 @@ from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task  # noqa: E402
+from swarmdata.types import Float  # noqa: E402
 from tests.learn.training.test_trainer import config_of  # noqa: E402
+from tests.offline_algos.toys import step_of  # noqa: E402
 from tests.support.tiny import make_tiny  # noqa: E402
 
 
@@ -84,6 +89,10 @@ def test_observations_are_normalized_as_they_are_seen(data: Dataset, frame: Fram
     assert (measured.return_std, measured.max_return) == (world.return_std, world.max_return)
 
 
+def acted(policy: Policy, observations: Float) -> Float:
+    return policy.act(step_of(len(observations))._replace(observations=observations))
+
+
 @pytest.mark.parametrize("algorithm", OFFLINE_ALGORITHMS)
 def test_policies_act_in_the_world_and_are_loaded_with_their_frame(
     algorithm: str, data: Dataset, frame: Frame, tmp_path: Path
@@ -95,13 +104,12 @@ def test_policies_act_in_the_world_and_are_loaded_with_their_frame(
     assert read_run(tmp_path).frame == frame
     observations = data[0].observations[:4]
     for kept, policy in zip(load_run(tmp_path), policies, strict=True):
-        assert isinstance(policy, TorchPolicy | ChoicePolicy)
-        assert isinstance(kept, TorchPolicy | ChoicePolicy)
-        actions = policy.actions(observations)
-        np.testing.assert_array_equal(kept.actions(observations), actions)
+        assert isinstance(policy, TorchPolicy | ChoicePolicy | FlowPolicy | LatentPolicy)
+        actions = acted(policy, observations)
+        np.testing.assert_array_equal(acted(kept, observations), actions)
         assert actions.shape == (4, data.task.n_agents, 2)
         assert np.linalg.norm(actions, axis=-1).max() <= 1 + 1e-6
         world = dataclasses.replace(policy, frame=None)
-        turned = frame.to_world(observations, world.actions(frame.inputs(observations)))
+        turned = frame.to_world(observations, acted(world, frame.inputs(observations)))
         norm = np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1)
         np.testing.assert_allclose(actions, turned / norm, atol=1e-6)

@@ -15,6 +15,7 @@ from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.online_algos.qmix import QMIXConfig, QMIXLearner  # noqa: E402
 from swarmdata.online_algos.vdn import VDNConfig, VDNLearner  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
+from tests.offline_algos.toys import seed_of  # noqa: E402
 
 N_AGENTS, N_BINS, N_DIMENSIONS = 2, 3, 2
 SETTINGS: dict[str, Any] = {
@@ -72,8 +73,8 @@ def test_the_online_networks_choose_and_the_targets_value(kind: str) -> None:
     k, b = 1, 7
     seen = batch.next_observations[k : k + 1, b : b + 1]
     both = seen.expand(2, -1, -1, -1)
-    online = learner.utilities(both)[k, 0]  # [N, D, C]
-    target = learner.utilities(both, learner.descent.targets["team"])[k, 0]
+    online = learner.utilities(both)[k, 0, 0]  # [N, D, C]
+    target = learner.utilities(both, learner.descent.targets["team"])[k, 0, 0]
     values = []
     for robot in range(N_AGENTS):
         picked = [target[robot, d, int(online[robot, d].argmax())] for d in range(N_DIMENSIONS)]
@@ -95,7 +96,7 @@ def test_a_step_moves_everything_towards_the_targets(kind: str) -> None:
     frozen = learner.targets(batch)
 
     def error() -> Tensor:
-        q = learner.value(batch.observations, batch.states, batch.actions.long())
+        q = learner.value(batch.observations, batch.states, batch.actions.long())[:, 0]
         return (q - frozen).abs().mean(1).detach()
 
     before, networks = error(), learner.descent.networks
@@ -132,7 +133,7 @@ def test_truncation_bootstraps_and_termination_does_not() -> None:
 def test_a_seed_of_a_stack_learns_what_it_learns_alone(kind: str) -> None:
     stack, batch = made(kind, 2), random_batch(2)
     alone = made(kind, 1)  # seed 0
-    first = Batch(**{name: getattr(batch, name)[:1] for name in Batch.__dataclass_fields__})
+    first = seed_of(batch, 0)
     for _ in range(20):
         stack.update(batch)
         alone.update(first)
@@ -178,7 +179,7 @@ def play(payoff: Tensor, kind: str) -> tuple[Tensor, Tensor]:
     for _ in range(800):
         learner.update(batch)
     q = learner.value(batch.observations, batch.states, cells[..., None]).detach().view(3, 3)
-    return q, bins.greedy(learner.utilities(batch.observations))[0, 0, :, 0]
+    return q, bins.greedy(learner.utilities(batch.observations))[0, 0, 0, :, 0]
 
 
 def test_a_sum_of_values_is_found_by_both() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import SchemaError
+from swarmdata.perception.feature_slots import Slots, slots_of
 from swarmdata.perception.frames import find_frame
 from swarmdata.perception.observer import features_of
-from swarmdata.perception.slots import Slots, slots_of
 from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
