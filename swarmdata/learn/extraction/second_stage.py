@@ -164,9 +164,9 @@ class SecondStage:
         candidates = self._draw(moments)
         with torch.no_grad():
             drawn = valuer.of_candidates(candidates)  # [K, B, N, M]
-            if config.extraction == "tilted":
-                return tilted_loss(pi, candidates, drawn, eta), drawn.mean(3)
-            taken = valuer.of_candidates(actions[..., None, :])[..., 0]
+            taken = valuer.of_candidates(actions[..., None, :])[..., 0]  # [K, B, N]
+        if config.extraction == "tilted":
+            return tilted_loss(pi, candidates, drawn, eta), drawn.mean(3)
         advantages = taken - drawn.mean(3)
         largest = config.max_extraction_weight
         return weighted_loss(pi, actions, advantages, eta, largest), taken
