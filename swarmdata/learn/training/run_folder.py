@@ -215,11 +215,21 @@ def restore(algorithm: Algorithm, state: Mapping[str, Any], *, is_compact: bool 
 
 
 def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:
-    """Reads the statistics back from a checkpoint's tensors."""
+    """Reads the statistics back from a checkpoint's tensors.
+
+    Raises:
+        CheckpointError: an older swarmdata wrote them, with fewer.
+    """
     values: dict[str, Any] = {
         name: tensor.numpy() if tensor.ndim else tensor.item()
         for name, tensor in checkpoint.part(tensors, "statistics").items()
     }
+    expected = {field.name for field in dataclasses.fields(Statistics)}
+    if missing := sorted(expected - values.keys()):
+        raise CheckpointError(
+            f"the checkpoint lacks the statistics {', '.join(missing)}: an older swarmdata wrote "
+            "it, whose networks were others. Train again, or use that version."
+        )
     return Statistics(**values)
 
 

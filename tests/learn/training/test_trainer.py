@@ -28,7 +28,7 @@ from swarmdata.learn.policies.flow_policy import FlowPolicy  # noqa: E402
 from swarmdata.learn.policies.latent_policy import LatentPolicy  # noqa: E402
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
-from swarmdata.learn.training.checkpoint import load_checkpoint  # noqa: E402
+from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402
 from swarmdata.learn.training.compact import compact, is_same  # noqa: E402
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
@@ -236,6 +236,15 @@ def test_a_loaded_policy_acts_like_the_trained_one(algorithm: str, tmp_path: Pat
     for one, two in zip(trained, loaded, strict=True):
         step = step_of(4)._replace(observations=observations)
         np.testing.assert_array_equal(one.act(step), two.act(step))
+
+
+def test_checkpoints_of_other_statistics_are_refused_in_one_sentence(tmp_path: Path) -> None:
+    run("bc", tmp_path)
+    tensors, metadata = load_checkpoint(tmp_path / CHECKPOINT)
+    del tensors["statistics.own_return_std"]
+    save_checkpoint(tmp_path / CHECKPOINT, tensors, metadata)
+    with pytest.raises(CheckpointError, match=r"lacks the statistics own_return_std: an older"):
+        load_run(tmp_path)
 
 
 def test_a_seed_does_not_depend_on_the_others(tmp_path: Path) -> None:
