@@ -39,7 +39,6 @@ class RobotCritics:
         hidden: tuple[int, ...],
         **options: Unpack[CriticOptions],
     ) -> None:
-        self._n_agents = sizes.n_agents
         self._views = RobotViews(sizes, normalizer, critic, options.get("device", "cpu"))
         n_inputs = self._views.n_features + self._views.n_actions
         self._critics = Critics(n_inputs, seeds, hidden, **options)
