@@ -15,7 +15,7 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, RecipeConflictError
 from swarmdata.record import Recorder, recover
-from swarmdata.record.recording_folder import inspect_recording, unfinished_folder
+from swarmdata.record.recording_folder import SESSION_FILE, inspect_recording, unfinished_folder
 from swarmdata.store import open_store, read_part_table
 from swarmdata.testing.synthetic import make_dataset
 from tests.record.worlds import Counting, play, steady
@@ -82,9 +82,8 @@ def kill_while_recording(path: Path, n_kills: int) -> int:
         returned, lines = run_and_kill(code, path, rng.uniform(0.0, 0.15))
         assert returned == -signal.SIGKILL
         told = [int(line) for line in lines if line.isdecimal()]
-        ((_, found, _),) = (
-            inspect_recording(path).policies if unfinished_folder(path).exists() else ((0, 0, 0),)
-        )
+        is_begun = (unfinished_folder(path) / SESSION_FILE).exists()  # else it was killed before
+        ((_, found, _),) = inspect_recording(path).policies if is_begun else ((0, 0, 0),)
         assert found >= survived, "what was written is never lost"
         assert found >= max(told, default=0) - 2, "only the running part is"
         survived = found
