@@ -33,8 +33,8 @@ Deviations:
   validation episodes, 2 or 3 seeds).
 - Learning rates decay along a cosine in each stage.
 
-On `coop_nav-ranks-two-conventions-mini`, whose data need a convention, it scores -26.4 and solves no
-episode (4,500 updates of 128 rows, 64 units, 3 seeds, 256 validation episodes): `bc_latent` 97.2.
+On `coop_nav-ranks-two-conventions-mini`, whose data need a convention, it scores -26.4 and solves
+no episode (4,500 updates of 128 rows, 64 units, 3 seeds, 256 validation episodes), `bc_latent` 97.2.
 """
 
 from collections.abc import Mapping
