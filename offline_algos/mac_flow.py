@@ -10,11 +10,11 @@ the team of which robot i knows z(i), and its own reward r_i:
     L(v)   = conditional flow matching of the joint action
     y_i    = r_i + gamma (1 - termination) min_j Q'_j(o'_i, mu(o'_i, z'(i)))
     L(Q_j) = mean_i (Q_j(o_i, a_i) - y_i)^2
-    L(mu)  = sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2 - lambda sum_i Q_1(o_i, mu(o_i, z(i)))
+    L(mu)  = 1/N sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2 - lambda Q_tot
     lambda = rl_weight / max(mean |Q_tot|, 1), detached; Q_tot = mean_i Q_1(o_i, mu(o_i, z(i)))
 
-With `reward` "team", critics give Q_tot = g(Q_1, ..., Q_N; c) as those of `facmac_bc` do, y is made
-of the team's reward, the mean of the robots', and L(mu) has lambda N Q_tot.
+With `reward` "team", critics give Q_tot = g(Q_1, ..., Q_N; c) as those of `facmac_bc` do, and y is
+made of the team's reward, the mean of the robots'.
 
 Deviations:
 - `reward` "own": each robot's critic learns from its own reward, where the paper decomposes a
@@ -190,7 +190,7 @@ class MACFlow:
         return td_target(team_reward(r), ends, q_next, discount)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
-        """Returns - lambda N Q_tot, which is - lambda sum_i Q_i for own rewards.
+        """Returns - lambda Q_tot.
 
         Args:
             s: normalized states, [K, B, S].
@@ -200,7 +200,7 @@ class MACFlow:
         q = self.critics.policy_values(s, o, pi)  # [K, B], the mean over robots or mixed
         lam = self.config.rl_weight / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
         q = q.mean(1)
-        return Loss(-lam * pi.shape[2] * q, {"policy_q": q, "lambda": lam})
+        return Loss(-lam * q, {"policy_q": q, "lambda": lam})
 
     def policy(self, index: int) -> FlowPolicy:
         """The policy of seed number `index`, as it is now."""

@@ -67,7 +67,7 @@ def test_the_bound_is_on_the_teams_values(monkeypatch: pytest.MonkeyPatch) -> No
         torch.testing.assert_close(algorithm.targets(batch), expected)
 
 
-def test_actors_climb_the_sum_of_the_robots_values_and_critics_stay() -> None:
+def test_actors_climb_the_mean_of_the_robots_values_and_critics_stay() -> None:
     algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
     with torch.no_grad():
         algorithm.critics.utilities.layers[-1].weight.mul_(200.0)
@@ -77,21 +77,21 @@ def test_actors_climb_the_sum_of_the_robots_values_and_critics_stay() -> None:
     q = algorithm.critics.agent_values(o, pi)[:, 0]  # [K, B, N]
     weight = 2.0 / max(q.mean(2).abs().mean().item(), 1.0)
     loss, reported = algorithm.climb_loss(s, o, pi)
-    torch.testing.assert_close(loss, -weight * q.sum(2).mean(1))
+    torch.testing.assert_close(loss, -weight * q.mean((1, 2)))
     assert reported["lambda"].item() == pytest.approx(weight, rel=1e-5)
     algorithm.copy.step(loss, 1.0)
     assert torch.equal(algorithm.critics.utilities.flat, before)
 
 
 def test_a_robot_is_pulled_as_hard_in_a_team_of_any_size() -> None:
-    """The slope of the loss in one robot's action, with independent robots beside it."""
+    """N times the slope of the loss, a mean, in one robot's action is that of its own value."""
     algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
     pi = torch.zeros(1, 32, 2, 2, requires_grad=True)
     loss, _ = algorithm.climb_loss(batch.states, batch.observations, pi)
     (slope,) = torch.autograd.grad(loss.sum(), pi)
     alone = algorithm.critics.agent_values(batch.observations, pi)[:, 0, :, 0].mean()
     (expected,) = torch.autograd.grad(-2.0 * alone, pi)
-    torch.testing.assert_close(slope[:, :, 0], expected[:, :, 0])
+    torch.testing.assert_close(2 * slope[:, :, 0], expected[:, :, 0])
 
 
 def parts_that_move(algorithm: MACFlow) -> tuple[set[str], set[str]]:
