@@ -23,9 +23,9 @@ Deviations:
   ("own", the paper's decentralized actors) they cannot tell what the others choose.
 - lambda, as in `facmac_bc`; Flow Q-learning offers a division by mean |Q| and takes a weight for
   each dataset.
-- The smaller of two critics in y, bounded by the data's largest return-to-go with reward "team".
+- The smaller of two critics in y, bounded by the data's largest return-to-go.
 - Robots share one actor and one critic, which see their number. Critics have LayerNorm, inputs are
-  normalized, rewards divided by the deviation of the team's returns-to-go, actors end in tanh.
+  normalized, rewards divided by the deviation of the returns-to-go, actors end in tanh.
 - Two stages: in the first part `critic_share` of the updates, flow and critics learn and actors
   only copy, so that critics value the copied flow; then both stand still, and actors climb. 0 is
   one stage, all in every update, as in Flow Q-learning. On `coop_nav-medium-replay` a version with
@@ -56,7 +56,8 @@ from swarmdata.learn.networks.network_inputs import (
 )
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
+from swarmdata.learn.objectives.td_targets import td_error, td_target
 from swarmdata.learn.policies.flow_policy import FlowPolicy, Noise, Redraw
 from swarmdata.learn.training.actor_critic import ActorCriticConfig, Loss
 from swarmdata.learn.training.exploration import normal_like
@@ -81,11 +82,11 @@ class MACFlowConfig(ActorCriticConfig):
     noise_scale: float = 1.0
     critic_share: float = 0.65  # see the deviations above
     rl_weight: float = 2.5  # as `maddpg_bc`
-    reward: Literal["own", "team"] = "own"
+    reward: Reward = "own"
     mixer: Literal["mean", "monotonic", "free"] = "mean"
     mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
     mixer_hidden: int = 64  # of the network that makes the mixers' weights, Peng et al. 2021
-    clip_target: bool = True  # with reward "team"
+    clip_target: bool = True
 
     def __post_init__(self) -> None:
         """Checks what settings mean together."""
@@ -128,7 +129,8 @@ class MACFlow:
             max_norm=config.max_grad_norm, device=setup.device,
         )  # fmt: skip
         self.generators = setup.generators()
-        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
+        self.normalizer = Normalizer(setup.statistics, setup.device)
+        self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns the losses [K] of what moved."""
@@ -182,12 +184,14 @@ class MACFlow:
         a_next = self.copy.actor(batch.next_observations, z)
         s_next = known.states(batch.next_states)
         o_next = known.observations(batch.next_observations)
-        r, ends, critics = batch.rewards * known.reward_scale, batch.terminations, self.critics
+        r, ends, critics = self.rewards(batch.rewards), batch.terminations, self.critics
         if self.config.reward == "own":
             q_next = critics.agent_values(o_next, a_next, critics.target_utilities).amin(1)
+            q_next = q_next.clamp(max=self.rewards.max_value)
             return td_target(r, ends[..., None], q_next, discount).flatten(1)
-        q_next = critics.target_q(s_next, o_next, a_next).amin(1).clamp(max=known.max_value)
-        return td_target(team_reward(r), ends, q_next, discount)
+        q_next = critics.target_q(s_next, o_next, a_next).amin(1)
+        q_next = q_next.clamp(max=self.rewards.max_value)
+        return td_target(r[..., 0], ends, q_next, discount)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
         """Returns - lambda Q_tot.

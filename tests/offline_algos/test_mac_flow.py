@@ -55,16 +55,29 @@ def test_each_robots_target_has_its_own_reward(monkeypatch: pytest.MonkeyPatch) 
     torch.testing.assert_close(algorithm.targets(batch), torch.tensor([expected]))
 
 
-def test_the_bound_is_on_the_teams_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    batch = random_batch()
-    for clip, worth in ((True, 1.5), (False, 5.0)):  # R* / scale is 1.5
-        algorithm = made(
-            MACFlow, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9,
-            clip_target=clip, reward="team", **TINY,
-        )  # fmt: skip
-        monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.full((1, 2, 32), 5.0))
-        expected = batch.rewards.mean(-1) / 2 + 0.9 * worth * ~batch.terminations
-        torch.testing.assert_close(algorithm.targets(batch), expected)
+@pytest.mark.parametrize(("clip", "worth"), [(True, 1.5), (False, 5.0)])  # R* / scale is 1.5
+def test_values_of_the_team_are_bounded(
+    clip: bool, worth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch, of_team = random_batch(), {"return_std": 2.0, "max_return": 3.0}
+    algorithm = made(
+        MACFlow, changes=of_team, discount=0.9, clip_target=clip, reward="team", **TINY
+    )
+    monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.full((1, 2, 32), 5.0))
+    expected = batch.rewards.mean(-1) / 2 + 0.9 * worth * ~batch.terminations
+    torch.testing.assert_close(algorithm.targets(batch), expected)
+
+
+@pytest.mark.parametrize(("clip", "worth"), [(True, 1.5), (False, 5.0)])
+def test_own_values_are_bounded_in_units_of_own_returns(
+    clip: bool, worth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch, own = random_batch(), {"own_return_std": 4.0, "own_max_return": 6.0}
+    algorithm = made(MACFlow, changes=own, discount=0.9, clip_target=clip, **TINY)
+    fives = torch.full((1, 2, 32, 2), 5.0)
+    monkeypatch.setattr(algorithm.critics, "agent_values", lambda *_: fives)
+    expected = batch.rewards / 4 + 0.9 * worth * ~batch.terminations[..., None]
+    torch.testing.assert_close(algorithm.targets(batch), expected.flatten(1))
 
 
 def test_actors_climb_the_mean_of_the_robots_values_and_critics_stay() -> None:
