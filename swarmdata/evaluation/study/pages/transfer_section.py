@@ -49,12 +49,19 @@ def run_transfers(found: Findings) -> dict[str, str]:
 
 def _matrix(found: Findings, cells: Mapping[str, Cell]) -> str:
     """A row for each view that was learned in, a column for each of evaluation."""
-    specs = {view: results_of([cell], found.work)[0].spec for view, cell in cells.items()}
+    specs = {view: _spec_of(found, cell) for view, cell in cells.items()}
     rows = [
         (f"`{view}`", *(_transferred(found, cell, name, spec) for name, spec in specs.items()))
         for view, cell in cells.items()
     ]
     return markdown.table(("learned with", *cells), rows)
+
+
+def _spec_of(found: Findings, cell: Cell) -> TaskSpec:
+    """The spec that a cell's policies were evaluated in."""
+    spec = results_of([cell], found.work)[0].spec.world
+    assert spec is not None  # a cell of a recording of another environment is not evaluated
+    return spec
 
 
 def _transferred(found: Findings, cell: Cell, view: str, spec: TaskSpec) -> str:
