@@ -122,7 +122,13 @@ class FreeMixer(HyperMixer):
 
 
 MixerKind = Literal["mean", "monotonic", "free"]
-"""`MeanMixer`, of which nothing is learned, `MonotonicMixer` and `FreeMixer`."""
+"""Names of `MeanMixer`, `MonotonicMixer` and `FreeMixer`."""
+
+_LEARNED: dict[MixerKind, type[HyperMixer] | None] = {
+    "mean": None,  # nothing is learned
+    "monotonic": MonotonicMixer,
+    "free": FreeMixer,
+}
 
 
 class MixerConfig(Protocol):
@@ -155,10 +161,8 @@ def chosen_mixer(
         device: where the parameters are.
         n_critics: J.
     """
-    if config.mixer == "mean":
-        return MeanMixer()
-    kind = MonotonicMixer if config.mixer == "monotonic" else FreeMixer
-    return kind(
+    learned = _LEARNED[config.mixer]
+    return MeanMixer() if learned is None else learned(
         sizes.n_agents, sizes.information, seeds, stream, embedding=config.mixer_embedding,
         hidden=config.mixer_hidden, device=device, n_critics=n_critics,
     )  # fmt: skip
