@@ -29,17 +29,14 @@ After a few steps the flow reads the mode from all observations, and a robot tha
 can read it neither there nor from z. `bc_latent` ties its latent to whole episodes.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import torch
-
 from swarmdata.learn.flows.distillation import Distillation
-from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
+from swarmdata.learn.flows.flow_learner import policy_of, restore_state, state_of
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.policies.flow_policy import FlowPolicy, Noise, Redraw
+from swarmdata.learn.policies.flow_policy import Noise, Redraw
 from swarmdata.learn.training.exploration import normal_like
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -74,6 +71,8 @@ class BCFlow:
     Config = BCFlowConfig
     LOSSES = ("flow_loss", "distillation_loss")
 
+    policy, state_dict, load_state_dict = policy_of, state_of, restore_state
+
     def __init__(self, setup: Setup, config: BCFlowConfig) -> None:
         self.config, self.n_updates = config, 0
         self.copy = Distillation(setup, config, config.hidden, learning_rate=config.learning_rate)
@@ -93,20 +92,7 @@ class BCFlow:
         losses = {"flow_loss": flow_loss, "distillation_loss": distillation_loss}
         return {name: loss.detach() for name, loss in losses.items()}
 
-    def policy(self, index: int) -> FlowPolicy:
-        """The policy of seed number `index`, as it is now."""
-        return self.copy.actor.policy(index)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Parameters, Adam's moments, generators and the number of updates, as copies."""
-        return {
-            "n_updates": torch.tensor(self.n_updates),
-            "generators": generator_states(self.generators),
-            **self.copy.state_dict(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        restore_generators(self.generators, state["generators"])
-        self.copy.load_state_dict(state)
+    @property
+    def learned(self) -> tuple[Distillation]:
+        """What has parameters."""
+        return (self.copy,)

@@ -42,7 +42,6 @@ Those of `maddpg_bc`, for the reasons given there:
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
@@ -50,7 +49,7 @@ from torch import Tensor
 from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
 from swarmdata.learn.extraction.valuers import FactoredValuer
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
-from swarmdata.learn.networks.mixers import FreeMixer, HyperMixer, MeanMixer, Mixer, MonotonicMixer
+from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.objectives.in_sample import cloning_loss
 from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
@@ -68,19 +67,13 @@ from swarmdata.learn.training.actor_critic import (
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
-MIXERS: dict[str, type[HyperMixer] | None] = {
-    "mean": None,  # nothing is learned
-    "monotonic": MonotonicMixer,
-    "free": FreeMixer,
-}
-
 
 @dataclass(frozen=True)
 class FACMACBCConfig(TwoStageConfig):
     """FACMAC with an imitation term; one setting for all datasets."""
 
     rl_weight: float = 0.6  # alpha, see the deviations above
-    mixer: Literal["mean", "monotonic", "free"] = "monotonic"  # see the deviations above
+    mixer: MixerKind = "monotonic"  # see the deviations above
     mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
     mixer_hidden: int = 64  # of the network that makes the mixers' weights, Peng et al. 2021
     clip_target: bool = True
@@ -100,12 +93,7 @@ class FACMACBC:
         self.config, self.n_updates = config, 0
         self.actor = delayed_actor(setup, config)
         sizes, seeds = setup.sizes, setup.seeds
-        learned = MIXERS[config.mixer]
-        mixer: Mixer = MeanMixer() if learned is None else learned(
-            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
-            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
-            n_critics=2,
-        )  # fmt: skip
+        mixer = chosen_mixer(config, sizes, seeds, MIXER_STREAM, setup.device, n_critics=2)
         self.critics = FactoredCritics(
             sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
             max_norm=config.max_grad_norm, device=setup.device,

@@ -38,31 +38,26 @@ no episode (4,500 updates of 128 rows, 64 units, 3 seeds, 256 validation episode
 scores 97.2 there.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.flows.distillation import Distillation
+from swarmdata.learn.flows.flow_learner import policy_of, restore_state, state_of
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
-from swarmdata.learn.networks.mixers import MeanMixer, Mixer
-from swarmdata.learn.networks.network_inputs import (
-    generator_states,
-    information,
-    restore_generators,
-)
+from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
 from swarmdata.learn.objectives.td_targets import td_error, td_target
-from swarmdata.learn.policies.flow_policy import FlowPolicy, Noise, Redraw
+from swarmdata.learn.policies.flow_policy import Noise, Redraw
 from swarmdata.learn.training.actor_critic import ActorCriticConfig, Loss
 from swarmdata.learn.training.exploration import normal_like
 from swarmdata.learn.training.setup import Setup
-from swarmdata.offline_algos.facmac_bc import MIXERS
 from swarmdata.types import Batch
 
 
@@ -83,7 +78,7 @@ class MACFlowConfig(ActorCriticConfig):
     critic_share: float = 0.65  # see the deviations above
     rl_weight: float = 2.5  # as `maddpg_bc`
     reward: Reward = "own"
-    mixer: Literal["mean", "monotonic", "free"] = "mean"
+    mixer: MixerKind = "mean"
     mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
     mixer_hidden: int = 64  # of the network that makes the mixers' weights, Peng et al. 2021
     clip_target: bool = True
@@ -113,17 +108,15 @@ class MACFlow:
     Config = MACFlowConfig
     LOSSES = ("critic_loss", "q", "flow_loss", "distillation_loss", "policy_q", "lambda")
 
+    policy, state_dict, load_state_dict = policy_of, state_of, restore_state
+
     def __init__(self, setup: Setup, config: MACFlowConfig) -> None:
         self.config, self.n_updates = config, 0
         self.copy = Distillation(
             setup, config, config.actor_hidden, learning_rate=config.actor_learning_rate
         )
-        sizes, seeds, learned = setup.sizes, setup.seeds, MIXERS[config.mixer]
-        mixer: Mixer = MeanMixer() if learned is None else learned(
-            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
-            embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
-            n_critics=2,
-        )  # fmt: skip
+        sizes, seeds = setup.sizes, setup.seeds
+        mixer = chosen_mixer(config, sizes, seeds, MIXER_STREAM, setup.device, n_critics=2)
         self.critics = FactoredCritics(
             sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
             max_norm=config.max_grad_norm, device=setup.device,
@@ -206,22 +199,7 @@ class MACFlow:
         q = q.mean(1)
         return Loss(-lam * q, {"policy_q": q, "lambda": lam})
 
-    def policy(self, index: int) -> FlowPolicy:
-        """The policy of seed number `index`, as it is now."""
-        return self.copy.actor.policy(index)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
-        return {
-            "n_updates": torch.tensor(self.n_updates),
-            "generators": generator_states(self.generators),
-            **self.copy.state_dict(),
-            **self.critics.state_dict(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        restore_generators(self.generators, state["generators"])
-        self.copy.load_state_dict(state)
-        self.critics.load_state_dict(state)
+    @property
+    def learned(self) -> tuple[Distillation, FactoredCritics]:
+        """What has parameters."""
+        return self.copy, self.critics

@@ -46,9 +46,8 @@ from swarmdata.learn.objectives.conservative import (
     uniform_samples,
 )
 from swarmdata.learn.objectives.in_sample import cloning_loss
-from swarmdata.learn.objectives.td_targets import td_error, td_target
+from swarmdata.learn.objectives.td_targets import td_target
 from swarmdata.learn.training.actor_critic import (
-    Loss,
     delayed_update,
     policy_of,
     restore_state,
@@ -58,6 +57,7 @@ from swarmdata.learn.training.actor_critic import (
 )
 from swarmdata.learn.training.robot_actor_critic import (
     ConservativeConfig,
+    penalized_critic_loss,
     robot_actor_loss,
     robot_inputs,
     robot_parts,
@@ -86,21 +86,13 @@ class MADDPGCQL:
     state_dict, load_state_dict = state_of, restore_state
     valuer = robot_valuer
     critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
+    critic_loss = penalized_critic_loss
 
     def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
         self.config, self.n_updates = config, 0
         self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
         self.generators = setup.generators()
         self.second_stage = second_stage(setup, config, self.actor, self.generators)
-
-    def critic_loss(self, batch: Batch, x: RobotView) -> Loss:
-        """Returns sum_j L(Q_j); draws the targets' noise and the penalty's actions."""
-        y = self.targets(batch)  # without a gradient
-        q = self.critics.q(x, batch.actions)  # [K, 2, B, N]
-        td_loss = td_error(q.flatten(2), y.flatten(1))  # [K]
-        gap = self.gap(batch, x, q).sum(1)  # [K]
-        reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2, 3))}
-        return Loss(td_loss + self.config.cql_weight * gap, reported)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:

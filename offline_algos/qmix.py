@@ -31,7 +31,6 @@ from swarmdata.learn.choices.utility_networks import (
     MIXER_STREAM,
     N_CRITICS,
     DecompositionConfig,
-    Evaluated,
     Seen,
     UtilityNetworks,
     by_critic,
@@ -43,8 +42,7 @@ from swarmdata.learn.choices.utility_networks import (
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.objectives.td_targets import td_target, team_reward
-from swarmdata.learn.objectives.value_losses import huber_error, robot_values
-from swarmdata.learn.training.actor_critic import Loss
+from swarmdata.learn.objectives.value_losses import robot_values
 from swarmdata.learn.training.setup import Setup
 
 
@@ -103,11 +101,3 @@ class QMIX:
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
-
-    def loss(self, batch: Evaluated, y: Tensor) -> Loss:
-        """Returns L_td with L_b or L_cql of the regulariser; y is a constant."""
-        q = self.value(batch.utilities, batch.weights, batch.information)  # [K, J, B]
-        td_loss = huber_error(q, y)  # [K]
-        near_data = self.networks.regulariser_loss(batch)
-        reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
-        return Loss(td_loss + near_data.total, reported | near_data.reported)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset, Statistics
-from swarmdata.datasets.sampling import Sampler
+from swarmdata.datasets.sampling import Sampler, batches_drawn
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import derive, uniform
@@ -262,18 +262,11 @@ class MixtureSampler:
         Raises:
             SchemaError: the state is of a sampler with other settings or other data.
         """
-        settings = {name: value for name, value in state.items() if name != "n_drawn"}
-        if settings != self._identity() or state.get("n_drawn", -1) < 0:
-            raise SchemaError(
-                f"sampler state is {dict(state)}, expected n_drawn and {self._identity()}: resume "
-                "with the settings and the mixture that the state was saved with"
-            )
-        self._n_drawn = state["n_drawn"]
+        self._n_drawn = batches_drawn(state, self._identity())
 
     def _identity(self) -> dict[str, int]:
         counts = {f"n_transitions_{k}": len(s.rows.valid) for k, s in enumerate(self._samplers)}
-        horizon = self._samplers[0].horizon or 0
-        return {"seed": self.seed, "batch_size": self.batch_size, "horizon": horizon, **counts}
+        return self._samplers[0].settings() | counts
 
 
 def mix(parts: Sequence[Dataset], weights: Sequence[float] | None = None) -> Mixture:

@@ -295,18 +295,34 @@ class Sampler:
         Raises:
             SchemaError: the state is of a sampler with other settings or other data.
         """
-        settings = {name: value for name, value in state.items() if name != "n_drawn"}
-        if settings != self._identity() or state.get("n_drawn", -1) < 0:
-            raise SchemaError(
-                f"sampler state is {dict(state)}, expected n_drawn and {self._identity()}: resume "
-                "with the settings and the dataset that the state was saved with"
-            )
-        self._n_drawn = state["n_drawn"]
+        self._n_drawn = batches_drawn(state, self._identity())
 
     def _identity(self) -> dict[str, int]:
+        return self.settings() | {"n_transitions": len(self.rows.valid)}
+
+    def settings(self) -> dict[str, int]:
+        """Returns what was chosen about the stream, without the data."""
         return ({} if self.burn_in is None else {"burn_in": self.burn_in}) | {
             "seed": self.seed,
             "batch_size": self.batch_size,
             "horizon": self.horizon or 0,
-            "n_transitions": len(self.rows.valid),
         }
+
+
+def batches_drawn(state: Mapping[str, int], identity: Mapping[str, int]) -> int:
+    """Returns how many batches a sampler had drawn when its state was saved.
+
+    Args:
+        state: as `state_dict` returned it.
+        identity: settings and numbers of transitions of the sampler that is to go on.
+
+    Raises:
+        SchemaError: the state is of a sampler with other settings or other data.
+    """
+    saved = {name: value for name, value in state.items() if name != "n_drawn"}
+    if saved != identity or state.get("n_drawn", -1) < 0:
+        raise SchemaError(
+            f"sampler state is {dict(state)}, expected n_drawn and {dict(identity)}: resume with "
+            "the settings and the data that the state was saved with"
+        )
+    return state["n_drawn"]

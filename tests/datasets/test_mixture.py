@@ -87,8 +87,14 @@ def test_a_stream_resumes(mixture: Mixture, parts: tuple[Dataset, Dataset]) -> N
         ours.draw()
     theirs.load_state_dict(ours.state_dict())
     np.testing.assert_array_equal(ours.draw(), theirs.draw())
-    with pytest.raises(SchemaError, match="resume with the settings and the mixture"):
+    with pytest.raises(SchemaError, match="resume with the settings and the data"):
         mix(parts[::-1]).sampler(16, seed=2).load_state_dict(ours.state_dict())
+
+
+def test_a_stream_of_other_segments_does_not_resume(mixture: Mixture) -> None:
+    ours, theirs = (mixture.sampler(16, horizon=4, burn_in=steps, seed=2) for steps in (2, 3))
+    with pytest.raises(SchemaError, match="'burn_in': 2"):
+        theirs.load_state_dict(ours.state_dict())
 
 
 def test_statistics_are_those_of_what_is_drawn(mixture: Mixture) -> None:

@@ -13,10 +13,10 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DivergedError, SchemaError
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.store import assemble, write_part
+from swarmdata.store import write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import Episode
-from tests.interop.conftest import RECORDING, recorded_episode
+from tests.interop.conftest import recorded_episodes, write_recording
 
 HUGE = np.float32(3e38)
 Rewards = Callable[[Episode], Episode]
@@ -32,16 +32,8 @@ def alternating(episode: Episode) -> Episode:
 
 
 def recorded(folder: Path, rewards: Rewards) -> Dataset:
-    episodes = [rewards(recorded_episode(20 + k, k)) for k in range(9)]
-    write_part(folder / "part", episodes)
-    assemble(
-        folder / "d",
-        recipe=RECORDING,
-        parts={0: [folder / "part"]},
-        order=[(0, k) for k in range(len(episodes))],
-        splits=np.array([k % 3 for k in range(len(episodes))], dtype=np.uint8),
-    )
-    return Dataset.open(folder / "d", "full")
+    written = write_recording(folder, [*map(rewards, recorded_episodes(range(20, 29)))])
+    return Dataset.open(written.path, "full")
 
 
 @pytest.mark.parametrize("rewards", [same, alternating])

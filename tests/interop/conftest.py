@@ -1,6 +1,6 @@
 """Datasets to convert, and the check that every format's round trip has to pass."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -68,8 +68,11 @@ def recorded_episode(length: int, seed: int) -> Episode:
     )
 
 
-def write_recording(folder: Path, lengths: list[int]) -> Dataset:
-    episodes = [recorded_episode(length, seed) for seed, length in enumerate(lengths)]
+def recorded_episodes(lengths: Iterable[int]) -> list[Episode]:
+    return [recorded_episode(length, seed) for seed, length in enumerate(lengths)]
+
+
+def write_recording(folder: Path, episodes: Sequence[Episode]) -> Dataset:
     write_part(folder / "part", episodes)
     assemble(
         folder / "recorded",
@@ -84,7 +87,8 @@ def write_recording(folder: Path, lengths: list[int]) -> Dataset:
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """A recording of different agents, one of which leaves, with masks of actions."""
-    return write_recording(tmp_path_factory.mktemp("recorded"), [3, 5, 2, 4, 6, 2, 3])
+    episodes = recorded_episodes([3, 5, 2, 4, 6, 2, 3])
+    return write_recording(tmp_path_factory.mktemp("recorded"), episodes)
 
 
 @pytest.fixture(scope="session")

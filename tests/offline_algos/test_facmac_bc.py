@@ -1,6 +1,6 @@
 """FACMAC+BC: targets, the centralized policy gradient, and that it improves on its data."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pytest
@@ -9,7 +9,8 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.offline_algos.facmac_bc import FACMACBC, MIXERS  # noqa: E402
+from swarmdata.learn.networks.mixers import MixerKind  # noqa: E402
+from swarmdata.offline_algos.facmac_bc import FACMACBC  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
     made,
@@ -47,7 +48,7 @@ def test_targets_have_the_reward_scale_and_the_bound(monkeypatch: pytest.MonkeyP
         torch.testing.assert_close(algorithm.targets(batch), expected)
 
 
-@pytest.mark.parametrize("mixer", MIXERS)
+@pytest.mark.parametrize("mixer", get_args(MixerKind))
 def test_the_policy_gradient_is_that_of_the_written_loss(mixer: str) -> None:
     """Every agent's action is the policy's; lambda is a constant; the critics do not move."""
     algorithm = made(FACMACBC, mixer=mixer, rl_weight=0.6, max_grad_norm=None)

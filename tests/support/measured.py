@@ -9,7 +9,7 @@ from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import published
+from swarmdata.registry.published import Interval, TaskReferences, published
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import BoxSpace
@@ -31,6 +31,19 @@ def evaluation(
     values["clean_success"] = (np.arange(n) % 4 > 1).astype(np.float64)
     values["time_to_goal"] = np.where(values["success"] > 0, 6.0, np.nan)
     return EvalResult(label, spec.task, spec.hash(), evaluation_seeds(n), values)
+
+
+def references_at(spec_hash: str, **returns: float) -> TaskReferences:
+    """References of a spec whose teams have these mean returns."""
+    return TaskReferences(
+        spec_hash=spec_hash,
+        n_episodes=10,
+        made_with={},
+        policies={
+            name: {"return": Interval(value=value, low=value, high=value)}
+            for name, value in returns.items()
+        },
+    )
 
 
 def result(

@@ -20,6 +20,7 @@ from swarmdata.evaluation.results.aggregates import (
 )
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.numerics.random import VALIDATION_BASE
 from swarmdata.rollouts import metrics, score_statistics
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import describe
@@ -154,11 +155,13 @@ def _caption_of_case(case: Case) -> str:
         "; of several runs, interquartile mean [stratified bootstrap over runs]" if several else ""
     )
     spec, runs = case.spec, next(iter(case.runs.values()))
-    where = f"{what}; {len(runs[0].evaluation.seeds)} episodes of {spec.task}"
+    seeds = runs[0].evaluation.seeds
+    where = f"{what}; {len(seeds)} episodes of {spec.task}"
     if spec.world is None:
         return f"{where} of {spec.library or 'another library'}, spec {spec.hash()[:12]}."
+    block = "validation" if seeds[0] >= VALIDATION_BASE else "evaluation"
     return (
-        f"{where} on the evaluation seeds, {describe(spec.world)}, spec {spec.hash()[:12]}. "
+        f"{where} on the {block} seeds, {describe(spec.world)}, spec {spec.hash()[:12]}. "
         "Collisions are new contacts per episode. Time to goal counts an unsolved episode as "
         f"{case.time_limit:g} s."
     )

@@ -30,7 +30,7 @@ from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP
 from swarmdata.learn.networks.team_networks import Parameters, Team
-from swarmdata.learn.objectives.value_losses import behavior_loss, conservative_gap
+from swarmdata.learn.objectives.value_losses import behavior_loss, conservative_gap, huber_error
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.training.actor_critic import Loss
 from swarmdata.learn.training.checkpoint import part
@@ -240,9 +240,14 @@ class Decomposition(Protocol):
         """Returns Q of joint actions, [K, J, B], with x as in `Evaluated.information`."""
         ...
 
-    def loss(self, batch: Evaluated, y: Tensor) -> Loss:
-        """Returns what is minimized."""
-        ...
+
+def regularised_loss(self: Decomposition, batch: Evaluated, y: Tensor) -> Loss:
+    """Returns L_td with L_b or L_cql of the regulariser, [K]; y, [K, B], is a constant."""
+    q = self.value(batch.utilities, batch.weights, batch.information)  # [K, J, B]
+    td_loss = huber_error(q, y)  # [K]
+    near_data = self.networks.regulariser_loss(batch)
+    reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
+    return Loss(td_loss + near_data.total, reported | near_data.reported)
 
 
 def regularised_update(self: Decomposition, batch: Batch) -> dict[str, Tensor]:
@@ -260,7 +265,7 @@ def regularised_update(self: Decomposition, batch: Batch) -> dict[str, Tensor]:
         networks.log_probs(features),
         networks.information(batch.states, features),
     )
-    total, reported = self.loss(evaluated, y)
+    total, reported = regularised_loss(self, evaluated, y)
     if self.n_updates % GREEDY_EVERY == 0:
         with torch.no_grad():
             greedy = networks.act(evaluated.utilities, evaluated.log_probs)

@@ -6,13 +6,14 @@ team be greedy nevertheless (individual-global-max, Rashid et al. 2018, equation
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Literal, Protocol
 
 import torch
 from torch import Tensor
 from torch.nn.functional import elu
 
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.sizes import Sizes
 
 Network = Callable[[Tensor], Tensor]
 """Stacked networks, or some of them with their weights as constants."""
@@ -118,6 +119,53 @@ class FreeMixer(HyperMixer):
     @staticmethod
     def weights(outputs: Tensor) -> Tensor:
         return outputs
+
+
+MixerKind = Literal["mean", "monotonic", "free"]
+"""Names of `MeanMixer`, `MonotonicMixer` and `FreeMixer`."""
+
+_LEARNED: dict[MixerKind, type[HyperMixer] | None] = {
+    "mean": None,  # nothing is learned
+    "monotonic": MonotonicMixer,
+    "free": FreeMixer,
+}
+
+
+class MixerConfig(Protocol):
+    """Settings of a mixer and of the network that makes its weights."""
+
+    @property
+    def mixer(self) -> MixerKind: ...
+    @property
+    def mixer_embedding(self) -> int: ...
+    @property
+    def mixer_hidden(self) -> int: ...
+
+
+def chosen_mixer(
+    config: MixerConfig,
+    sizes: Sizes,
+    seeds: Sequence[int],
+    stream: int,
+    device: torch.device | str,
+    *,
+    n_critics: int,
+) -> Mixer:
+    """Makes the mixers of J critics of each seed, by the state and all observations.
+
+    Args:
+        config: which mixer, and its widths.
+        sizes: numbers of agents and features.
+        seeds: of the initial parameters, [K].
+        stream: separates the draws of different networks of one seed.
+        device: where the parameters are.
+        n_critics: J.
+    """
+    learned = _LEARNED[config.mixer]
+    return MeanMixer() if learned is None else learned(
+        sizes.n_agents, sizes.information, seeds, stream, embedding=config.mixer_embedding,
+        hidden=config.mixer_hidden, device=device, n_critics=n_critics,
+    )  # fmt: skip
 
 
 class LinearMixer:

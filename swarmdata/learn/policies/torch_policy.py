@@ -18,27 +18,45 @@ from swarmdata.types import Float, Int, Step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Memoryless(ABC):
-    """Acting of a policy that is one function of observations, without randomness or memory."""
+class StepFunction(ABC):
+    """Acting of a policy whose actions are a function of the step, its seeds and times included."""
 
     _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
 
     @abstractmethod
-    def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
+    def step_actions(self, step: Step) -> Float:
+        """Returns joint actions, float32 [E, N, A]."""
 
     def reset(self, step: Step, copies: Int) -> None:  # noqa: B027  (there is nothing to forget)
         """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
-        actions = self.actions(step.observations)
+        """Returns joint actions, float32 [E, N, A].
+
+        Raises:
+            SchemaError: the observations are not those the policy was trained on.
+        """
+        actions = self.step_actions(step)
         self._last.keep(step, actions.astype(np.float64))
         return actions
 
     def log_probs(self, step: Step, actions: Float) -> Float:
+        """Returns 0 for the robots that take the policy's actions, else -infinity, [E, N]."""
         kept = self._last.recall(step)  # right after `act`: the network need not run again
-        chosen = self.actions(step.observations) if kept is None else kept.astype(np.float32)
+        chosen = self.step_actions(step) if kept is None else kept.astype(np.float32)
         return certain_log_probs(chosen, actions)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memoryless(StepFunction):
+    """Acting of a policy that is one function of observations, without randomness or memory."""
+
+    @abstractmethod
+    def actions(self, observations: Float) -> Float:
+        """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
+
+    def step_actions(self, step: Step) -> Float:
+        return self.actions(step.observations)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

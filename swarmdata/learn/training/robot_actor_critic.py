@@ -18,6 +18,7 @@ from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.robot_critics import RobotCritics
 from swarmdata.learn.networks.robot_views import Critic, RobotView
 from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
+from swarmdata.learn.objectives.td_targets import td_error
 from swarmdata.learn.training.actor_critic import Loss, TwoStageConfig, delayed_actor
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -58,6 +59,18 @@ class RobotActorCritic(Protocol):
     def config(self) -> Any: ...
 
 
+class PenalizedActorCritic(RobotActorCritic, Protocol):
+    """An actor-critic whose critics are pushed down where they exceed the data."""
+
+    def targets(self, batch: Batch) -> Tensor:
+        """Returns y_i, [K, B, N], without a gradient."""
+        ...
+
+    def gap(self, batch: Batch, x: RobotView, q: Tensor) -> Tensor:
+        """Returns gap_j, [K, J], given Q_ji of the data's actions, [K, J, B, N]."""
+        ...
+
+
 def robot_inputs(self: RobotActorCritic, batch: Batch) -> RobotView:
     """Returns what the critics see of a batch besides actions."""
     return self.critics.view(batch.states, batch.observations)
@@ -66,6 +79,22 @@ def robot_inputs(self: RobotActorCritic, batch: Batch) -> RobotView:
 def robot_valuer(self: RobotActorCritic, batch: Batch, x: RobotView) -> RobotValuer:
     """Returns the critics' values of the batch's actions, for a second stage."""
     return RobotValuer(self.critics, x, batch.actions, self.config.joint_gradient)
+
+
+def penalized_critic_loss(self: PenalizedActorCritic, batch: Batch, x: RobotView) -> Loss:
+    """Returns sum_j [L_td(Q_j) + cql_weight gap_j], [K]; draws the noise of targets and penalty.
+
+    Args:
+        self: whose targets, without a gradient, and whose penalty.
+        batch: tensors [K, B, ...].
+        x: what the critics see.
+    """
+    y = self.targets(batch)  # [K, B, N], without a gradient
+    q = self.critics.q(x, batch.actions)  # [K, 2, B, N]
+    td_loss = td_error(q.flatten(2), y.flatten(1))  # [K]
+    gap = self.gap(batch, x, q).sum(1)  # [K]
+    reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2, 3))}
+    return Loss(td_loss + self.config.cql_weight * gap, reported)
 
 
 def robot_actor_loss(

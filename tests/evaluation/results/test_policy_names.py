@@ -23,12 +23,21 @@ from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import Interval, TaskReferences
+from swarmdata.registry.published import TaskReferences
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.measured import references_at
 
 HEADLINE = preset("coop_nav")
+TINY = Recipe(
+    id="coop_nav-tiny-v0",
+    tier="random",
+    spec=TaskSpec(horizon=15),
+    policies=(PolicySource(label="random", name="random"),),
+    n_steps=400,
+    part_episodes=8,
+)
 
 
 @pytest.mark.parametrize("name", ["idle", "random", "straight", "scripted"])
@@ -70,16 +79,7 @@ def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> 
     def references_of(spec_hash: str) -> TaskReferences | None:
         if spec_hash != HEADLINE.hash():
             return None
-        returns = {"idle": -12.0, "random": -13.0, "expert": 6.0}
-        return TaskReferences(
-            spec_hash=spec_hash,
-            n_episodes=10,
-            made_with={},
-            policies={
-                name: {"return": Interval(value=value, low=value, high=value)}
-                for name, value in returns.items()
-            },
-        )
+        return references_at(spec_hash, idle=-12.0, random=-13.0, expert=6.0)
 
     monkeypatch.setattr("swarmdata.evaluation.results.result_set.references_of", references_of)
     for task, has_score in ((HEADLINE, True), (TaskSpec(horizon=20), False)):
@@ -99,15 +99,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     from swarmdata.evaluation.runs.train import train
     from swarmdata.learn.training.run_folder import read_run
 
-    tiny = Recipe(
-        id="coop_nav-tiny-v0",
-        tier="random",
-        spec=TaskSpec(horizon=15),
-        policies=(PolicySource(label="random", name="random"),),
-        n_steps=400,
-        part_episodes=8,
-    )
-    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
+    monkeypatch.setattr(request, "find_recipe", lambda _: TINY)
     models = {"observation": "lidar", "communication": "lossy-30"}
     settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
 
@@ -117,7 +109,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     train_tiny(**models)
     run = read_run(tmp_path / "run")
     assert run.view is not None
-    assert run.spec == with_models(tiny.spec, **models)
+    assert run.spec == with_models(TINY.spec, **models)
     with pytest.raises(CheckpointError, match="differs in: view is"):
         train_tiny()
 
@@ -140,15 +132,7 @@ def test_a_run_on_other_rewards_is_evaluated_on_those_of_the_task(
     pytest.importorskip("torch", reason="training needs the torch extra")
     from swarmdata.learn.training.run_folder import read_run
 
-    tiny = Recipe(
-        id="coop_nav-tiny-v0",
-        tier="random",
-        spec=TaskSpec(horizon=15),
-        policies=(PolicySource(label="random", name="random"),),
-        n_steps=400,
-        part_episodes=8,
-    )
-    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
+    monkeypatch.setattr(request, "find_recipe", lambda _: TINY)
     arguments = ["train", "bc", "x", "--out", str(tmp_path / "run"), "--seeds", "1"]
     arguments += ["--updates", "2", "--set", "hidden=8", "--set", "batch_size=16"]
 
@@ -159,13 +143,13 @@ def test_a_run_on_other_rewards_is_evaluated_on_those_of_the_task(
     assert result.exit_code == 0, result.output
     run = read_run(tmp_path / "run")
     assert run.view == '{"rewards":{"robot_collision":1.5,"time":0.0}}'
-    assert run.spec == tiny.spec
+    assert run.spec == TINY.spec
     assert load("x", **json.loads(run.view)).view == run.view
     again = run_command("--reward", "robot_collision=1.5")
     assert again.exit_code == 1
     assert "differs in: view is" in again.output
     target = find_target(str(tmp_path / "run"))
-    assert target.spec == tiny.spec
+    assert target.spec == TINY.spec
     (provenance,) = target.provenances
     assert provenance.view == run.view
     assert provenance.dataset_key != provenance.dataset
@@ -232,15 +216,7 @@ def test_names_of_both_kinds_train_offline_on_a_dataset(
     from swarmdata.cli.main import app
     from swarmdata.learn.training.run_folder import read_run
 
-    tiny = Recipe(
-        id="coop_nav-tiny-v0",
-        tier="random",
-        spec=TaskSpec(horizon=15),
-        policies=(PolicySource(label="random", name="random"),),
-        n_steps=400,
-        part_episodes=8,
-    )
-    monkeypatch.setattr(request, "find_recipe", lambda _: tiny)
+    monkeypatch.setattr(request, "find_recipe", lambda _: TINY)
     out = str(tmp_path / "run")
     words = ["train", algorithm, "x", "--updates", "2", "--seeds", "1", "--regulariser", "cql"]
     settings = ["--set", "hidden=8", "--set", "batch_size=16", "--out", out]

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from swarmdata.evaluation.results.result_tables import (
     improvement_table,
     metric_table,
 )
+from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.published import published
 from swarmdata.rollouts import score_statistics
 from swarmdata.rollouts.score_statistics import Estimate
@@ -71,6 +73,14 @@ def test_the_data_come_first_without_an_interval() -> None:
     assert table.rows[0].n_runs == 0
     assert "20 episodes of coop_nav on the evaluation seeds" in table.caption
     assert "observation state, communication none" in table.caption
+
+
+def test_the_caption_names_the_validation_seeds() -> None:
+    run = result()
+    chosen = replace(run, evaluation=replace(run.evaluation, seeds=validation_seeds(20)))
+    (case,) = group_results([chosen]).cases
+    table = case_table(case, n_resamples=QUICK)
+    assert "20 episodes of coop_nav on the validation seeds" in table.caption
 
 
 def test_without_references_there_is_no_score() -> None:

@@ -1,6 +1,7 @@
 """From an id to an open dataset."""
 
 import warnings
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -9,11 +10,12 @@ import pytest
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog import catalog, identity, request
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
-from swarmdata.registry.published import Interval, Published, TaskReferences
+from swarmdata.registry.published import Published
 from swarmdata.registry.reward_weights import chosen_weights
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
+from tests.support.measured import references_at
 
 TINY = Recipe(
     id="coop_nav-tiny-v0",
@@ -145,19 +147,8 @@ def test_other_digest_than_the_published_is_kept_with_a_warning(
 def test_references_of_the_same_spec_anchor_the_score(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def references_of(spec_hash: str) -> TaskReferences:
-        returns = {"idle": -4.0, "random": -12.0, "expert": 6.0}
-        return TaskReferences(
-            spec_hash=spec_hash,
-            n_episodes=10,
-            made_with={},
-            policies={
-                name: {"return": Interval(value=value, low=value, high=value)}
-                for name, value in returns.items()
-            },
-        )
-
-    monkeypatch.setattr(catalog, "references_of", references_of)
+    known = partial(references_at, idle=-4.0, random=-12.0, expert=6.0)
+    monkeypatch.setattr(catalog, "references_of", known)
     dataset = load("x", path=tmp_path / "d", workers=1, progress=False)
 
     assert dataset.normalized_score([-4.0, 1.0, 6.0]).tolist() == [0.0, 50.0, 100.0]
