@@ -2,22 +2,27 @@
 
 from collections.abc import Mapping
 
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import UnknownNameError
 from swarmdata.specs.rules import Rules
 
 RewardChoice = Mapping[str, float | str] | str
 """New weights of rewards by name, or the name of a set of them."""
 
 SAFE_FACTORS: dict[str, dict[str, float]] = {
-    "coop_nav": {
-        "robot_contact": 5.0,
-        "robot_collision": 5.0,
-        "obstacle_contact": 5.0,
-        "obstacle_collision": 5.0,
-        "proximity": 5.0,
-    },
+    "coop_nav": {"proximity": 5.0},
+    "formation": {"proximity": 5.0},
+    "transport": {"proximity": 5.0},
+    "warehouse": {"proximity": 5.0},
 }
-"""Factors on the weights of contacts that `safe` gives, for each kind of task."""
+"""Factors on weights that `safe` gives, for each kind of task.
+
+`proximity` is the one term that is felt before a contact, in every step and in proportion to the
+depth: it teaches robots to keep clear. The terms of contacts teach them not to move where a contact
+threatens: on `coop_nav-medium-replay`, where `maddpg_bc` solved 60 % of the episodes and 31 % of
+all cleanly, `proximity` times 5 made that 46 and 39 %, collisions (not contacts) times 3 made it 39
+and 31 %, both with hardly a collision of robots (3,000 updates of 128 rows, 64 units, 2 seeds, 256
+validation episodes).
+"""
 
 
 def chosen_weights(choice: RewardChoice, rules: Rules) -> dict[str, float | str]:
@@ -29,17 +34,10 @@ def chosen_weights(choice: RewardChoice, rules: Rules) -> dict[str, float | str]
 
     Raises:
         UnknownNameError: there is no such set.
-        SpecError: this kind of task has no such set.
     """
     if not isinstance(choice, str):
         return dict(choice)
     if choice != "safe":
         raise UnknownNameError("set of reward weights", choice, ("safe",))
-    if rules.task not in SAFE_FACTORS:
-        raise SpecError(
-            f"there are no safe reward weights for {rules.task}, expected one of "
-            f"{', '.join(SAFE_FACTORS)}; give weights by name, such as "
-            '{"robot_collision": 2.0}.'
-        )
     factors = SAFE_FACTORS[rules.task]
     return {name: factor * getattr(rules.rewards, name) for name, factor in factors.items()}
