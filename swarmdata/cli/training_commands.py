@@ -140,9 +140,9 @@ def _datasets(text: str | None) -> tuple[str | list[str] | None, list[float] | N
 
 
 def _rewards(texts: list[str] | None) -> dict[str, str] | str:
-    """Reads the rewards to learn from: `safe`, or NAME=WEIGHT, ..."""
-    if texts == ["safe"]:
-        return "safe"
+    """Reads the rewards to learn from: the name of a set, such as safe, or NAME=WEIGHT, ..."""
+    if texts and len(texts) == 1 and "=" not in texts[0]:
+        return texts[0]
     return parse_settings(texts, "--reward")
 
 

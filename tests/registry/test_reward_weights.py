@@ -2,17 +2,28 @@
 
 import pytest
 
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import UnknownNameError
+from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset
 from swarmdata.registry.reward_weights import SAFE_FACTORS, chosen_weights
 from swarmdata.specs.rules import changed_weights
 
+BEFORE_OR_AT_CONTACT = {
+    "proximity", "robot_contact", "obstacle_contact", "robot_collision", "obstacle_collision",
+}  # fmt: skip
+"""Weights of what is unsafe."""
+
+
+def test_every_kind_of_task_has_a_safe_set() -> None:
+    assert SAFE_FACTORS.keys() == TASKS.keys()
+
 
 @pytest.mark.parametrize("task", SAFE_FACTORS)
-def test_safe_weights_are_larger_weights_of_contacts(task: str) -> None:
+def test_safe_weights_make_what_is_unsafe_dearer_and_leave_the_rest(task: str) -> None:
     rules = preset(task).rules
     weights = chosen_weights("safe", rules)
     changed = changed_weights(rules.rewards, weights)
+    assert weights.keys() <= BEFORE_OR_AT_CONTACT
     for name in weights:
         assert getattr(changed, name) > getattr(rules.rewards, name), name
     same = changed.model_copy(update={name: getattr(rules.rewards, name) for name in weights})
@@ -24,7 +35,3 @@ def test_what_is_not_there_is_refused() -> None:
     assert chosen_weights({"robot_collision": 2.0}, rules) == {"robot_collision": 2.0}
     with pytest.raises(UnknownNameError, match="unknown set of reward weights 'save'"):
         chosen_weights("save", rules)
-    others = [name for name in ("formation", "transport", "warehouse") if name not in SAFE_FACTORS]
-    for name in others:
-        with pytest.raises(SpecError, match=f"no safe reward weights for {name}"):
-            chosen_weights("safe", preset(name).rules)

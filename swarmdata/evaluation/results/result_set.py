@@ -25,7 +25,6 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
-from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store
@@ -50,11 +49,15 @@ class Case:
 
     @property
     def view(self) -> dict[str, Any]:
-        """Models and reward weights of the dataset that were changed; empty: as recorded."""
-        runs = (run for label in self.trained for run in self.runs[label])
-        views = (run.provenance.view for run in runs if run.provenance.view is not None)
-        text = next(views, None)
-        return {} if text is None else parse_json(text, "the view")
+        """Models of the dataset that were changed; empty: as recorded."""
+        changes = next((self.runs[label][0].provenance.changes for label in self.trained), {})
+        return {name: value for name, value in changes.items() if name != "rewards"}
+
+    @property
+    def rewards(self) -> dict[str, dict[str, float]]:
+        """Label -> weights of rewards by name, of labels that learned from others than recorded."""
+        changes = {label: self.runs[label][0].provenance.changes for label in self.trained}
+        return {label: found["rewards"] for label, found in changes.items() if "rewards" in found}
 
     @property
     def trained(self) -> tuple[str, ...]:

@@ -221,12 +221,16 @@ def _caption_of_metric(cases: Sequence[Case], shown: Column) -> str:
 
 
 def _words_of_view(case: Case) -> Iterator[str]:
-    """What was changed in the dataset that policies learned from."""
+    """What was changed in the dataset that policies learned from, or some of them."""
     if "observation" in case.view and case.spec.world is not None:
         yield f"re-observed with {describe(case.spec.world)}"
-    if rewards := case.view.get("rewards"):
-        weights = ", ".join(f"{name} {value:g}" for name, value in rewards.items())
-        yield f"learned from rewards with {weights}"
+    for label, rewards in case.rewards.items():
+        yield f"{label} learned from rewards with {words_of_weights(rewards)}"
+
+
+def words_of_weights(rewards: Mapping[str, float]) -> str:
+    """Weights of rewards in words: robot_collision 2, time 0.5."""
+    return ", ".join(f"{name} {value:g}" for name, value in rewards.items())
 
 
 def aggregate_table(

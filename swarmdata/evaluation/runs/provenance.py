@@ -1,11 +1,13 @@
 """The provenance of an evaluated policy, as result files store it."""
 
 import hashlib
+import json
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
 from swarmdata import __version__
+from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import Sha256, checked_label
 
@@ -38,11 +40,22 @@ class Provenance(Frozen):
     code_version: str = __version__
 
     @property
+    def changes(self) -> dict[str, Any]:
+        """What `view` changed: models, and `rewards` by name; empty: as recorded."""
+        found: dict[str, Any] = {} if self.view is None else parse_json(self.view, "the view")
+        return found
+
+    @property
     def dataset_key(self) -> str | None:
-        """The dataset's id, for a view with the start of its hash: `coop_nav-medium-v1@1f`."""
-        if self.dataset is None or self.view is None:
+        """The dataset's id, re-observed with the start of a hash: `coop_nav-medium-v1@1f`.
+
+        Weights of rewards are not part of it: whoever learned from other rewards is evaluated on
+        those of the task, on the same scale as all others, and is a row beside them.
+        """
+        models = {name: value for name, value in self.changes.items() if name != "rewards"}
+        if self.dataset is None or not models:
             return self.dataset
-        return f"{self.dataset}@{hashlib.sha256(self.view.encode()).hexdigest()[:8]}"
+        return _with_hash(self.dataset, json.dumps(models, sort_keys=True, separators=(",", ":")))
 
 
 def file_name(provenance: Provenance, spec_hash: str) -> str:
@@ -51,6 +64,11 @@ def file_name(provenance: Provenance, spec_hash: str) -> str:
     For example `bc--coop_nav-medium-v1--5d0f39ab-0.json`, or `idle--5d0f39ab-0.json` for a policy
     that was not trained on data.
     """
-    key = provenance.dataset_key
+    key, view = provenance.dataset, provenance.view
+    key = key if key is None or view is None else _with_hash(key, view)
     parts = (provenance.label, *([key] if key else []), f"{spec_hash[:8]}-{provenance.index}.json")
     return "--".join(parts)
+
+
+def _with_hash(dataset: str, view: str) -> str:
+    return f"{dataset}@{hashlib.sha256(view.encode()).hexdigest()[:8]}"

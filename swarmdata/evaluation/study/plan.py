@@ -30,6 +30,7 @@ class Variant(Frozen):
     settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
     updates: Count | None = None  # None: the algorithm's default times the study's budget
     frame: str = "auto"  # of observations and actions, as `swarmdata train --frame`
+    rewards: dict[str, float] | str | None = None  # to learn from, as `load` takes them
 
 
 class Baseline(Frozen):

@@ -159,7 +159,7 @@ def load(
         UnknownNameError: no such dataset, model or reward weight; the message has the nearest name.
         AddressError: a malformed address.
         SpecError: a malformed model, learned messages that were not recorded, wrong weights of a
-            mixture, or `"safe"` rewards of a task without them.
+            mixture.
         SchemaError: the dataset has no terms of rewards, which `rewards` needs; or the specs of a
             mixture differ.
         BuildError: it could not be built.

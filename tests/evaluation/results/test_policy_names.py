@@ -152,10 +152,11 @@ def test_a_run_on_other_rewards_is_evaluated_on_those_of_the_task(
     assert target.spec == TINY.spec
     (provenance,) = target.provenances
     assert provenance.view == run.view
-    assert provenance.dataset_key != provenance.dataset
+    assert provenance.dataset_key == provenance.dataset, "it is evaluated like any other"
     unknown = run_command("--reward", "colision=1")
     assert unknown.exit_code == 1
     assert "unknown reward weight 'colision'" in unknown.output
+    assert "unknown set of reward weights 'save'" in run_command("--reward", "save").output
 
     results = tmp_path / "results"
     (first,) = evaluate_target(target, 2, results, progress=False)

@@ -15,6 +15,7 @@ from swarmdata.errors import (
 )
 from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.evaluation.results.result_set import group_results, read_results, reference_of
+from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
@@ -61,10 +62,32 @@ def test_the_score_and_the_mean_of_the_data_stand_beside() -> None:
 
 def test_a_view_is_scored_like_its_world_and_is_a_case_of_its_own() -> None:
     lidar = with_models(COOP_NAV, "lidar")
-    found = group_results([result(), result(spec=lidar, view="{lidar}")])
+    found = group_results([result(), result(spec=lidar, view='{"observation":"lidar"}')])
     assert len(found.cases) == 2
     assert {case.reference for case in found.cases} == {reference_of(COOP_NAV)}
     assert sum(name.startswith(f"{MEDIUM}@") for name in found.datasets) == 1
+
+
+def test_who_learned_from_other_rewards_is_a_row_of_the_same_case() -> None:
+    strict = '{"rewards":{"robot_collision":1.5}}'
+    (case,) = group_results([result(), result("safe", view=strict)]).cases
+    assert case.name == MEDIUM
+    assert set(case.runs) == {"bc", "safe"}
+    assert case.rewards == {"safe": {"robot_collision": 1.5}}
+    with pytest.raises(ResultsError, match="2 results of bc number 0"):
+        group_results([result(), result(view=strict)])
+
+
+def test_reobserved_rows_share_a_case_whatever_they_learned_from() -> None:
+    lidar, models = with_models(COOP_NAV, "lidar"), '"observation":"lidar"'
+    rows = [
+        result(spec=lidar, view=f"{{{models}}}"),
+        result("safe", spec=lidar, view=f'{{{models},"rewards":{{"time":0.5}}}}'),
+    ]
+    (case,) = group_results(rows).cases
+    assert case.name.startswith(f"{MEDIUM}@")
+    assert case.view == {"observation": "lidar"}
+    assert len({file_name(each.provenance, lidar.hash()) for each in rows}) == 2
 
 
 def test_worlds_without_references_have_no_score() -> None:

@@ -123,13 +123,13 @@ def test_views_are_explained() -> None:
     lidar = with_models(COOP_NAV, "lidar")
     models = json.dumps(models_of(lidar))
     strict = '{"rewards":{"robot_collision":1.5,"time":0.0}}'
-    results = [result(), result(spec=lidar, view=models), result(view=strict)]
+    results = [result(), result(spec=lidar, view=models), result("safe", view=strict)]
     table = metric_table(group_results(results), n_resamples=QUICK)
     keys = [each.provenance.dataset_key for each in results]
     assert f" {keys[1]}: re-observed with observation lidar" in table.caption
-    words = "learned from rewards with robot_collision 1.5, time 0."
-    assert f" {keys[2]}: {words}" in table.caption
-    assert table.caption.count(": re-observed") == table.caption.count(": learned") == 1
+    words = "safe learned from rewards with robot_collision 1.5, time 0."
+    assert f" {MEDIUM}: {words}" in table.caption
+    assert table.caption.count(": re-observed") == table.caption.count(" learned from") == 1
 
 
 def test_aggregates_stand_below_those_of_the_data() -> None:

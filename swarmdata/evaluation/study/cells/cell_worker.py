@@ -104,7 +104,7 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
 
     train_seeds(
         cell.algorithm,
-        dataset.split("train"),
+        dataset.with_rewards(**cell.rewards).split("train"),
         run,
         seeds=cell.seeds,
         config=_config(OFFLINE_ALGORITHMS, cell),

@@ -8,9 +8,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import Field
+
 from swarmdata import __version__
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.study.cells.study_data import dataset_of_size, short_count, short_name
+from swarmdata.evaluation.study.cells.study_data import (
+    changed_rewards,
+    dataset_of_size,
+    short_count,
+    short_name,
+)
 from swarmdata.evaluation.study.plan import Baseline, Study, Variant, View
 from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, run_folders
@@ -48,6 +55,7 @@ class Cell(Frozen):
     observation: str | None = None  # model for training and evaluation; None: as recorded
     communication: str | None = None
     frame: str = "auto"  # of offline cells
+    rewards: dict[str, float] = Field(default_factory=dict)  # other weights to learn from
     seeds: tuple[int, ...]
     n_episodes: int
     block: SeedBlock = "evaluation"
@@ -65,6 +73,8 @@ class Cell(Frozen):
     def key(self) -> str:
         """Hash of everything that determines the results."""
         content = self.model_dump(mode="json", exclude=FIELDS_OUTSIDE_KEY)
+        if not self.rewards:  # keys of cells without are those of before cells had rewards
+            del content["rewards"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -81,7 +91,7 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
         digest_of: returns the digest of a dataset by its id or folder.
 
     Raises:
-        UnknownNameError: no such algorithm or setting.
+        UnknownNameError: no such algorithm, setting, reward weight or set of them.
         SpecError: two cells have the same name, a setting has the wrong type, or no algorithm has
             a setting of the study.
     """
@@ -162,6 +172,7 @@ def offline_cell(
         observation=view.observation,
         communication=view.communication,
         frame=variant.frame,
+        rewards={} if variant.rewards is None else changed_rewards(dataset, variant.rewards),
         seeds=study.seeds,
         n_episodes=study.episodes,
         block=study.block,

@@ -12,12 +12,15 @@ import numpy as np
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
 from swarmdata.registry.replaced_worlds import check_world
+from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins import task_of
+from swarmdata.specs.rules import changed_weights
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
@@ -25,7 +28,10 @@ FULL, MINI = "full", "mini"
 
 
 class DatasetFacts(Frozen):
-    """What the episodes of a dataset achieved: the row that every algorithm is compared with."""
+    """What the episodes of a dataset achieved: the row that every algorithm is compared with.
+
+    Returns are of the recorded rewards, whatever rewards an algorithm learns from.
+    """
 
     id: str
     digest: str
@@ -88,6 +94,30 @@ def digest_of(dataset: str, *, progress: bool = True) -> str:
     if found.spec.world is not None:
         check_world(found.spec.world)
     return found.digest
+
+
+def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
+    """Returns the weights in which chosen rewards differ from those of a dataset, by name.
+
+    Args:
+        dataset: id or folder.
+        choice: weights by name, or the name of a set of them.
+
+    Raises:
+        UnknownNameError: no such weight or set.
+        SpecError: a weight cannot have the value, the dataset's kind of task has no such set, or
+            the choice leaves all weights as they are.
+    """
+    recipe = find_recipe(dataset) if is_dataset(dataset) else load(dataset).recipe
+    rules = task_of(recipe, "learning from other rewards").rules
+    changed = changed_weights(rules.rewards, chosen_weights(choice, rules))
+    found = {name: value for name, value in changed if value != getattr(rules.rewards, name)}
+    if not found:
+        raise SpecError(
+            f"rewards {choice!r} leave the weights of {dataset} as they are, expected others; "
+            "leave them out to learn from the recorded rewards."
+        )
+    return found
 
 
 def open_dataset(

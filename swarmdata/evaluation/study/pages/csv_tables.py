@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -81,6 +82,7 @@ def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
         "family": found.family(cell.label),
         "algorithm": cell.algorithm,
         "dataset": case.dataset or "",
+        "rewards": json.dumps(cell.rewards, sort_keys=True) if cell.rewards else "",
         "task": result.evaluation.task,
         "digest": origin.digest or "",
         "n_steps": facts.figures.n_steps if facts else "",

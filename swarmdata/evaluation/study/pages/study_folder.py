@@ -8,7 +8,7 @@ from swarmdata import __version__
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import plot_improvements, plot_pareto, plot_profiles
 from swarmdata.evaluation.results.result_set import ResultSet
-from swarmdata.evaluation.results.result_tables import aggregate_table
+from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
 from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.csv_tables import (
@@ -151,12 +151,28 @@ def _protocol(found: Findings, command: str) -> str:
         f"evaluated on the same {study.episodes:,} {BLOCK_NAMES[study.block]} seeds. "
         "Numbers are interquartile means over training seeds with 95 % stratified bootstrap "
         "intervals; the mean of the data is "
-        f"that of its own episodes, with action noise. {len(found.cells)} cells were run with "
-        f"swarmdata {__version__} in {cpu} of processor time and {duration(total)} of wall-clock "
-        f"time, one thread per process, on {', '.join(machines)}.\n\n```\n{command}\n```\n\n"
+        f"that of its own episodes, with action noise. {_rewards(found)}"
+        f"{len(found.cells)} cells were run with swarmdata {__version__} in {cpu} of processor "
+        f"time and {duration(total)} of wall-clock time, one thread per process, on "
+        f"{', '.join(machines)}.\n\n```\n{command}\n```\n\n"
         f"[{RESULTS_FILE}]({RESULTS_FILE}) has a row for every run, [{DATA_FILE}]({DATA_FILE}) for "
         f"every dataset, [{COSTS_FILE}]({COSTS_FILE}) for every cell; [{PLAN_FILE}]({PLAN_FILE}) "
         "is the plan of the study.\n"
+    )
+
+
+def _rewards(found: Findings) -> str:
+    """Which rows learned from other rewards than they are scored by; empty: none did."""
+    weights = [
+        f"`{label}` on {without_version(case.name)} with {words_of_weights(rewards)}"
+        for case in found.results.cases
+        for label, rewards in case.rewards.items()
+    ]
+    if not weights:
+        return ""
+    return (
+        f"Some rows learned from rewards with other weights: {'; '.join(weights)}. Scores and "
+        "returns of all rows are of the task's own rewards. "
     )
 
 

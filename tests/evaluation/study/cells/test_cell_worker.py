@@ -59,6 +59,30 @@ def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
     assert (facts.id, facts.digest) == ("coop_nav-tiny-v0", cell.digest)
 
 
+def test_a_cell_learns_from_its_rewards_and_is_measured_by_the_tasks(
+    make_study: Make, tmp_path: Path
+) -> None:
+    rows = {"m": MADDPG, "other": {**MADDPG, "rewards": {"progress": 0.0, "time": 9.0}}}
+    found = {cell.label: cell for cell in cells_of(make_study(algorithms=rows), digest_of)}
+    losses = {}
+    for label, cell in found.items():
+        run_cell(cell, tmp_path / label)
+        losses[label] = (cell_run_folder(cell, tmp_path / label) / "losses.csv").read_text()
+    assert losses["m"] != losses["other"]
+    facts = [(tmp_path / label / DATA_FILE).read_text() for label in found]
+    assert facts[0] == facts[1], "the data's returns are of the recorded rewards"
+    results = [
+        load_result(next((tmp_path / label / RESULTS_FOLDER).glob("*.json"))) for label in found
+    ]
+    assert results[0].spec == results[1].spec
+    assert [each.provenance.changes.get("rewards") for each in results] == [
+        None, {"progress": 0.0, "time": 9.0}
+    ]  # fmt: skip
+    assert find_conflict(found["other"], tmp_path / "other") is None
+    weaker = found["other"].model_copy(update={"rewards": {"time": 9.0}})
+    assert "rewards" in str(find_conflict(weaker, tmp_path / "other"))
+
+
 class KilledError(BaseException):
     """Stands for a signal."""
 

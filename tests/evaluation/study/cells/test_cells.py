@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import SchemaError, SpecError, SwarmdataError, UnknownNameError
 from swarmdata.evaluation.study.cells.cells import FIELDS_OUTSIDE_KEY, Cell, cells_of
 from swarmdata.evaluation.study.cells.study_data import (
     dataset_of_size,
@@ -15,6 +15,8 @@ from swarmdata.evaluation.study.cells.study_data import (
     short_name,
 )
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.registry.presets import preset
+from swarmdata.registry.reward_weights import chosen_weights
 from tests.evaluation.study.conftest import BC, MADDPG
 
 Make = Callable[..., Study]
@@ -88,8 +90,8 @@ def test_curves_are_of_the_datasets_that_are_named(make_study: Make) -> None:
 OTHERS: dict[str, Any] = {
     "kind": "online", "label": "x", "data": "x", "family": "x", "algorithm": "x", "source": "x",
     "config": {"n_updates": 21}, "run": "x", "digest": "e" * 64, "n_steps": 7, "observation": "x",
-    "communication": "x", "frame": "world", "seeds": (0, 2), "n_episodes": 5, "curve_every": 3,
-    "block": "validation",
+    "communication": "x", "frame": "world", "rewards": {"time": 1.0},
+    "seeds": (0, 2), "n_episodes": 5, "curve_every": 3, "block": "validation",
     "device": "cuda", "curve_episodes": 3, "code_version": "x",
 }  # fmt: skip
 
@@ -114,6 +116,40 @@ def test_unknown_names_are_told(make_study: Make) -> None:
         cells(make_study(algorithms={"x": {**BC, "settings": {"outputs": "tanh"}}}))
     with pytest.raises(SpecError, match="is not a run folder"):
         cells(make_study(online={"x": {"run": "nowhere"}}))
+
+
+def test_a_row_with_other_rewards_has_their_weights(make_study: Make, data: Path) -> None:
+    algorithms = {
+        "bc": BC,
+        "safe": {**BC, "rewards": "safe"},
+        "own": {**BC, "rewards": {"robot_collision": 2.5, "time": 0.02}},
+    }
+    for dataset, name in (("coop_nav-medium", "coop_nav-medium"), (str(data), data.name)):
+        found = cells(make_study(algorithms=algorithms, datasets=[dataset]))
+        weights = preset("coop_nav").rules.rewards
+        safe = found[f"safe/{name}"].rewards
+        assert safe == chosen_weights("safe", preset("coop_nav").rules)
+        assert found[f"own/{name}"].rewards == {"robot_collision": 2.5}, "others are as recorded"
+        assert weights.time == 0.02
+        assert found[f"bc/{name}"].rewards == {}
+        assert len({cell.key for cell in found.values()}) == 3
+
+
+@pytest.mark.parametrize(
+    ("rewards", "message"),
+    [
+        ("save", "unknown set of reward weights 'save'. Did you mean 'safe'"),
+        ({"robot_colision": 1}, "unknown reward weight 'robot_colision'. Did you mean"),
+        ({"robot_collision": -1}, "rewards.*robot_collision"),
+        ({"time": 0.02}, "leave the weights of coop_nav-medium as they are"),
+    ],
+)
+def test_rewards_that_do_not_fit_are_refused_before_anything_runs(
+    make_study: Make, rewards: Any, message: str
+) -> None:
+    row = {**BC, "rewards": rewards}
+    with pytest.raises(SwarmdataError, match=message):
+        cells(make_study(algorithms={"x": row}, datasets=["coop_nav-medium"]))
 
 
 def test_online_trainings_are_cells_of_their_task(make_study: Make) -> None:

@@ -107,3 +107,24 @@ def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     with pytest.raises(StudyError, match="no cell on the study's datasets is done"):
         run_study(study, empty, "x")
     assert "nowhere" in (tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt").read_text()
+
+
+def test_a_row_with_other_rewards_stands_beside_the_one_without(
+    make_study: Callable[..., Study], data: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    study = make_study(algorithms={"m": MADDPG, "strict": {**MADDPG, "rewards": {"time": 9.0}}})
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, (page, *_) = run_study(study, options, "x")
+    assert failures == {}
+    runs = rows(tmp_path / "out" / "results.csv")
+    assert {(run["label"], run["dataset"], run["rewards"]) for run in runs} == {
+        ("m", data.name, ""),
+        ("strict", data.name, '{"time": 9.0}'),
+    }
+    assert f"other weights: `strict` on {data.name.removesuffix('-v0')} with time 9. " in (
+        page.read_text()
+    )
+    assert "| algorithm | family | coop_nav-tiny |" in page.read_text(), "one column for both"
+    text = (tmp_path / "out" / "study.yaml").read_text()
+    assert Study.from_text(text).algorithms["strict"].rewards == {"time": 9.0}
