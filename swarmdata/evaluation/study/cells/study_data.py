@@ -18,6 +18,7 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.recipe import Splits
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
@@ -32,6 +33,7 @@ class DatasetFacts(Frozen):
     figures: Figures  # of all episodes, action noise included
     robot_collisions: float
     obstacle_collisions: float
+    n_train_steps: int | None = None  # joint steps to learn from; None: recorded before it was kept
 
     @classmethod
     def of(cls, dataset: Dataset) -> "DatasetFacts":
@@ -43,7 +45,17 @@ class DatasetFacts(Frozen):
             robot_collisions=float(table.robot_collisions.mean()),
             obstacle_collisions=float(table.obstacle_collisions.mean()),
             figures=figures_of(table),
+            n_train_steps=int(dataset.split("train").episodes.lengths.sum()),
         )
+
+    @property
+    def train_steps(self) -> int:
+        """Joint steps to learn from; by the default shares of the splits where it is not known."""
+        if self.n_train_steps is not None:
+            return self.n_train_steps
+        rule = Splits()
+        share = 1.0 - (rule.validation + rule.test) / rule.block
+        return round(share * self.figures.n_steps)
 
 
 def short_name(dataset: str) -> str:
