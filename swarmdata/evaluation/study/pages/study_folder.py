@@ -27,6 +27,7 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     to_csv,
 )
 from swarmdata.evaluation.study.pages.data_efficiency_section import size_section
+from swarmdata.evaluation.study.pages.information_section import information_section
 from swarmdata.evaluation.study.pages.scoreboard import (
     Scoreboard,
     make_scoreboard,
@@ -84,7 +85,7 @@ def write_pages(
         found: what was measured.
         out: folder; existing files are replaced.
         command: that runs the study again, for the page.
-        sweeps: sections on robustness by title, whose files are in `out` already.
+        sweeps: sections on robustness and transfer by title, whose files are in `out` already.
 
     Returns:
         The files, the page first.
@@ -112,7 +113,8 @@ def write_pages(
 def rewrite_pages(out: Path) -> list[Path]:
     """Writes estimates, page and figures of a finished study again, from its folder alone.
 
-    Sections on robustness stay as they are: the archive has their text, not their episodes.
+    Sections on robustness and transfer stay as they are: the archive has their text, not their
+    episodes.
 
     Args:
         out: folder that `write_pages` wrote.
@@ -310,5 +312,5 @@ def _overall(results: ResultSet, out: Path) -> list[Section]:
 
 def _optional(found: Findings, out: Path) -> list[tuple[str, str]]:
     """The sections that a study may ask for, by title."""
-    writers = (size_section, curve_section, loss_sections)
+    writers = (size_section, information_section, curve_section, loss_sections)
     return [section for write in writers for section in write(found, out).items()]
