@@ -237,9 +237,12 @@ def _rows(
 
 
 def _over_states(values: Double) -> Interval:
-    """The mean over fits [M] and initial states [E], with its interval for new initial states."""
+    """The mean over fits [M] and initial states [E], with its interval for new initial states.
+
+    A record has numbers only, so of a single state, which has no interval, both ends are the mean.
+    """
     value, low, high = mean_interval(values.mean(axis=0)[None])
-    return value, low, high
+    return (value, value, value) if values.shape[1] == 1 else (value, low, high)
 
 
 def _oriented(row: RankedPolicy, criterion: Criterion) -> float | None:

@@ -61,7 +61,9 @@ def test_everything_is_written_and_again_the_same(
     page = files[0].read_text()
     assert "swarmdata study tiny.yaml" in page
     assert "95 % intervals for new training seeds and new episodes" in page
-    assert re.search(r"\| `bc` \| 20 \| 256 \| 8 \| \d+ to \d+ \|", page)  # updates, batch, width, epochs
+    assert re.search(
+        r"\| `bc` \| 20 \| 256 \| 8 \| \d+ to \d+ \|", page
+    )  # updates, batch, width, epochs
     for title in ("Best algorithms", "Return", "Success", "Data efficiency", "Mean Q", "Cost"):
         assert f"\n## {title}" in page
     _check_tables(tmp_path)
