@@ -10,7 +10,7 @@ import numpy as np
 
 from swarmdata.cards.recording_card import render_recorded
 from swarmdata.cards.reference_file import reference_bytes
-from swarmdata.cards.sections.baselines import baselines_section, study_runs
+from swarmdata.cards.sections.baselines import baselines_section, study_estimates
 from swarmdata.cards.sections.card_data import CardData, card_data_of
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.origin import (
@@ -103,7 +103,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         statistics_section(data, picture),
         policies_section(data),
         _references(data),
-        baselines_section(data.origin.id, data.manifest.digest, study_runs()),
+        baselines_section(data.origin.id, data.manifest.digest, study_estimates()),
         coverage_section(data),
         log_probs_section(data),
         splits_section(data.table, data.origin),

@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 
-import numpy as np
-
 from swarmdata.drawing import markdown
-from swarmdata.rollouts.score_statistics import bootstrap, iqm
+from swarmdata.rollouts.score_intervals import target_of
 
 STUDY_FOLDERS = ("studies/coop_nav", "studies/formation")
 """Folders of the committed studies of this version of the worlds, in `cards`."""
 
-RESULTS_FILE = "results.csv"
-"""Of a study: one row per run, as `swarmdata study` writes it."""
+ESTIMATES_FILE = "estimates.csv"
+"""Of a study: one row per mean with its interval, as `swarmdata study` writes it."""
 
 BASELINE_COLUMNS = (
     ("score", "score", 1.0, 1),
@@ -25,46 +23,47 @@ BASELINE_COLUMNS = (
     ("robot_collisions", "robot collisions", 1.0, 2),
     ("obstacle_collisions", "obstacle collisions", 1.0, 2),
 )
-"""Columns: name in the file, header, factor to the shown unit, decimals."""
+"""Columns: quantity in the file, header, factor to the shown unit, decimals."""
 
-Run = Mapping[str, str]
+Means = Mapping[str, str]
+"""A row of the file."""
 
 
 @cache
-def study_runs() -> tuple[Run, ...]:
-    """All runs of the committed studies that are part of this installation."""
-    found = (files("swarmdata.cards").joinpath(study, RESULTS_FILE) for study in STUDY_FOLDERS)
+def study_estimates() -> tuple[Means, ...]:
+    """All estimates of the committed studies that are part of this installation."""
+    found = (files("swarmdata.cards").joinpath(study, ESTIMATES_FILE) for study in STUDY_FOLDERS)
     texts = [file.read_text(encoding="utf-8") for file in found if file.is_file()]
-    return tuple(run for text in texts for run in read_runs(text))
+    return tuple(row for text in texts for row in read_estimates(text))
 
 
-def read_runs(text: str) -> tuple[Run, ...]:
-    """Rows of a `results.csv`."""
+def read_estimates(text: str) -> tuple[Means, ...]:
+    """Rows of an `estimates.csv`."""
     return tuple(csv.DictReader(io.StringIO(text)))
 
 
-def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
+def baselines_section(dataset_id: str, digest: str, estimates: Sequence[Means]) -> str:
     """Returns the section: one row per algorithm, or why there is none.
 
     Args:
         dataset_id: with its version.
-        digest: of the dataset's arrays; runs on other content are left out.
-        runs: of studies.
+        digest: of the dataset's arrays; results on other content are left out.
+        estimates: of studies.
     """
-    named = [run for run in runs if run["dataset"] == dataset_id]
-    same = [run for run in named if run["digest"] == digest]
+    named = [row for row in estimates if row["dataset"] == dataset_id]
+    same = [row for row in named if row["digest"] == digest]
     title = "\n## Baselines\n\n"
     if not same:
         stale = " The runs of the study used other data with this id." if named else ""
         return f"{title}No study has been run on this dataset yet.{stale}\n"
-    runs_of: dict[str, list[Run]] = {}
-    for run in same:
-        runs_of.setdefault(run["label"], []).append(run)
+    quantities_of: dict[str, dict[str, Means]] = {}
+    for row in same:
+        quantities_of.setdefault(row["label"], {})[row["quantity"]] = row
     best_first = sorted(
-        sorted(runs_of),
-        key=lambda label: -np.mean([float(run["return"]) for run in runs_of[label]]),
+        sorted(quantities_of),
+        key=lambda label: -float(quantities_of[label]["return"]["mean"]),
     )
-    rows = [_row(label, runs_of[label]) for label in best_first]
+    rows = [_row(label, quantities_of[label]) for label in best_first]
     head = (
         "algorithm",
         "family",
@@ -72,34 +71,34 @@ def baselines_section(dataset_id: str, digest: str, runs: Sequence[Run]) -> str:
         "updates",
         *(header for _, header, *_ in BASELINE_COLUMNS),
     )
-    episodes = ", ".join(sorted({f"{int(run['episodes']):,}" for run in same}))
+    episodes = ", ".join(sorted({f"{int(row['episodes']):,}" for row in same}))
+    target = target_of([int(row["seeds"]) for row in same])
     return (
         f"{title}{markdown.table(head, rows)}\n"
         f"The last policy of every training seed was evaluated on {episodes} reserved evaluation "
-        "seeds; values are interquartile means over training seeds with 95 % bootstrap intervals. "
+        f"seeds; values are means with 95 % intervals for {target}. "
         "Each algorithm has the same settings on all datasets, listed in the study's files; "
         "`swarmdata study` repeats the runs.\n"
     )
 
 
-def _row(label: str, runs: Sequence[Run]) -> tuple[str, ...]:
-    updates = sorted({int(run["updates"]) for run in runs if run["updates"]})
+def _row(label: str, found: Mapping[str, Means]) -> tuple[str, ...]:
+    first = found["return"]
     return (
         f"`{label}`",
-        runs[0]["family"],
-        str(len(runs)),
-        " to ".join(f"{n:,}" for n in updates),
-        *(
-            _cell([run[name] for run in runs], factor, digits)
-            for name, _, factor, digits in BASELINE_COLUMNS
-        ),
+        first["family"],
+        first["seeds"],
+        f"{int(first['updates']):,}" if first["updates"] else "–",
+        *(_cell(found.get(name), factor, digits) for name, _, factor, digits in BASELINE_COLUMNS),
     )
 
 
-def _cell(texts: Sequence[str], factor: float, decimals: int) -> str:
-    if not all(texts):
+def _cell(found: Means | None, factor: float, decimals: int) -> str:
+    if found is None or not found["mean"]:
         return "–"
-    values = factor * np.array([[float(text)] for text in texts])
-    found = bootstrap(iqm, values, generator=np.random.Generator(np.random.PCG64(0)))
-    value, low, high = (f"{each:.{decimals}f}" for each in found)
-    return f"{value} [{low}, {high}]"
+    value, *ends = (
+        f"{factor * float(found[key]):.{decimals}f}"
+        for key in ("mean", "low", "high")
+        if found[key]
+    )
+    return f"{value} [{', '.join(ends)}]" if ends else value

@@ -11,7 +11,13 @@ Out = Annotated[
 
 
 def study(
-    file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="plan of the study")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY.yaml|FOLDER",
+            help="plan of the study; or its folder, to write its pages again",
+        ),
+    ],
     out: Out = None,
     work: Annotated[Path | None, typer.Option(help="folder for runs; runs/study-NAME")] = None,
     workers: Annotated[int, typer.Option(min=1, help="number of processes, one thread each")] = 2,
@@ -26,7 +32,7 @@ def study(
     """Run a grid of algorithms, datasets and seeds.
 
     Writes tables, figures and text about it. An interrupted study resumes: run the same command
-    again.
+    again. With the folder of a study, its pages are written again from the episodes in it.
     """
     from swarmdata.runtime.extras import require_extra
 
@@ -35,6 +41,17 @@ def study(
     from swarmdata.evaluation.study.plan import Study
     from swarmdata.evaluation.study.run_study import StudyOptions, reproduce_study_cell, run_study
 
+    if file.is_dir():
+        given = {"--out": out, "--work": work, "--only": only, "--check": check, "--again": again}
+        if unused := [name for name, value in given.items() if value]:
+            raise typer.BadParameter(
+                f"{file} is a folder, whose pages are written again without running cells, so "
+                f"{', '.join(unused)} cannot be used. Pass the plan instead."
+            )
+        from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+
+        typer.echo(rewrite_pages(file)[0])
+        return
     plan = Study.from_file(file)
     options = StudyOptions(out or file.parent / plan.name, work, workers, only, again)
     if check is not None:

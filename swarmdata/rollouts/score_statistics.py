@@ -1,8 +1,7 @@
-"""Statistics of scores over episodes, runs and tasks: aggregates, bootstrap and Wilson intervals.
+"""An estimate with its interval, the bootstrap over rows, and Wilson's interval of a rate.
 
-All functions are pure. Aggregates take `scores[..., runs, tasks]` and reduce the last two axes, so
-that a bootstrap is one call on a leading axis of resamples. The definitions follow Agarwal et al.,
-"Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021.
+Scores of training seeds and episodes have `score_intervals`; the bootstrap here is for statistics
+without such a model, and for the published references.
 """
 
 from collections.abc import Callable
@@ -23,38 +22,6 @@ def mean(scores: Double) -> Double:
     return np.asarray(scores.mean(axis=(-2, -1)))
 
 
-def iqm(scores: Double) -> Double:
-    """The interquartile mean over runs and tasks; `scores[..., runs, tasks] -> [...]`.
-
-    The mean of the n = runs * tasks scores without the floor(n / 4) smallest and as many largest
-    (Agarwal et al. 2021, section 4.3, and their `scipy.stats.trim_mean`).
-    """
-    flat = scores.reshape(*scores.shape[:-2], -1)
-    n = flat.shape[-1]
-    cut = n // 4
-    middle = np.partition(flat, (cut, n - cut - 1), axis=-1)[..., cut : n - cut]
-    return np.asarray(middle.mean(axis=-1))
-
-
-def optimality_gap(scores: Double, target: float = 100.0) -> Double:
-    """The average shortfall of runs below `target`; `scores[..., runs, tasks] -> [...]`.
-
-    target - mean(min(score, target)) (Agarwal et al. 2021, section 4.3).
-    """
-    return np.asarray(target - np.minimum(scores, target).mean(axis=(-2, -1)))
-
-
-def probability_of_improvement(x: Double, y: Double) -> Double:
-    """The probability that a run of X beats a run of Y on a random task; ties count one half.
-
-    The mean over tasks of the Mann-Whitney statistic U / (runs_x runs_y) (Agarwal et al. 2021,
-    section 4.3 and appendix). `x[..., runs_x, tasks], y[..., runs_y, tasks] -> [...]`.
-    """
-    a, b = x[..., :, None, :], y[..., None, :, :]
-    wins: Double = (a > b) + 0.5 * (a == b)
-    return np.asarray(wins.mean(axis=(-3, -2, -1)))
-
-
 class Estimate(NamedTuple):
     """A value and the bounds of its confidence interval."""
 
@@ -65,40 +32,41 @@ class Estimate(NamedTuple):
 
 def bootstrap(
     statistic: Callable[..., Double],
-    *scores: Double,
+    scores: Double,
+    *,
     generator: np.random.Generator,
     n_resamples: int = 2000,
     level: float = 0.95,
 ) -> Estimate:
-    """Stratified percentile bootstrap of a statistic of one or more score tables.
+    """Stratified percentile bootstrap of a statistic of a score table.
 
-    A resample draws, in every table and independently for every task, as many runs as there are,
-    with replacement; tasks are not resampled (Agarwal et al. 2021, section 4.1). The bounds are the
+    A resample draws, independently for every task, as many runs as there are, with replacement;
+    tasks are not resampled (Agarwal et al., "Deep Reinforcement Learning at the Edge of the
+    Statistical Precipice", NeurIPS 2021, section 4.1). The bounds are the
     (1 - level) / 2 and (1 + level) / 2 quantiles of the statistic over resamples, linearly
     interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
 
     Args:
-        statistic: maps tables [..., runs, tasks] to [...]; for example `iqm`.
-        scores: finite tables [runs, tasks]; episodes of one policy are runs of one task.
+        statistic: maps tables [..., runs, tasks] to [...]; for example `mean`.
+        scores: a finite table [runs, tasks]; episodes of one policy are runs of one task.
         generator: source of the resamples.
         n_resamples: number of resamples.
         level: confidence level of the interval, in (0, 1).
 
     Raises:
-        SchemaError: a table is not a finite, non-empty [runs, tasks].
+        SchemaError: the table is not a finite, non-empty [runs, tasks].
     """
-    for table in scores:
-        if table.ndim != 2 or not table.size or not np.isfinite(table).all():
-            raise SchemaError(
-                f"scores are {list(table.shape)} with {int((~np.isfinite(table)).sum())} values "
-                "that are not finite, expected finite [runs, tasks] with at least one of each."
-            )
-    size = max(1, MAX_RESAMPLED_SCORES // sum(table.size for table in scores))
+    if scores.ndim != 2 or not scores.size or not np.isfinite(scores).all():
+        raise SchemaError(
+            f"scores are {list(scores.shape)} with {int((~np.isfinite(scores)).sum())} values "
+            "that are not finite, expected finite [runs, tasks] with at least one of each."
+        )
+    size = max(1, MAX_RESAMPLED_SCORES // scores.size)
     chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
-    draws = [statistic(*(resample(t, generator, n) for t in scores)) for n in chunks]
+    draws = [statistic(resample(scores, generator, n)) for n in chunks]
     tail = (1.0 - level) / 2.0
     low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail])
-    return Estimate(float(statistic(*scores)), float(low), float(high))
+    return Estimate(float(statistic(scores)), float(low), float(high))
 
 
 def resample(table: Double, generator: np.random.Generator, n: int) -> Double:

@@ -29,6 +29,7 @@ from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.registry.published import normalized_score, references_of
+from swarmdata.rollouts.score_intervals import difference_interval, mean_interval, target_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double
 from tests.benchmarks.measuring import table, write_section
@@ -43,7 +44,6 @@ REPOSITORIES = {
     "omar": "ling-pan/OMAR",
     "og_marl": "instadeepai/og-marl",
 }
-N_RESAMPLES = 2000
 
 
 class Peer(NamedTuple):
@@ -168,41 +168,6 @@ def our_config(name: str, budget: Budget) -> object:
     return override(config, changes)
 
 
-def resampled_means(scores: Double, rng: np.random.Generator, episodes: Double) -> Double:
-    """Means of scores [K, E] with the seeds drawn again, [R].
-
-    Args:
-        scores: of seeds on episodes.
-        rng: draws the seeds.
-        episodes: how often each resample has each episode, as weights that sum to 1, [R, E].
-    """
-    n_seeds, n = len(scores), len(episodes)
-    drawn = rng.multinomial(n_seeds, np.full(n_seeds, 1 / n_seeds), size=n) / n_seeds  # [R, K]
-    means: Double = np.einsum("rk,ke,re->r", drawn, scores, episodes, optimize=True)
-    return means
-
-
-def estimates(ours: Double, theirs: Double | None = None) -> Estimate:
-    """Mean score, or the difference of two, with its 95 % interval.
-
-    Seeds and episodes are both drawn again; two learners keep the same episodes, and each draws its
-    own seeds.
-
-    Args:
-        ours: scores [K, E].
-        theirs: scores to subtract, on the same episodes.
-    """
-    rng, n = np.random.Generator(np.random.PCG64(0)), ours.shape[1]
-    episodes = rng.multinomial(n, np.full(n, 1 / n), size=N_RESAMPLES) / n
-    means = resampled_means(ours, rng, episodes)
-    value = ours.mean()
-    if theirs is not None:
-        means = means - resampled_means(theirs, rng, episodes)
-        value = value - theirs.mean()
-    low, high = np.quantile(means, [0.025, 0.975])
-    return Estimate(float(value), float(low), float(high))
-
-
 def verdict(difference: Estimate) -> str:
     """Which of two learners is better, if the interval of the difference says so."""
     if difference.low > 0:
@@ -233,14 +198,16 @@ def rows_of(data: TeamData, kept: Kept, budget: Budget) -> list[tuple[str, ...]]
         other = PEERS[name].counterpart if name in PEERS else None
         versus = ("", "", "")
         if other in scores:
-            difference = estimates(scores[other], values)
+            difference = difference_interval(scores[other], values)
             versus = (f"`{other}`", signed(difference), verdict(difference))
         shares = (f"{100 * played.metrics[key].mean():.0f} %" for key in METRICS[1:3])
         collisions = " / ".join(f"{played.metrics[key].mean():.2f}" for key in METRICS[3:])
         label = name if name in PEERS else f"ours, `{name}`"
         each = " ".join(f"{value:.0f}" for value in values.mean(axis=1))
         seconds = f"{played.seconds:.0f}"
-        rows.append((label, shown(estimates(values)), each, *shares, collisions, *versus, seconds))
+        rows.append(
+            (label, shown(mean_interval(values)), each, *shares, collisions, *versus, seconds)
+        )
     return rows
 
 
@@ -273,8 +240,9 @@ def text(budget: Budget, sources: Mapping[str, str], tables: Tables) -> str:
         "same normalized observations and actions in the robots' frame, the same rewards, and our "
         "evaluator; everything else is as their authors set it. A team as one agent sees at every "
         "robot what all robots observe. Critics of OG-MARL keep their 128 units, and its policy "
-        "is recurrent. Intervals (95 %) draw seeds and episodes again; a learner is better if "
-        "that of the difference leaves out 0."
+        "is recurrent. Intervals (95 %) are for "
+        f"{target_of([budget.n_seeds])}; a learner is better if that of the difference, paired by "
+        "episode, leaves out 0."
     ]
     for dataset, rows in tables.items():
         parts.append(f"`{dataset}`:\n\n{table(HEAD, list(rows)).rstrip()}")

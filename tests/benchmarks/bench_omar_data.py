@@ -24,9 +24,10 @@ import torch
 import swarmdata
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double
-from tests.benchmarks.bench_algorithms import estimates, our_config, shown
+from tests.benchmarks.bench_algorithms import our_config, shown
 from tests.benchmarks.measuring import table
 from tests.benchmarks.peers.particle_world import STEPS, ParticleWorld
 from tests.benchmarks.peers.team_data import Budget
@@ -87,7 +88,7 @@ def scores_of(algorithm: str, data: Path, make_world: Any, budget: Budget) -> Es
         swarmdata.evaluate_parallel(policy, make_world, dataset.spec, seeds).metrics["return"]
         for policy in policies
     ]
-    return estimates(normalized(np.stack(returns)))
+    return mean_interval(normalized(np.stack(returns)))
 
 
 def train(

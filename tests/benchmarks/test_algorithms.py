@@ -17,7 +17,6 @@ from tests.benchmarks import bench_algorithms
 from tests.benchmarks.bench_algorithms import (
     METRICS,
     Kept,
-    estimates,
     main,
     our_config,
     rows_of,
@@ -32,25 +31,6 @@ BUDGET = Budget(n_updates=100, batch_size=8, units=16, n_seeds=2, n_episodes=5)
 
 def metrics_of(value: float) -> dict[str, np.ndarray]:
     return {name: np.full(BUDGET.n_episodes, value) for name in METRICS}
-
-
-def test_seeds_and_episodes_are_both_drawn_again() -> None:
-    rng = np.random.default_rng(0)
-    by_seed, by_episode = rng.normal(size=(4, 1)), rng.normal(size=(1, 100))
-    of_seeds = estimates(np.broadcast_to(by_seed, (4, 100)))
-    of_episodes = estimates(np.broadcast_to(by_episode, (4, 100)))
-    assert of_seeds.high - of_seeds.low == pytest.approx(3.9 * by_seed.std() / 2, rel=0.15)
-    assert of_episodes.high - of_episodes.low == pytest.approx(
-        3.9 * by_episode.std() / 10, rel=0.15
-    )
-    assert of_seeds.low < of_seeds.value < of_seeds.high
-
-
-def test_a_difference_keeps_the_episodes_of_both() -> None:
-    hardness = np.random.default_rng(0).normal(size=(1, 50)) * 100
-    ours, theirs = (np.broadcast_to(hardness + shift, (3, 50)) for shift in (2.0, 1.0))
-    difference = estimates(ours, theirs)
-    assert difference == pytest.approx((1.0, 1.0, 1.0))
 
 
 @pytest.mark.parametrize(

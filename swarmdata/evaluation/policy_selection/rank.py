@@ -41,7 +41,7 @@ from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
-from swarmdata.rollouts import score_statistics
+from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
 from swarmdata.types import Double
 
@@ -237,12 +237,12 @@ def _rows(
 
 
 def _over_states(values: Double) -> Interval:
-    """The mean over fits [M] and initial states [E], with its interval over initial states."""
-    table = values.mean(axis=0)[:, None]
-    value, low, high = score_statistics.bootstrap(
-        score_statistics.mean, table, generator=np.random.default_rng(0)
-    )
-    return value, low, high
+    """The mean over fits [M] and initial states [E], with its interval for new initial states.
+
+    A record has numbers only, so of a single state, which has no interval, both ends are the mean.
+    """
+    value, low, high = mean_interval(values.mean(axis=0)[None])
+    return (value, value, value) if values.shape[1] == 1 else (value, low, high)
 
 
 def _oriented(row: RankedPolicy, criterion: Criterion) -> float | None:

@@ -1,13 +1,13 @@
 """Aggregates over runs and datasets with intervals, as pure functions of a result set.
 
-The measures are those of Agarwal et al., "Deep Reinforcement Learning at the Edge of the
-Statistical Precipice", NeurIPS 2021, which Gorsane et al., "Towards a Standardised Performance
-Evaluation Protocol for Cooperative MARL", NeurIPS 2022, use for teams: the score of a
-run on a dataset is the mean over its episodes, tables are [runs, datasets], and intervals are 95 %
-percentile bootstraps that draw runs within each dataset.
+Tables are [runs, datasets, episodes]; intervals are those of `rollouts.score_intervals`. The
+optimality gap and the performance profile describe the measured runs, after Agarwal et al., "Deep
+Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021, and Gorsane et al.,
+"Towards a Standardised Performance Evaluation Protocol for Cooperative MARL", NeurIPS 2022. Their
+interquartile mean and their bootstrap of runs are not used; `rollouts.score_intervals` says why.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,18 +15,9 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.result_set import Case, ResultSet
-from swarmdata.rollouts import score_statistics
-from swarmdata.rollouts.score_statistics import Estimate, resample
+from swarmdata.rollouts.score_intervals import combination_interval, mean_interval
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Bool, Double
-
-N_RESAMPLES = 2000
-
-LEVEL = 0.95
-
-
-def generator_of(seed: int = 0) -> np.random.Generator:
-    """Returns the generator of resamples; its seed is fixed, so that a report is repeatable."""
-    return np.random.Generator(np.random.PCG64(seed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +25,7 @@ class ComparableScores:
     """Scores of the labels that have equally many runs on all datasets with a score."""
 
     datasets: tuple[str, ...]
-    tables: Mapping[str, Double]  # label -> mean scores [runs, datasets], in the labels' order
+    tables: Mapping[str, Double]  # label -> scores [runs, datasets, episodes], in the labels' order
     left_out: Mapping[str, str]  # label or dataset -> why it is not in the tables
 
 
@@ -67,7 +58,7 @@ def comparable_scores(
         elif len(counts) > 1:
             left_out[label] = f"has between {min(counts)} and {max(counts)} runs on a dataset"
         else:
-            tables[label] = np.stack([found[name].mean(axis=1) for name in names], axis=1)
+            tables[label] = np.stack([found[name] for name in names], axis=1)
     return ComparableScores(names, tables, left_out)
 
 
@@ -75,78 +66,59 @@ class Aggregate(NamedTuple):
     """One label over all datasets."""
 
     n_runs: int
-    iqm: Estimate  # interquartile mean of the score, section 4.3
     mean: Estimate
-    optimality_gap: Estimate  # how far runs stay below 100, on average, section 4.3
+    optimality_gap: float  # how far the measured runs stay below 100, on average
 
 
-def aggregates(
-    tables: Mapping[str, Double], *, n_resamples: int = N_RESAMPLES
-) -> dict[str, Aggregate]:
+def aggregates(tables: Mapping[str, Double]) -> dict[str, Aggregate]:
     """Computes the aggregates of each label.
 
     Args:
-        tables: label -> scores [runs, datasets], such as `ComparableScores.tables`.
-        n_resamples: of each bootstrap.
+        tables: label -> scores [runs, datasets, episodes], such as `ComparableScores.tables`.
     """
-
-    def estimate(statistic: Callable[..., Double], table: Double) -> Estimate:
-        return score_statistics.bootstrap(
-            statistic, table, generator=generator_of(), n_resamples=n_resamples
-        )
-
     return {
         label: Aggregate(
-            len(table),
-            estimate(score_statistics.iqm, table),
-            estimate(score_statistics.mean, table),
-            estimate(score_statistics.optimality_gap, table),
+            len(table), _mean_over_datasets(table), optimality_gap(table.mean(axis=-1))
         )
         for label, table in tables.items()
     }
 
 
+def _mean_over_datasets(table: Double, other: Double | None = None) -> Estimate:
+    """The mean over datasets with its interval, or the difference of two such means.
+
+    The datasets are fixed: the interval is for new training seeds and episodes on these datasets.
+    """
+    n = table.shape[1]
+    found, weights = list(table.swapaxes(0, 1)), [1.0 / n] * n
+    if other is not None:
+        found += list(other.swapaxes(0, 1))
+        weights += [-1.0 / n] * n
+    return combination_interval(found, weights)
+
+
+def optimality_gap(scores: Double, target: float = 100.0) -> float:
+    """The average shortfall of runs below `target`; scores are [runs, datasets].
+
+    target - mean(min(score, target)) (Agarwal et al. 2021, section 4.3).
+    """
+    return float(target - np.minimum(scores, target).mean())
+
+
 def performance_profile(scores: Double, thresholds: Double) -> Double:
-    """Share of runs whose score is above each threshold: `scores[..., runs, tasks] -> [..., P]`.
+    """Share of the measured runs whose score is above each threshold.
 
     F(tau) = 1/M sum_m 1/N sum_n 1[x_mn > tau], the score distribution of section 4.2.
-    """
-    above = scores[..., None] > thresholds
-    return np.asarray(above.mean(axis=(-3, -2)))
-
-
-class Band(NamedTuple):
-    """A curve and its pointwise interval, [P] each."""
-
-    value: Double
-    low: Double
-    high: Double
-
-
-def profile_band(
-    scores: Double,
-    thresholds: Double,
-    *,
-    generator: np.random.Generator | None = None,
-    n_resamples: int = N_RESAMPLES,
-    level: float = LEVEL,
-) -> Band:
-    """The performance profile of one label with its stratified bootstrap interval.
 
     Args:
-        scores: [runs, tasks].
-        thresholds: increasing, [P].
-        generator: of the resamples; None: one with a fixed seed.
-        n_resamples: of the bootstrap.
-        level: coverage of the interval at each threshold.
+        scores: of N runs on M datasets, [runs, datasets].
+        thresholds: [P].
+
+    Returns:
+        Shares from 0 to 1, [P].
     """
-    rng = generator_of() if generator is None else generator
-    size = max(1, score_statistics.MAX_RESAMPLED_SCORES // (scores.size * len(thresholds)))
-    counts = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
-    draws = [performance_profile(resample(scores, rng, n), thresholds) for n in counts]
-    tail = (1.0 - level) / 2.0
-    low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail], axis=0)
-    return Band(performance_profile(scores, thresholds), low, high)
+    above = scores[..., None] > thresholds
+    return np.asarray(above.mean(axis=(0, 1)))
 
 
 def thresholds_of(tables: Mapping[str, Double], n: int = 301) -> Double:
@@ -162,56 +134,21 @@ def thresholds_of(tables: Mapping[str, Double], n: int = 301) -> Double:
     return np.linspace(min(low, 0.0) - 1.0, max(high, 100.0) + 1.0, n)
 
 
-def improvements(
-    tables: Mapping[str, Double], *, n_resamples: int = N_RESAMPLES
-) -> dict[tuple[str, str], Estimate]:
-    """Probability that a run of one label beats one of another on a random dataset.
-
-    Mann-Whitney's U over runs_x runs_y, ties one half, averaged over datasets (section 4.3).
+def differences(tables: Mapping[str, Double]) -> dict[tuple[str, str], Estimate]:
+    """Mean score of one label minus that of another over the datasets, paired by episode.
 
     Args:
-        tables: label -> scores [runs, datasets].
-        n_resamples: of each bootstrap, which draws both labels.
+        tables: label -> scores [runs, datasets, episodes].
 
     Returns:
-        (label, other) -> P(label > other), for all pairs of different labels.
+        (label, other) -> difference, for all pairs of different labels.
     """
     return {
-        (one, other): score_statistics.bootstrap(
-            score_statistics.probability_of_improvement,
-            tables[one],
-            tables[other],
-            generator=generator_of(),
-            n_resamples=n_resamples,
-        )
+        (one, other): _mean_over_datasets(tables[one], tables[other])
         for one in tables
         for other in tables
         if one != other
     }
-
-
-def mean_over_runs(
-    values: Double,
-    *,
-    n_resamples: int = N_RESAMPLES,
-    statistic: Callable[..., Double] | None = None,
-) -> Estimate:
-    """Returns the interquartile mean over runs with its interval.
-
-    For a single run, it is the mean over episodes with an interval over episodes.
-
-    Args:
-        values: [runs, episodes].
-        n_resamples: of the bootstrap.
-        statistic: of the table [runs, 1]; the interquartile mean by default.
-    """
-    if len(values) > 1:
-        table, chosen = values.mean(axis=1)[:, None], statistic or score_statistics.iqm
-    else:
-        table, chosen = values.T, score_statistics.mean
-    return score_statistics.bootstrap(
-        chosen, table, generator=generator_of(), n_resamples=n_resamples
-    )
 
 
 def pareto_front(values: Sequence[float], costs: Sequence[float]) -> Bool:
@@ -242,8 +179,8 @@ def pareto(case: Case) -> tuple[Point, ...]:
     Raises:
         UnknownNameError: the environment counts no collisions.
     """
-    returns = [mean_over_runs(case.metric(label, "return")) for label in case.runs]
-    costs = [mean_over_runs(collisions(case, label)) for label in case.runs]
+    returns = [mean_interval(case.metric(label, "return")) for label in case.runs]
+    costs = [mean_interval(collisions(case, label)) for label in case.runs]
     front = pareto_front([each.value for each in returns], [each.value for each in costs])
     return tuple(map(Point, case.runs, returns, costs, front.tolist()))
 

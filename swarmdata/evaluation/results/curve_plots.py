@@ -96,8 +96,8 @@ MIN_LABEL_GAP = 0.075
 def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
     """Draws success above and return below, with a column per task and a line per algorithm.
 
-    A line is the mean over runs, its band the 95 % bootstrap interval; its label with the number of
-    runs stands at its end.
+    A line is the mean over runs, its band the 95 % interval for new training seeds on the same
+    episodes; its label with the number of runs stands at its end.
 
     Args:
         files: task -> algorithm -> files with the columns `frames`, `success`, `return` and, if

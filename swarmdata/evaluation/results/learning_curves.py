@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import SchemaError
+from swarmdata.rollouts.score_intervals import seed_interval
 from swarmdata.types import Double
-
-N_RESAMPLES, LEVEL, SEED = 2_000, 0.95, 0
-"""Of the bootstrap: resamples, coverage of the interval, seed of the generator."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,15 +109,8 @@ def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list
 def interval_of(curve: Curve) -> tuple[Double, Double]:
     """Returns the 95 % interval of the mean over runs at each point, [P] each.
 
-    Percentile bootstrap over whole runs (Agarwal et al., "Deep Reinforcement Learning at the Edge
-    of the Statistical Precipice", NeurIPS 2021, section 4.1): a resample draws as many runs as
-    there are, and uses them at every point. The interval of a single run has no width and no
-    meaning.
+    It is for new training seeds on the same episodes: curves keep only means over episodes. A
+    single run has none (NaN).
     """
-    n_runs = len(curve.values)
-    generator = np.random.Generator(np.random.PCG64(SEED))
-    counts = generator.multinomial(n_runs, np.full(n_runs, 1.0 / n_runs), size=N_RESAMPLES)
-    means = (counts / n_runs) @ curve.values
-    tail = (1.0 - LEVEL) / 2.0
-    low, high = np.quantile(means, [tail, 1.0 - tail], axis=0)
-    return low, high
+    found = [seed_interval(point) for point in curve.values.T]
+    return np.array([each.low for each in found]), np.array([each.high for each in found])

@@ -18,7 +18,7 @@ from swarmdata.learn.training.run_folder import read_table
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
-from swarmdata.rollouts.score_statistics import bootstrap, mean
+from swarmdata.rollouts.score_intervals import seed_interval
 from swarmdata.runtime.atomic import write_file
 
 LEARNED_SUCCESS = 0.9
@@ -139,9 +139,12 @@ def _cells(training: Training) -> tuple[str, ...]:
 
 
 def _interval(training: Training, metric: str, factor: float, unit: str) -> str:
-    """Mean over seeds at the end of training, with its 95 % bootstrap interval."""
-    last = np.array([[curve[-1][metric]] for curve in training.curves])
-    found = bootstrap(mean, last, generator=np.random.Generator(np.random.PCG64(0)))
-    value, low, high = (factor * each for each in (found.value, found.low, found.high))
-    digits = 1 if factor > 1 else 2
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]{unit}"
+    """Mean over seeds at the end of training; its 95 % interval is for new training seeds."""
+    last = np.array([curve[-1][metric] for curve in training.curves])
+    value, *ends = seed_interval(last)
+    if unit:  # a share, which ends at 0 and 1
+        ends = np.clip(ends, 0.0, 1.0).tolist()
+    digits = 1 if unit else 2
+    low, high = (f"{factor * each:.{digits}f}" for each in ends)
+    text = f"{factor * value:.{digits}f}"
+    return f"{text}{unit}" if len(last) == 1 else f"{text} [{low}, {high}]{unit}"

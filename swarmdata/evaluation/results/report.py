@@ -13,8 +13,8 @@ from swarmdata.evaluation.results.estimate_table import Table
 from swarmdata.evaluation.results.learning_curves import read_curve
 from swarmdata.evaluation.results.result_exports import marl_eval, runs_csv
 from swarmdata.evaluation.results.result_plots import (
+    plot_differences,
     plot_estimates,
-    plot_improvements,
     plot_pareto,
     plot_profiles,
     plot_scores,
@@ -23,7 +23,7 @@ from swarmdata.evaluation.results.result_set import Case, ResultSet, read_result
 from swarmdata.evaluation.results.result_tables import (
     aggregate_table,
     case_table,
-    improvement_table,
+    difference_table,
     metric_table,
 )
 from swarmdata.learn.training.run_files import CURVE
@@ -54,7 +54,7 @@ def tables_of(results: ResultSet) -> dict[str, Table]:
     if compared:
         tables["aggregates"] = aggregate_table(results)
     if len(compared) > 1:
-        tables["improvement"] = improvement_table(results)
+        tables["differences"] = difference_table(results)
     return tables | {name: case_table(case) for name, case in shown_cases(results).items()}
 
 
@@ -118,8 +118,8 @@ def _draw(
         drawings["scores"] = partial(plot_scores, results)
     if compared:
         drawings["profile"] = partial(plot_profiles, compared)
-    if "improvement" in tables:
-        drawings["improvement"] = partial(plot_improvements, compared)
+    if "differences" in tables:
+        drawings["differences"] = partial(plot_differences, compared)
     if ours:
         drawings["pareto"] = partial(plot_pareto, ours)
     for name in cases:

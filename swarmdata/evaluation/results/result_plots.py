@@ -24,13 +24,13 @@ from swarmdata.drawing.style import (
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.aggregates import (
     Point,
-    improvements,
-    mean_over_runs,
+    differences,
     pareto,
-    profile_band,
+    performance_profile,
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
@@ -87,7 +87,7 @@ def plot_scores(results: ResultSet, path: Path) -> None:
             for k, label in enumerate(results.labels):
                 if label in case.runs:
                     x = place + (k + 0.5) * slot - span / 2
-                    found = mean_over_runs(case.scores(label))
+                    found = mean_interval(case.scores(label))
                     axes.plot([x, x], [found.low, found.high], color=looks[label]["color"], lw=1.6)
                     axes.plot([x], [found.value], **{"ms": 5, "ls": "none", **looks[label]})
         _name_datasets(axes, [case.name for case in cases])
@@ -132,26 +132,24 @@ def _legend_handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
 
 
 def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
-    """Draws the share of runs that score above each threshold, with 95 % bands.
+    """Draws the share of the measured runs that score above each threshold.
 
     Args:
-        tables: label -> scores [runs, datasets], such as `ComparableScores.tables`.
+        tables: label -> scores [runs, datasets, episodes], such as `ComparableScores.tables`.
         path: where to save; the suffix is the format.
 
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
-    thresholds = thresholds_of(tables)
+    runs = {label: table.mean(axis=-1) for label, table in tables.items()}
+    thresholds = thresholds_of(runs)
     with figure(path, width=6.4, height=3.9) as drawing:
         axes = drawing.add_subplot()
-        order = sorted(tables)
-        for label, table in tables.items():
-            band = profile_band(table, thresholds)
-            look = line_style(order.index(label))
-            axes.plot(thresholds, 100 * band.value, lw=1.7, label=label, **look)
-            low, high = 100 * band.low, 100 * band.high
-            axes.fill_between(thresholds, low, high, color=look["color"], alpha=0.12, lw=0)
+        order = sorted(runs)
+        for label, table in runs.items():
+            share = 100 * performance_profile(table, thresholds)
+            axes.plot(thresholds, share, lw=1.7, label=label, **line_style(order.index(label)))
         axes.set(xlabel="score τ (0 no skill, 100 expert)", ylabel="runs with a score above τ (%)")
         axes.set_ylim(-2, 102)
         axes.margins(x=0)
@@ -159,11 +157,11 @@ def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)  # the best on top
 
 
-def plot_improvements(tables: Mapping[str, Double], path: Path) -> None:
-    """Draws the probability that a run of the row beats one of the column; white if undecided.
+def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
+    """Draws the mean score of the row minus that of the column; white if it may be 0.
 
     Args:
-        tables: label -> scores [runs, datasets].
+        tables: label -> scores [runs, datasets, episodes].
         path: where to save; the suffix is the format.
 
     Raises:
@@ -172,30 +170,31 @@ def plot_improvements(tables: Mapping[str, Double], path: Path) -> None:
     """
     if not tables:
         raise SchemaError("there are no scores to compare, expected at least one label.")
-    labels, pairs = list(tables)[::-1], improvements(tables)  # the best on top
+    labels, pairs = list(tables)[::-1], differences(tables)  # the best on top
     n = len(labels)
     size = 0.56 * n
+    limit = max([abs(found.value) for found in pairs.values()], default=0.0) or 1.0
     with figure(path, width=max(3.6, 2.2 + size), height=1.6 + 0.8 * size) as drawing:
         axes = drawing.add_subplot()
-        shown = np.full((n, n), 0.5)
+        shown = np.zeros((n, n))
         for (one, other), found in pairs.items():
             row, column = labels.index(one), labels.index(other)
-            is_decided = found.low > 0.5 or found.high < 0.5
-            shown[row, column] = found.value if is_decided else 0.5
+            is_decided = found.low > 0.0 or found.high < 0.0
+            shown[row, column] = found.value if is_decided else 0.0
             axes.text(
                 column,
                 row,
-                f"{100 * found.value:.0f}",
+                f"{found.value:+.0f}".replace("-", "−"),
                 ha="center",
                 va="center",
                 fontsize=9,
                 fontweight="bold" if is_decided else "normal",
-                color="white" if is_decided and abs(found.value - 0.5) > 0.3 else INK,
+                color="white" if is_decided and abs(found.value) > 0.6 * limit else INK,
             )
-        axes.imshow(shown, cmap="PuOr", vmin=0, vmax=1, aspect="auto")
+        axes.imshow(shown, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
         axes.set_xticks(range(n), labels, rotation=45, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(n), labels)
-        axes.set_title("P(row beats column) in %", loc="left")
+        axes.set_title("score of row minus column", loc="left")
         for side in axes.spines.values():
             side.set_visible(False)
         axes.tick_params(length=0)

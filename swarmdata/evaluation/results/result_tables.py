@@ -11,17 +11,17 @@ import numpy as np
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.aggregates import (
-    N_RESAMPLES,
     ComparableScores,
     aggregates,
     comparable_scores,
-    improvements,
-    mean_over_runs,
+    differences,
+    optimality_gap,
 )
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.evaluation.results.result_set import Case, ResultSet
 from swarmdata.numerics.random import VALIDATION_BASE
-from swarmdata.rollouts import metrics, score_statistics
+from swarmdata.rollouts import metrics
+from swarmdata.rollouts.score_intervals import mean_interval, rate_interval, target_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import describe
 from swarmdata.types import Double
@@ -109,21 +109,16 @@ def quantities_of(case: Case) -> tuple[Quantity, ...]:
     return tuple(q for q in QUANTITIES.values() if case.reference is not None or q is not SCORE)
 
 
-def case_table(case: Case, *, n_resamples: int = N_RESAMPLES) -> Table:
+def case_table(case: Case) -> Table:
     """Returns all quantities of one dataset or spec, one row per label.
 
-    A label with one run gets the mean over episodes; its 95 % interval is Wilson's for rates, and a
-    percentile bootstrap over episodes for other quantities. A label with several runs, one
-    per training seed, gets the interquartile mean over their means, with a stratified bootstrap
-    over runs. An unsolved episode counts as the horizon in time to goal.
+    Values are means over runs and episodes with their 95 % intervals (`rollouts.score_intervals`):
+    for new training seeds and episodes, or, of a label with one run, for new episodes. An unsolved
+    episode counts as the horizon in time to goal.
     """
     quantities = quantities_of(case)
     rows = [
-        Row(
-            label,
-            len(runs),
-            tuple(estimate(q, case, label, n_resamples) for q in quantities),
-        )
+        Row(label, len(runs), tuple(estimate(q, case, label) for q in quantities))
         for label, runs in case.runs.items()
     ]
     own = tuple(_without_interval(quantity.data(case)) for quantity in quantities)
@@ -132,16 +127,16 @@ def case_table(case: Case, *, n_resamples: int = N_RESAMPLES) -> Table:
     return Table(tuple(q.column for q in quantities), tuple(rows), _caption_of_case(case))
 
 
-def estimate(
-    quantity: Quantity, case: Case, label: str, n_resamples: int = N_RESAMPLES
-) -> Estimate:
+def estimate(quantity: Quantity, case: Case, label: str) -> Estimate:
     """Estimates a quantity of a label; undefined if it is undefined in any episode."""
-    values = quantity.values(case, label)
+    return estimate_values(quantity.values(case, label), quantity.column)
+
+
+def estimate_values(values: Double, column: Column) -> Estimate:
+    """Estimates the mean of values [runs, episodes] of a column; undefined if one of them is."""
     if np.isnan(values).any():
         return UNDEFINED_ESTIMATE
-    if len(values) == 1 and quantity.column.is_rate:
-        return score_statistics.wilson_interval(int(values.sum()), values.size)
-    return mean_over_runs(values, n_resamples=n_resamples)
+    return rate_interval(values) if column.is_rate else mean_interval(values)
 
 
 def _without_interval(value: float | None) -> Estimate:
@@ -150,10 +145,7 @@ def _without_interval(value: float | None) -> Estimate:
 
 
 def _caption_of_case(case: Case) -> str:
-    several = any(len(runs) > 1 for runs in case.runs.values())
-    what = "Mean [95 % interval]" + (
-        "; of several runs, interquartile mean [stratified bootstrap over runs]" if several else ""
-    )
+    what = f"Mean [95 % interval for {target_of([len(runs) for runs in case.runs.values()])}]"
     spec, runs = case.spec, next(iter(case.runs.values()))
     seeds = runs[0].evaluation.seeds
     where = f"{what}; {len(seeds)} episodes of {spec.task}"
@@ -167,15 +159,12 @@ def _caption_of_case(case: Case) -> str:
     )
 
 
-def metric_table(
-    results: ResultSet, key: str = "score", *, n_resamples: int = N_RESAMPLES
-) -> Table:
+def metric_table(results: ResultSet, key: str = "score") -> Table:
     """Returns one quantity of every label on every dataset, below the mean of the data.
 
     Args:
         results: to show.
         key: of `QUANTITIES`; datasets without the quantity are left out.
-        n_resamples: of each bootstrap.
 
     Raises:
         UnknownNameError: no such quantity.
@@ -194,9 +183,7 @@ def metric_table(
             label,
             max(len(case.runs.get(label, ())) for case in results.cases),
             tuple(
-                estimate(quantity, case, label, n_resamples)
-                if label in case.runs
-                else UNDEFINED_ESTIMATE
+                estimate(quantity, case, label) if label in case.runs else UNDEFINED_ESTIMATE
                 for case in cases
             ),
         )
@@ -213,10 +200,10 @@ def _caption_of_metric(cases: Sequence[Case], shown: Column) -> str:
     scale = " 0 is the better of an idle and a random team, 100 the expert." * (
         shown.key == "score"
     )
+    target = target_of([len(runs) for case in cases for runs in case.runs.values()])
     return (
-        f"{shown.label.capitalize()}: interquartile mean over runs [95 % stratified bootstrap]; "
-        f"of a single run, the mean over episodes.{scale} Row data: the mean of the dataset's own "
-        f"episodes, with action noise.{views}"
+        f"{shown.label.capitalize()}: mean [95 % interval for {target}].{scale} Row data: the mean "
+        f"of the dataset's own episodes, with action noise.{views}"
     )
 
 
@@ -233,46 +220,34 @@ def words_of_weights(rewards: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in rewards.items())
 
 
-def aggregate_table(
-    results: ResultSet,
-    datasets: Sequence[str] | None = None,
-    *,
-    n_resamples: int = N_RESAMPLES,
-) -> Table:
-    """Returns the interquartile mean, mean and optimality gap of scores over all datasets."""
+def aggregate_table(results: ResultSet, datasets: Sequence[str] | None = None) -> Table:
+    """Returns the mean and the optimality gap of scores over all datasets."""
     found = comparable_scores(results, datasets)
     columns = (
-        Column("iqm", "IQM", "", 1),
         Column("mean", "mean", "", 1),
         Column("optimality_gap", "optimality gap", "", 1),
     )
     rows = [
-        Row(label, each.n_runs, (each.iqm, each.mean, each.optimality_gap))
-        for label, each in aggregates(found.tables, n_resamples=n_resamples).items()
+        Row(label, each.n_runs, (each.mean, _without_interval(each.optimality_gap)))
+        for label, each in aggregates(found.tables).items()
     ]
     own = [results.case(dataset).data_score for dataset in found.datasets]
     known = [score for score in own if score is not None]
     if known and len(known) == len(own):
-        table = np.array([known])
-        values = (
-            score_statistics.iqm(table),
-            score_statistics.mean(table),
-            score_statistics.optimality_gap(table),
-        )
-        rows.insert(0, Row("data", 0, tuple(_without_interval(float(value)) for value in values)))
-    return Table(columns, tuple(rows), f"Scores {_over(found)} [95 % stratified bootstrap].")
+        values = float(np.mean(known)), optimality_gap(np.array([known]))
+        rows.insert(0, Row("data", 0, tuple(map(_without_interval, values))))
+    caption = (
+        f"Scores {_over(found)} [95 % interval for {_target(found)}, on these datasets]. The "
+        "optimality gap is how far the measured runs stay below 100, on average."
+    )
+    return Table(columns, tuple(rows), caption)
 
 
-def improvement_table(
-    results: ResultSet,
-    datasets: Sequence[str] | None = None,
-    *,
-    n_resamples: int = N_RESAMPLES,
-) -> Table:
-    """Returns the probability that a run of the row beats one of the column on a random dataset."""
+def difference_table(results: ResultSet, datasets: Sequence[str] | None = None) -> Table:
+    """Returns the mean score of the row minus that of the column, paired by episode."""
     found = comparable_scores(results, datasets)
-    pairs = improvements(found.tables, n_resamples=n_resamples)
-    columns = tuple(Column(label, label, "", 2) for label in found.tables)
+    pairs = differences(found.tables)
+    columns = tuple(Column(label, label, "", 1) for label in found.tables)
     rows = tuple(
         Row(
             label, len(table), tuple(pairs.get((label, c.key), UNDEFINED_ESTIMATE) for c in columns)
@@ -280,10 +255,14 @@ def improvement_table(
         for label, table in found.tables.items()
     )
     caption = (
-        "Probability that a run of the row scores above one of the column, ties one half, "
-        f"{_over(found)} [95 % stratified bootstrap]."
+        "Mean score of the row minus that of the column, paired by episode, "
+        f"{_over(found)} [95 % interval for {_target(found)}, on these datasets]."
     )
     return Table(columns, rows, caption)
+
+
+def _target(found: ComparableScores) -> str:
+    return target_of([len(table) for table in found.tables.values()])
 
 
 def _over(found: ComparableScores) -> str:

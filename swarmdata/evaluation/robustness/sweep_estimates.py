@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.evaluation.results.aggregates import mean_over_runs
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.registry.published import Reference, normalized_score
+from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -52,4 +52,4 @@ def change_of(
         np.stack([each.evaluation.metrics["return"] for each in side]) for side in (runs, before)
     )
     after, then = (side if scale is None else normalized_score(side, scale) for side in sides)
-    return mean_over_runs(after - then)  # [runs, episodes]
+    return mean_interval(after - then)  # [runs, episodes]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
+from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.rollouts.score_statistics import Estimate
 
 CSV_COLUMNS = (
@@ -24,10 +25,6 @@ CSV_COLUMNS = (
     "high",
 )
 """Values are in stored units, and empty if undefined or unlimited."""
-
-
-MIN_SEEDS_OF_BOOTSTRAP = 5
-"""With fewer seeds, a bootstrap over them covers far less than 95 %; with two, only half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +88,13 @@ class Degradation:
         return f"## {self.part} {self.name}\n\n{table.to_markdown()}"
 
     def _caption(self) -> str:
-        several = any(line.n_runs > 1 for line in self.lines)
-        few = any(1 < line.n_runs < MIN_SEEDS_OF_BOOTSTRAP for line in self.lines)
-        single = any(line.n_runs == 1 for line in self.lines)
-        ways = [
-            "interquartile mean over training seeds [95 % bootstrap over seeds"
-            f"{', too narrow with so few' * few}]" * several,
-            "of one policy, mean [95 % interval over episodes]" * single,
-        ]
+        target = target_of([line.n_runs for line in self.lines])
         return (
             f"Only {self.part} {self.name} changes; everything else is as in the training of each "
-            f"policy. All points have the same {self.n_episodes} evaluation seeds; "
-            f"{'; '.join(way for way in ways if way)}. Collisions are new contacts per "
-            "episode. Time to goal counts an unsolved episode as the horizon. The change is from "
-            "the same policies as trained, paired by training seed and episode."
+            f"policy. All points have the same {self.n_episodes} evaluation seeds; mean [95 % "
+            f"interval for {target}]. Collisions are new contacts per episode. Time to goal counts "
+            "an unsolved episode as the horizon. The change is from the same policies as trained, "
+            "paired by training seed and episode."
         )
 
 

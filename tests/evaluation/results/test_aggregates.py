@@ -1,6 +1,4 @@
-"""Aggregates are those of rliable and scipy, and intervals those of every possible resample."""
-
-import itertools
+"""Aggregates follow their definitions, and differences are paired."""
 
 import numpy as np
 import pytest
@@ -12,16 +10,14 @@ from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.evaluation.results.aggregates import (
     aggregates,
     comparable_scores,
-    improvements,
-    mean_over_runs,
+    differences,
+    optimality_gap,
     pareto,
     pareto_front,
     performance_profile,
-    profile_band,
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import group_results
-from swarmdata.rollouts import score_statistics
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 from tests.support.measured import EXPERT, MEDIUM, grid, result
@@ -31,29 +27,10 @@ TABLES = arrays(
 )
 
 
-def test_values_that_rliable_publishes() -> None:
-    """`tests/rliable/metrics_test.py` of google-research/rliable."""
-    x = np.array([[1.0, 2.0], [2.0, 2.0], [1.0, 1.0], [2.0, 1.0]])
-    y = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    assert score_statistics.mean(x) == score_statistics.iqm(x) == 1.5
-    assert score_statistics.mean(y) == score_statistics.iqm(y) == 2.0
-    assert score_statistics.probability_of_improvement(x, y) == pytest.approx(1 / 3)
-
-
-@given(TABLES, TABLES)
-def test_aggregates_are_those_of_scipy(x: Double, y: Double) -> None:
-    stats = pytest.importorskip("scipy.stats")
-    assert score_statistics.iqm(x) == pytest.approx(stats.trim_mean(x, 0.25, axis=None))
-    tasks = min(x.shape[1], y.shape[1])
-    x, y = x[:, :tasks], y[:, :tasks]
-    wins = [
-        stats.mannwhitneyu(a, b, alternative="greater", method="asymptotic").statistic
-        for a, b in zip(x.T, y.T, strict=True)
-    ]
-    expected = np.mean(wins) / (len(x) * len(y))
-    assert score_statistics.probability_of_improvement(x, y) == pytest.approx(expected)
-    both = improvements({"x": x, "y": y}, n_resamples=5)
-    assert both["x", "y"].value + both["y", "x"].value == pytest.approx(1.0)
+@given(TABLES)
+def test_the_gap_is_the_mean_shortfall(table: Double) -> None:
+    expected = np.mean([max(0.0, 100.0 - value) for value in table.ravel()])
+    assert optimality_gap(table) == pytest.approx(expected)
 
 
 @given(TABLES)
@@ -72,30 +49,6 @@ def test_a_profile_is_the_share_of_runs_above(table: Double) -> None:
     assert area == pytest.approx(table.mean(), abs=2 * width)
 
 
-def test_the_band_is_that_of_every_possible_resample() -> None:
-    table = np.array([[0.0, 10.0], [1.0, 14.0], [4.0, 11.0]])
-    thresholds = np.array([0.5, 3.0, 10.5, 12.0])
-    draws = list(itertools.product(range(3), repeat=3))
-    exact = np.array(
-        [
-            performance_profile(np.stack([table[list(a), 0], table[list(b), 1]], 1), thresholds)
-            for a, b in itertools.product(draws, draws)
-        ]
-    )
-    band = profile_band(table, thresholds, n_resamples=20_000)
-    np.testing.assert_allclose(band.value, performance_profile(table, thresholds))
-    np.testing.assert_allclose(band.low, np.quantile(exact, 0.025, axis=0), atol=1e-9)
-    np.testing.assert_allclose(band.high, np.quantile(exact, 0.975, axis=0), atol=1e-9)
-
-
-def test_a_band_does_not_depend_on_its_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    table, thresholds = np.random.default_rng(0).random((5, 2)), np.linspace(0, 1, 7)
-    whole = profile_band(table, thresholds, n_resamples=101)
-    monkeypatch.setattr(score_statistics, "MAX_RESAMPLED_SCORES", 100)
-    for one, other in zip(whole, profile_band(table, thresholds, n_resamples=101), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_only_what_was_measured_everywhere_is_aggregated() -> None:
     means = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
     short = [r for r in grid({"few": means["bc"]}) if r.provenance.dataset == MEDIUM or
@@ -106,19 +59,19 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
     )
     assert found.datasets == (MEDIUM, EXPERT)
     assert list(found.tables) == ["bc", "omar"]
-    assert found.tables["bc"].shape == (3, 2)
+    assert found.tables["bc"].shape[:2] == (3, 2)
     assert found.left_out == {
         "coop_nav-random-v1": "no references were measured in its world",
         "few": "has between 1 and 3 runs on a dataset",
         "iql": f"not measured on {MEDIUM}, {EXPERT}",
         "vdn": f"not measured on {EXPERT}",
     }
-    values = aggregates(found.tables, n_resamples=50)
+    values = aggregates(found.tables)
     assert values["omar"].mean.value > values["bc"].mean.value
     for each in values.values():
         assert each.n_runs == 3
-        assert each.iqm.low <= each.iqm.value <= each.iqm.high
-        assert each.optimality_gap.value >= 100 - each.mean.value - 1e-9
+        assert each.mean.low <= each.mean.value <= each.mean.high
+        assert each.optimality_gap >= 100 - each.mean.value - 1e-9
     assert comparable_scores(group_results([lone])).tables == {}
     results = group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}})])
     assert list(comparable_scores(results, [MEDIUM]).tables) == ["vdn", "bc", "omar"]
@@ -128,13 +81,20 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
         thresholds_of({})
 
 
-def test_a_single_run_is_averaged_over_episodes() -> None:
-    values = np.random.default_rng(1).normal(size=(1, 400))
-    found = mean_over_runs(values)
-    assert found.value == pytest.approx(values.mean())
-    assert found.high - found.low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
-    several = mean_over_runs(np.array([[0.0, 2.0], [3.0, 5.0], [90.0, 92.0], [3.0, 3.0]]))
-    assert several.value == pytest.approx((4.0 + 3.0) / 2)
+def test_differences_over_datasets_are_paired_by_episode() -> None:
+    rng = np.random.default_rng(0)
+    hard = 50 * rng.normal(size=(1, 2, 30))  # of each dataset and episode
+    tables = {
+        name: mean + hard + rng.normal(size=(k, 2, 1))
+        for name, mean, k in (("bc", 1.0, 3), ("omar", 9.0, 4))
+    }
+    found = differences(tables)
+    assert set(found) == {("bc", "omar"), ("omar", "bc")}
+    gap = found["omar", "bc"]
+    assert gap.value == pytest.approx(tables["omar"].mean() - tables["bc"].mean())
+    assert 0.0 < gap.low < gap.value
+    alone = aggregates(tables)["omar"].mean
+    assert gap.high - gap.low < 0.5 * (alone.high - alone.low)
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=9))

@@ -51,7 +51,7 @@ def test_the_table_counts_what_was_reached_and_what_it_cost(runs: Path, tmp_path
     (row,) = table.splitlines()[2:]
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[:4] == ["`coop_nav`", "`mappo`", "3", "128"]
-    assert cells[4].startswith("63.3 [50.0, 90.0]")
+    assert cells[4].startswith("63.3 [6.0, 100.0] %")
     assert cells[7] == "2 of 3 (first at 64)"
     assert cells[8] == "0.1 min in 2 processes"
     assert cells[9] == f"{128 * 2 / 4 + 128 * 1 / 4:,.0f}"

@@ -20,8 +20,8 @@ def test_a_report_of_several_datasets(tmp_path: Path) -> None:
     for each in [*grid(MEANS, 2), *grid({"iql": {MEDIUM: 0.0}}, 2), result("idle", None)]:
         save_result(each, folder)
     text = write_report([folder], out)
-    tables = ("scores", "aggregates", "improvement", MEDIUM, EXPERT)
-    figures = ("scores", "profile", "improvement", "pareto", MEDIUM, EXPERT)
+    tables = ("scores", "aggregates", "differences", MEDIUM, EXPERT)
+    figures = ("scores", "profile", "differences", "pareto", MEDIUM, EXPERT)
     files = {f"{name}{ending}" for name in tables for ending in (".md", ".csv", ".tex")}
     files |= {f"{name}.png" for name in figures} | {"report.md", "runs.csv", "marl-eval.json"}
     assert {path.name for path in out.iterdir()} == files

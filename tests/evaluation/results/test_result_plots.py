@@ -8,7 +8,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import (
     looks_of,
-    plot_improvements,
+    plot_differences,
     plot_pareto,
     plot_profiles,
     plot_scores,
@@ -45,15 +45,16 @@ def test_scores_name_datasets_labels_and_the_data(tmp_path: Path) -> None:
         plot_scores(group_results([result(spec=TaskSpec(horizon=9))]), tmp_path / "no.svg")
 
 
-def test_profiles_and_improvements_name_every_label(tmp_path: Path) -> None:
+def test_profiles_and_differences_name_every_label(tmp_path: Path) -> None:
     tables = comparable_scores(RESULTS).tables
     plot_profiles(tables, tmp_path / "a.svg")
-    plot_improvements(tables, tmp_path / "b.svg")
+    plot_differences(tables, tmp_path / "b.svg")
     for name in ("a.svg", "b.svg"):
         assert "<!-- omar -->" in words(tmp_path / name)
-    assert "<!-- 100 -->" in words(tmp_path / "b.svg")  # omar beats bc on both datasets
+    gap = float((tables["omar"] - tables["bc"]).mean())
+    assert f"<!-- +{gap:.0f} -->" in words(tmp_path / "b.svg")
     with pytest.raises(SchemaError, match="no scores to compare"):
-        plot_improvements({}, tmp_path / "c.svg")
+        plot_differences({}, tmp_path / "c.svg")
 
 
 def test_pareto_names_what_is_out_of_view(tmp_path: Path) -> None:

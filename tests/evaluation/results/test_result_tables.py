@@ -13,18 +13,17 @@ from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import (
     aggregate_table,
     case_table,
-    improvement_table,
+    difference_table,
     metric_table,
 )
 from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.published import published
 from swarmdata.rollouts import score_statistics
+from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL, mean_interval, rate_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import models_of, with_models
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
-
-QUICK = 40  # resamples
 
 
 def cells(table: Table, label: str) -> dict[str, Estimate]:
@@ -48,22 +47,21 @@ def test_one_run_is_averaged_over_episodes() -> None:
     assert row["time_to_goal"].value == pytest.approx((30 * 6.0 + 10 * 16.0) / 40)
 
 
-def test_several_runs_give_the_iqm_over_runs() -> None:
+def test_several_runs_give_the_mean_and_what_its_interval_is_for() -> None:
     runs = [result(index=k, mean=m) for k, m in enumerate((0.0, 1.0, 2.0, 3.0, 50.0))]
     (case,) = group_results(runs).cases
     table = case_table(case)
     row = cells(table, "bc")
-    means = sorted(run.evaluation.metrics["return"].mean() for run in runs)
-    assert row["return"].value == pytest.approx(np.mean(means[1:4]))
-    assert row["return"].low < row["return"].value < row["return"].high
-    assert row["success"] == Estimate(0.75, 0.75, 0.75)  # all runs agree
-    assert "interquartile mean" in table.caption
+    assert row["return"] == mean_interval(case.metric("bc", "return"))
+    assert row["success"] == rate_interval(case.metric("bc", "success"))
+    assert row["success"].low < 0.75 < row["success"].high  # runs agree, episodes differ
+    assert f"95 % interval for {TARGET_OF_SEVERAL}]" in table.caption
     assert table == case_table(case)  # repeatable
 
 
 def test_the_data_come_first_without_an_interval() -> None:
     (case,) = group_results([result()]).cases
-    table = case_table(case, n_resamples=QUICK)
+    table = case_table(case)
     own = cells(table, f"data of {MEDIUM}")
     entry = published()[MEDIUM]
     assert own["return"].value == entry.mean_return
@@ -79,19 +77,19 @@ def test_the_caption_names_the_validation_seeds() -> None:
     run = result()
     chosen = replace(run, evaluation=replace(run.evaluation, seeds=validation_seeds(20)))
     (case,) = group_results([chosen]).cases
-    table = case_table(case, n_resamples=QUICK)
+    table = case_table(case)
     assert "20 episodes of coop_nav on the validation seeds" in table.caption
 
 
 def test_without_references_there_is_no_score() -> None:
     (case,) = group_results([result("idle", None, spec=TaskSpec(horizon=9))]).baselines
-    assert "score" not in cells(case_table(case, n_resamples=QUICK), "idle")
+    assert "score" not in cells(case_table(case), "idle")
 
 
 def test_other_environments_have_their_own_columns() -> None:
     made = foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0], "success": [math.nan] * 2})
     (case,) = group_results([made]).cases
-    table = case_table(case, n_resamples=QUICK)
+    table = case_table(case)
     row = cells(table, "bc")
     assert list(row) == ["return", "success", "length"]
     assert row["length"].value == 4.0
@@ -104,15 +102,14 @@ MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
 def test_labels_by_dataset() -> None:
     results = group_results([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}}), result("idle", None)])
-    table = metric_table(results, n_resamples=QUICK)
+    table = metric_table(results)
     assert [row.label for row in table.rows] == ["data", "iql", "bc", "omar"]
     assert [column.label for column in table.columns] == [MEDIUM, EXPERT]
     row = cells(table, "bc")
-    expected = score_statistics.iqm(results.case(EXPERT).scores("bc").mean(axis=1)[:, None])
-    assert row[EXPERT].value == pytest.approx(float(expected))
+    assert row[EXPERT] == mean_interval(results.case(EXPERT).scores("bc"))
     assert cells(table, "data")[EXPERT].value == results.case(EXPERT).data_score
     assert math.isnan(cells(table, "iql")[EXPERT].value)
-    clean = metric_table(results, "clean_success", n_resamples=QUICK)
+    clean = metric_table(results, "clean_success")
     assert cells(clean, "data")[EXPERT].value == published()[EXPERT].clean_success
     assert clean.columns[0].header == f"{MEDIUM} (%)"
     with pytest.raises(UnknownNameError, match="Did you mean 'clean_success'"):
@@ -124,7 +121,7 @@ def test_views_are_explained() -> None:
     models = json.dumps(models_of(lidar))
     strict = '{"rewards":{"robot_collision":1.5,"time":0.0}}'
     results = [result(), result(spec=lidar, view=models), result("safe", view=strict)]
-    table = metric_table(group_results(results), n_resamples=QUICK)
+    table = metric_table(group_results(results))
     keys = [each.provenance.dataset_key for each in results]
     assert f" {keys[1]}: re-observed with observation lidar" in table.caption
     words = "safe learned from rewards with robot_collision 1.5, time 0."
@@ -134,16 +131,20 @@ def test_views_are_explained() -> None:
 
 def test_aggregates_stand_below_those_of_the_data() -> None:
     results = group_results([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}})])
-    table = aggregate_table(results, n_resamples=QUICK)
+    table = aggregate_table(results)
     assert [row.label for row in table.rows] == ["data", "bc", "omar"]
     own = [case.data_score for case in results.cases]
     assert cells(table, "data")["mean"].value == pytest.approx(np.mean(own))  # type: ignore[arg-type]
     assert f"iql left out, not measured on {EXPERT}" in table.caption
 
 
-def test_who_beats_whom() -> None:
-    table = improvement_table(group_results(grid(MEANS)), n_resamples=QUICK)
-    assert cells(table, "omar")["bc"].value == 1.0
-    assert cells(table, "bc")["omar"].value == 0.0
+def test_who_is_better_by_how_much() -> None:
+    results = group_results(grid(MEANS))
+    table = difference_table(results)
+    means = {label: np.mean([x.mean() for x in results.scores[label].values()]) for label in MEANS}
+    gap = cells(table, "omar")["bc"]
+    assert gap.value == pytest.approx(means["omar"] - means["bc"])
+    assert cells(table, "bc")["omar"].value == pytest.approx(-gap.value)
+    assert gap.low < gap.value < gap.high
     assert math.isnan(cells(table, "bc")["bc"].value)
-    assert "| omar | 3 | 1.00 [1.00, 1.00] | – |" in table.to_markdown()
+    assert "paired by episode" in table.caption

@@ -20,6 +20,7 @@ from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import task_of
+from swarmdata.specs.recipe import Splits
 from swarmdata.specs.rules import changed_weights
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
@@ -38,6 +39,7 @@ class DatasetFacts(Frozen):
     figures: Figures  # of all episodes, action noise included
     robot_collisions: float
     obstacle_collisions: float
+    n_train_steps: int | None = None  # joint steps to learn from; None: recorded before it was kept
 
     @classmethod
     def of(cls, dataset: Dataset) -> "DatasetFacts":
@@ -49,7 +51,17 @@ class DatasetFacts(Frozen):
             robot_collisions=float(table.robot_collisions.mean()),
             obstacle_collisions=float(table.obstacle_collisions.mean()),
             figures=figures_of(table),
+            n_train_steps=int(dataset.split("train").episodes.lengths.sum()),
         )
+
+    @property
+    def train_steps(self) -> int:
+        """Joint steps to learn from; by the default shares of the splits where it is not known."""
+        if self.n_train_steps is not None:
+            return self.n_train_steps
+        rule = Splits()
+        share = 1.0 - (rule.validation + rule.test) / rule.block
+        return round(share * self.figures.n_steps)
 
 
 def short_name(dataset: str) -> str:

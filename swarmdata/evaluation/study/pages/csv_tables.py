@@ -10,6 +10,7 @@ import numpy as np
 
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case
+from swarmdata.evaluation.results.result_tables import estimate, quantities_of
 from swarmdata.evaluation.runs.train import CURVE_METRICS
 from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER, cell_folder
 from swarmdata.evaluation.study.cells.cells import Cell
@@ -94,6 +95,33 @@ def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
         **means,
         "cell": cell.key[:16],
     }
+
+
+def estimate_rows(found: Findings) -> list[Row]:
+    """One row per dataset, label and quantity: the mean with its interval, in stored units."""
+    rows: list[Row] = []
+    for case in _cases(found):
+        for label, runs in case.runs.items():
+            origin = runs[0].provenance
+            for quantity in quantities_of(case):
+                value, low, high = estimate(quantity, case, label)
+                rows.append(
+                    {
+                        "label": label,
+                        "family": found.family(label),
+                        "dataset": case.dataset or "",
+                        "digest": origin.digest or "",
+                        "seeds": len(runs),
+                        "updates": origin.updates,
+                        "frames": origin.frames,
+                        "episodes": len(runs[0].evaluation.seeds),
+                        "quantity": quantity.column.key,
+                        "mean": value,
+                        "low": low,
+                        "high": high,
+                    }
+                )
+    return sorted(rows, key=lambda row: (str(row["dataset"]), str(row["label"])))
 
 
 def dataset_rows(found: Findings) -> list[Row]:

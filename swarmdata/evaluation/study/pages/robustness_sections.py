@@ -17,6 +17,7 @@ from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan, View
+from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
@@ -114,10 +115,13 @@ def _section_body(plan: SweepPlan, found: Degradation, folder: str, picture: str
     ]
     models_used = f" re-observed with {' and '.join(models)}" if models else ""
     lines = "".join(f"- {_sentence(line, found)}\n" for line in found.lines)
+    target = target_of([line.n_runs for line in found.lines])
     return (
         f"The best algorithm of each family on {without_version(short_name(plan.dataset))}, "
         f"trained on this dataset{models_used}. Each point has {plan.episodes:,} evaluation seeds; "
-        f"everything else is as in training. [All numbers]({folder}/sweep.csv).\n\n"
+        "everything else is as in training. Changes are from the same policies as trained, paired "
+        f"by training seed and episode, with 95 % intervals for {target}. "
+        f"[All numbers]({folder}/sweep.csv).\n\n"
         f"![{found.part} {found.name}]({folder}/{picture})\n\n{lines}"
     )
 

@@ -1,8 +1,10 @@
-"""Scoreboard: the estimates of one quantity by dataset and algorithm, and rankings of them."""
+"""Scoreboard: one quantity by dataset and algorithm, its estimates, rankings and differences."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_set import ResultSet
@@ -11,29 +13,45 @@ from swarmdata.evaluation.results.result_tables import (
     RETURN,
     SCORE,
     Quantity,
-    estimate,
+    estimate_values,
     quantities_of,
 )
+from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.types import Double
 
 Estimates = Mapping[str, Estimate]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scoreboard:
     """One quantity of every algorithm on every dataset; larger is better.
 
     Attributes:
         column: the format of its numbers.
-        estimates: dataset -> label -> estimate, in stored units; labels in the study's order.
+        values: dataset -> label -> values [runs, episodes] in stored units, the same episodes for
+            all labels; labels in the study's order.
         data: dataset -> mean of its own episodes, where it is known.
         families: label -> family, in the study's order.
     """
 
     column: Column
-    estimates: Mapping[str, Estimates]
+    values: Mapping[str, Mapping[str, Double]]
     data: Mapping[str, float]
     families: Mapping[str, str]
+
+    @cached_property
+    def estimates(self) -> dict[str, dict[str, Estimate]]:
+        """Dataset -> label -> mean with its interval, in stored units."""
+        return {
+            dataset: {label: estimate_values(each, self.column) for label, each in found.items()}
+            for dataset, found in self.values.items()
+        }
+
+    def lead(self, dataset: str, label: str, other: str) -> Estimate:
+        """Mean of a label minus that of another, paired by episode."""
+        found = self.values[dataset]
+        return difference_interval(found[label], found[other])
 
     def ranking(self, dataset: str) -> list[str]:
         """The labels on a dataset, the best first."""
@@ -48,10 +66,12 @@ class Scoreboard:
         return best
 
     def leaders(self, dataset: str) -> list[str]:
-        """The best label, and those whose intervals overlap its interval."""
+        """The best label, and those whose paired difference to it is not clearly below 0.
+
+        The best is chosen on the same episodes, so it is a little flattered.
+        """
         first, *others = self.ranking(dataset)
-        found = self.estimates[dataset]
-        return [first, *(name for name in others if found[name].high >= found[first].low)]
+        return [first, *(name for name in others if not self.lead(dataset, first, name).low > 0.0)]
 
     def in_shown_units(self, dataset: str) -> dict[str, Estimate]:
         """The estimates on a dataset in the units of tables and figures."""
@@ -78,15 +98,14 @@ def make_scoreboard(results: ResultSet, families: Mapping[str, str], key: str) -
     """
     quantity = QUANTITIES[key]
     cases = [case for case in results.cases if quantity in quantities_of(case)]
-    estimates = {
+    values = {
         case.name: {
             label: found
             for label in families
-            if label in case.runs
-            and not math.isnan((found := estimate(quantity, case, label)).value)
+            if label in case.runs and not np.isnan(found := quantity.values(case, label)).any()
         }
         for case in cases
     }
     known = {case.name: quantity.data(case) for case in cases}
     data = {name: value for name, value in known.items() if value is not None}
-    return Scoreboard(quantity.column, estimates, data, families)
+    return Scoreboard(quantity.column, values, data, families)

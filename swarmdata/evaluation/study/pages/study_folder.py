@@ -1,20 +1,28 @@
 """Writes a study's folder: CSV tables, figures, and a page whose sentences are computed."""
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata import __version__
 from swarmdata.evaluation.results.aggregates import comparable_scores
-from swarmdata.evaluation.results.result_plots import plot_improvements, plot_pareto, plot_profiles
+from swarmdata.evaluation.results.result_plots import plot_differences, plot_pareto, plot_profiles
 from swarmdata.evaluation.results.result_set import ResultSet
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
 from swarmdata.evaluation.study.pages import study_text
+from swarmdata.evaluation.study.pages.cell_archive import (
+    ARCHIVE_FILE,
+    Notes,
+    check_archive,
+    read_archive,
+    write_archive,
+)
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.csv_tables import (
     cost_rows,
     curve_rows,
     dataset_rows,
+    estimate_rows,
     run_rows,
     to_csv,
 )
@@ -31,14 +39,19 @@ from swarmdata.evaluation.study.pages.study_tables import (
     duration,
     online_table,
     scoreboard_table,
+    training_table,
 )
 from swarmdata.evaluation.study.pages.training_sections import curve_section, loss_sections
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
+from swarmdata.types import Double
 
 REPORT_FILE = "report.md"
 RESULTS_FILE = "results.csv"
+ESTIMATES_FILE = "estimates.csv"
 DATA_FILE = "data.csv"
 COSTS_FILE = "costs.csv"
 CURVES_FILE = "curves.csv"
@@ -66,13 +79,13 @@ class Section:
 def write_pages(
     found: Findings, out: Path, command: str, sweeps: Mapping[str, str] | None = None
 ) -> list[Path]:
-    """Writes the tables, the page, and the figures that the study asks for.
+    """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
 
     Args:
         found: what was measured.
         out: folder; existing files are replaced.
         command: that runs the study again, for the page.
-        sweeps: sections on robustness by title, whose files are in `out` already.
+        sweeps: sections on robustness and transfer by title, whose files are in `out` already.
 
     Returns:
         The files, the page first.
@@ -80,26 +93,63 @@ def write_pages(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
+    notes = Notes(command=command, missing=dict(found.missing), sweeps=dict(sweeps or {}))
     with updating(out / REPORT_FILE):  # the files belong together
-        return _write_files(found, out, command, sweeps or {})
+        before = _times(out)
+        tables = {
+            RESULTS_FILE: run_rows,
+            DATA_FILE: dataset_rows,
+            COSTS_FILE: cost_rows,
+            CURVES_FILE: curve_rows,
+        }
+        for name, rows_of in tables.items():
+            write_file(out / name, to_csv(rows_of(found)).encode())
+        write_file(out / PLAN_FILE, found.study.to_yaml().encode())
+        write_archive(found, notes, out / ARCHIVE_FILE)
+        _write_from_archive(out)
+        return _changed(out, before)
 
 
-def _write_files(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> list[Path]:
-    before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
-    tables = {
-        RESULTS_FILE: run_rows,
-        DATA_FILE: dataset_rows,
-        COSTS_FILE: cost_rows,
-        CURVES_FILE: curve_rows,
-    }
-    for name, rows_of in tables.items():
-        write_file(out / name, to_csv(rows_of(found)).encode())
-    write_file(out / PLAN_FILE, found.study.to_yaml().encode())
-    page = _page(found, out, command, sweeps)
-    write_file(out / REPORT_FILE, page.encode())
-    files = [path for path in sorted(out.rglob("[!.]*")) if path.is_file()]
-    changed = [path for path in files if before.get(path) != path.stat().st_mtime_ns]
+def rewrite_pages(out: Path) -> list[Path]:
+    """Writes estimates, page and figures of a finished study again, from its folder alone.
+
+    Sections on robustness and transfer stay as they are: the archive has their text, not their
+    episodes.
+
+    Args:
+        out: folder that `write_pages` wrote.
+
+    Returns:
+        The files, the page first.
+
+    Raises:
+        StudyError: the folder has no archive of cells.
+        MissingExtraError: matplotlib is not installed.
+    """
+    check_archive(out / ARCHIVE_FILE)
+    with updating(out / REPORT_FILE):
+        before = _times(out)
+        _write_from_archive(out)
+        return _changed(out, before)
+
+
+def _times(out: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in out.rglob("[!.]*") if path.is_file()}
+
+
+def _changed(out: Path, before: Mapping[Path, int]) -> list[Path]:
+    """The files that were written since, the page first."""
+    changed = [path for path, time in sorted(_times(out).items()) if before.get(path) != time]
     return [out / REPORT_FILE, *(path for path in changed if path != out / REPORT_FILE)]
+
+
+def _write_from_archive(out: Path) -> None:
+    study = Study.from_file(out / PLAN_FILE)
+    with tempfile.TemporaryDirectory() as folder:
+        found, notes = read_archive(study, out / ARCHIVE_FILE, Path(folder))
+        write_file(out / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
+        page = _page(found, out, notes.command, notes.sweeps)
+        write_file(out / REPORT_FILE, page.encode())
 
 
 def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> str:
@@ -109,13 +159,13 @@ def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -
         make_scoreboard(found.results, families, each) for each in (key, "clean_success", "success")
     )
     best = study_text.winners(board) + study_text.families(board)
-    surprises = study_text.surprises(board, clean, _online_means(found, key))
+    surprises = study_text.surprises(board, clean, _online_values(found, key))
     sections = [
         Section("Protocol", _protocol(found, command)),
         Section("Best algorithms", _bullets(best)),
         Section(board.column.label.capitalize(), _scores(board, out, key)),
         *_online(found),
-        Section("Comparison with the data", _bullets(study_text.against_data(board))),
+        Section("Comparison with the data", _against_data(board)),
         Section("Success", _success(board, success, clean, out)),
         *_pareto(found.results, out),
         *_overall(found.results, out),
@@ -135,29 +185,29 @@ def _bullets(sentences: Sequence[str]) -> str:
 def _protocol(found: Findings, command: str) -> str:
     study, costs = found.study, list(found.costs.values())
     offline = [cell for cell in found.cells if cell.kind == "offline"]
-    updates = sorted({cell.n_updates for cell in offline})
+    n_seeds = [len(cell.seeds) for cell in offline]
+    versions = sorted({cell.code_version for cell in found.cells})
     machines = sorted({str(cost.machine.get("processor", "unknown")) for cost in costs})
     cpu = duration(sum(cost.cpu_seconds for cost in costs))
     total = sum(cost.wall_seconds for cost in costs)
     n_datasets = len(study.datasets)
     where = "one dataset" if n_datasets == 1 else f"{n_datasets} datasets"
-    width = f"Hidden layers of {list(study.hidden)} units. " if study.hidden else ""
-    shared = ", ".join(f"`{name}` {value}" for name, value in study.settings.items())
-    width += f"Settings of all algorithms that have them: {shared}. " if shared else ""
+    names = ", ".join(f"`{name}` {value}" for name, value in study.settings.items())
+    shared = f"Settings of all algorithms that have them: {names}. " if names else ""
     return (
-        f"{len(study.algorithms)} offline algorithms on {where}, "
-        f"{len(study.seeds)} seeds each, {updates[0]:,} to {updates[-1]:,} updates, the same "
-        f"settings of an algorithm on all datasets. {width}The last policy of every seed is "
-        f"evaluated on the same {study.episodes:,} {BLOCK_NAMES[study.block]} seeds. "
-        "Numbers are interquartile means over training seeds with 95 % stratified bootstrap "
-        "intervals; the mean of the data is "
+        f"{len(study.algorithms)} offline algorithms on {where}, {len(study.seeds)} training seeds "
+        f"each, the same settings of an algorithm on all datasets. {shared}The last policy of each "
+        f"seed is evaluated on the same {study.episodes:,} {BLOCK_NAMES[study.block]} seeds. "
+        f"Numbers are means over seeds and episodes with 95 % intervals for {target_of(n_seeds)} "
+        "(Student's t, with the variance between seeds and that which all seeds share on an "
+        "episode); differences between algorithms are paired by episode. The mean of the data is "
         f"that of its own episodes, with action noise. {_rewards(found)}"
-        f"{len(found.cells)} cells were run with swarmdata {__version__} in {cpu} of processor "
-        f"time and {duration(total)} of wall-clock time, one thread per process, on "
-        f"{', '.join(machines)}.\n\n```\n{command}\n```\n\n"
-        f"[{RESULTS_FILE}]({RESULTS_FILE}) has a row for every run, [{DATA_FILE}]({DATA_FILE}) for "
-        f"every dataset, [{COSTS_FILE}]({COSTS_FILE}) for every cell; [{PLAN_FILE}]({PLAN_FILE}) "
-        "is the plan of the study.\n"
+        f"{len(found.cells)} cells were run with swarmdata {', '.join(versions)} in {cpu} of "
+        f"processor time and {duration(total)} of wall-clock time, one thread per process, on "
+        f"{', '.join(machines)}.\n\n"
+        f"```\n{command}\n```\n\n"
+        "Lengths of training (an epoch is as many joint transitions as the training split has):\n\n"
+        f"{training_table(found)}\n{_links()}"
     )
 
 
@@ -176,6 +226,19 @@ def _rewards(found: Findings) -> str:
     )
 
 
+def _links() -> str:
+    """What the other files of the folder have."""
+    files = {
+        RESULTS_FILE: "a row for every run",
+        ESTIMATES_FILE: "every mean with its interval",
+        DATA_FILE: "a row for every dataset",
+        COSTS_FILE: "a row for every cell",
+        PLAN_FILE: "the plan of the study",
+        ARCHIVE_FILE: "the episodes, from which `swarmdata study FOLDER` writes this page again",
+    }
+    return "".join(f"- [{name}]({name}): {what}\n" for name, what in files.items())
+
+
 def _scores(board: Scoreboard, out: Path, key: str) -> str:
     scale = {
         "score": "0 is the better of an idle and a random team, 100 the expert.",
@@ -187,8 +250,19 @@ def _scores(board: Scoreboard, out: Path, key: str) -> str:
     }
     plot_scores(shown, data_means, board.families, out / "scores.png", label=board.column.label)
     return (
-        f"{scale} Bold: the best algorithm of a dataset, and those whose intervals overlap its "
-        f"interval.\n\n{scoreboard_table(board)}\n![{board.column.label} by dataset](scores.png)\n"
+        f"{scale} Bold: the best algorithm of a dataset, and those whose difference to it, paired "
+        f"by episode, is not clearly below 0.\n\n{scoreboard_table(board)}\n"
+        f"![{board.column.label} by dataset](scores.png)\n"
+    )
+
+
+def _against_data(board: Scoreboard) -> str:
+    """The section on what the data themselves achieve."""
+    return (
+        "The mean of the data is that of all episodes of a dataset, action noise included: a known "
+        "number, from other episodes than the evaluation's. So nothing is paired, and only the "
+        "interval of the algorithm counts.\n\n"
+        f"{_bullets(study_text.against_data(board))}"
     )
 
 
@@ -197,11 +271,11 @@ def _online(found: Findings) -> list[Section]:
     return [Section("Online algorithms", table)] if table else []
 
 
-def _online_means(found: Findings, key: str) -> dict[str, float]:
-    """The main quantity of the online algorithms: means over all their runs."""
+def _online_values(found: Findings, key: str) -> dict[str, Double]:
+    """The main quantity of the online algorithms, [runs, episodes]."""
     quantity = quantity_of(found.results)
     return {
-        label: float(quantity.values(case, label).mean())
+        label: quantity.values(case, label)
         for case in found.results.baselines
         if key != "score" or case.reference is not None
         for label in case.runs
@@ -244,10 +318,10 @@ def _overall(results: ResultSet, out: Path) -> list[Section]:
     body = aggregate_table(results).to_markdown()
     if len(tables) <= MAX_ALGORITHMS_IN_FIGURE:
         plot_profiles(tables, out / "profiles.png")
-        plot_improvements(tables, out / "improvements.png")
+        plot_differences(tables, out / "differences.png")
         body += (
             "\n![share of runs above a score](profiles.png)\n\n"
-            "![probability of improvement](improvements.png)\n"
+            "![paired differences of scores](differences.png)\n"
         )
     return [Section("Aggregates over datasets", body)]
 

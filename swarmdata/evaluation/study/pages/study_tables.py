@@ -7,6 +7,7 @@ from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estima
 from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
 from swarmdata.evaluation.study.cells.cell_costs import Cost
+from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.rollouts.score_statistics import Estimate
@@ -19,7 +20,7 @@ ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisio
 def scoreboard_table(board: Scoreboard) -> str:
     """A row for each algorithm, a column for each dataset; the first row is the mean of the data.
 
-    The best of a column and those whose intervals overlap its interval are bold.
+    The best of a column and those that are not clearly worse are bold (`Scoreboard.leaders`).
     """
     names = list(board.estimates)
     head = ("algorithm", "family", *map(without_version, names))
@@ -63,6 +64,48 @@ def online_table(cases: Sequence[Case]) -> str:
             rows.append((f"`{label}`", str(len(runs)), f"{frames or 0:,}", *cells))
     headers = (QUANTITIES[key].column.header for key in ONLINE_COLUMNS)
     return markdown.table(("algorithm", "seeds", "joint steps", *headers), rows) if rows else ""
+
+
+def training_table(found: Findings) -> str:
+    """How long each offline algorithm trained: updates, batch, width, epochs over the data."""
+    rows = []
+    for label in found.study.algorithms:
+        cells = [cell for cell in found.cells if cell.label == label and cell.kind == "offline"]
+        if not cells:
+            continue
+        rows.append(
+            (
+                f"`{label}`",
+                _range(sorted({cell.n_updates for cell in cells})),
+                _range(sorted({cell.config["batch_size"] for cell in cells})),
+                _widths(cells),
+                _epochs(found, cells),
+            )
+        )
+    head = ("algorithm", "updates", "joint transitions in a batch", "hidden units", "epochs")
+    return markdown.table(head, rows)
+
+
+def _widths(cells: Sequence[Cell]) -> str:
+    """The widths of the hidden layers of all networks, each once."""
+    configs = (cell.config.items() for cell in cells)
+    widths = [
+        ", ".join(map(str, value))
+        for config in configs
+        for name, value in config
+        if name.endswith("hidden") and isinstance(value, list)
+    ]
+    return "; ".join(dict.fromkeys(widths)) or UNDEFINED
+
+
+def _epochs(found: Findings, cells: Sequence[Cell]) -> str:
+    """Updates times batch over the joint steps of the training split; smallest to largest."""
+    epochs = sorted(
+        cell.n_updates * cell.config["batch_size"] / found.facts[cell.name].train_steps
+        for cell in cells
+    )
+    ends = [f"{each:.2g}" if each < 10 else f"{each:,.0f}" for each in (epochs[0], epochs[-1])]
+    return " to ".join(dict.fromkeys(ends))
 
 
 def cost_table(found: Findings) -> str:

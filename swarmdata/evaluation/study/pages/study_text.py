@@ -1,14 +1,19 @@
 """The findings of a study in sentences that are computed from its numbers."""
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import groupby
 
 import numpy as np
 
 from swarmdata.evaluation.results.estimate_table import format_number
+from swarmdata.evaluation.results.result_tables import estimate_values
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.evaluation.study.pages.study_tables import format_with_unit
+from swarmdata.rollouts.score_intervals import difference_interval
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
+from swarmdata.types import Double
 
 MIN_RANKED = 4
 """With fewer algorithms on a dataset, ranks are too coarse for a rank shift to be a surprise."""
@@ -30,12 +35,11 @@ def _winner(board: Scoreboard, dataset: str) -> str:
     sentences = [f"On {name}, `{best}` ({family}) is best with {result}."]
     if others:
         second = families[others[0]]
-        gap = found[best].value - found[second].value
-        is_apart = found[second].high < found[best].low
+        lead = board.lead(dataset, best, second)
         sentences.append(
             f"The best algorithm of another family, `{second}` ({others[0]}), reaches "
-            f"{format_with_unit(found[second], board)}, which is {_number(gap, board)} less; the "
-            f"intervals {'do not overlap' if is_apart else 'overlap'}."
+            f"{format_with_unit(found[second], board)}, which is {format_with_unit(lead, board)} "
+            f"less, paired by episode{'' if lead.low > 0.0 else '; this may be chance'}."
         )
     return " ".join([*sentences, _compare_with_data(board, dataset, best)])
 
@@ -44,13 +48,19 @@ def _compare_with_data(board: Scoreboard, dataset: str, label: str) -> str:
     data_mean = board.data.get(dataset)
     if data_mean is None:
         return "The mean of the data is not known."
-    value = board.estimates[dataset][label].value
-    ratio = f" ({value / data_mean:.1f} times as much)" if data_mean > 0 < value else ""
+    found = board.estimates[dataset][label]
+    is_above = found.value >= data_mean
+    ratio = f" ({found.value / data_mean:.1f} times as much)" if data_mean > 0 < found.value else ""
+    ends = (each - data_mean for each in found)
+    gap = Estimate(*ends) if is_above else Estimate(*(-e for e in _swapped(*ends)))
     return (
         f"The mean of the data is {_number(data_mean, board)}; `{label}` is "
-        f"{_number(abs(value - data_mean), board)} {'above' if value >= data_mean else 'below'} "
-        f"it{ratio}."
+        f"{format_with_unit(gap, board)} {'above' if is_above else 'below'} it{ratio}."
     )
+
+
+def _swapped(value: float, low: float, high: float) -> Estimate:
+    return Estimate(value, high, low)
 
 
 def _number(value: float, board: Scoreboard) -> str:
@@ -80,7 +90,7 @@ def families(board: Scoreboard) -> list[str]:
         ]
         where = f" ({', '.join(won)})" if won else ""
         sentences.append(
-            f"{name.capitalize()} has the best algorithm on {len(won)} of {len(tried)} "
+            f"{name[:1].upper()}{name[1:]} has the best algorithm on {len(won)} of {len(tried)} "
             f"datasets{where}. Its best algorithm is {_number(float(np.mean(behind)), board)} "
             f"behind the overall best on average, and at most {_number(max(behind), board)}."
         )
@@ -88,13 +98,19 @@ def families(board: Scoreboard) -> list[str]:
 
 
 def against_data(board: Scoreboard) -> list[str]:
-    """Which algorithms improve on the mean of the data, which do not, and which are worse."""
+    """Which algorithms improve on the mean of the data, which do not, and which are worse.
+
+    The mean of all episodes of a dataset is a known number, and they are other episodes than those
+    of the evaluation: nothing is paired, and only the interval of the algorithm counts.
+    """
     sentences = []
     for dataset, mean in board.data.items():
         found = board.estimates[dataset]
         groups = {
             "above it with the whole interval": [k for k, e in found.items() if e.low > mean],
-            "within the interval": [k for k, e in found.items() if e.low <= mean <= e.high],
+            "within the interval": [
+                k for k, e in found.items() if not (e.low > mean or e.high < mean)
+            ],
             "below it with the whole interval": [k for k, e in found.items() if e.high < mean],
         }
         parts = [
@@ -108,25 +124,27 @@ def against_data(board: Scoreboard) -> list[str]:
     return sentences
 
 
-def surprises(board: Scoreboard, clean: Scoreboard, online: Mapping[str, float]) -> list[str]:
+def surprises(board: Scoreboard, clean: Scoreboard, online: Mapping[str, Double]) -> list[str]:
     """Results that the tables of scores alone do not suggest.
 
     Args:
         board: the main quantity.
         clean: clean success, for the same datasets and labels.
-        online: the main quantity of algorithms that learned in the task.
+        online: the main quantity of algorithms that learned in the task, [runs, episodes].
     """
     sentences = [*_rank_shifts(board), *_unclean_winners(board, clean)]
-    if online and board.estimates:
-        label = max(online, key=lambda name: online[name])
-        best = {d: board.estimates[d][board.ranking(d)[0]].value for d in board.estimates}
-        above = [
-            without_version(dataset) for dataset, value in best.items() if value > online[label]
-        ]
+    if online and board.values:
+        label = max(online, key=lambda name: float(online[name].mean()))
+        above = []
+        for dataset, found in board.values.items():
+            best = found[board.ranking(dataset)[0]]
+            if difference_interval(best, online[label]).low > 0.0:
+                above.append(without_version(dataset))
         sentences.append(
-            f"The best online algorithm, `{label}`, reaches {_number(online[label], board)}; the "
-            f"best offline algorithm exceeds it on {len(above)} of {len(best)} datasets"
-            + (f" ({', '.join(above)})." if above else ".")
+            f"The best online algorithm, `{label}`, reaches "
+            f"{format_with_unit(estimate_values(online[label], board.column), board)}; the best "
+            f"offline algorithm clearly exceeds it, paired by episode, on {len(above)} of "
+            f"{len(board.values)} datasets" + (f" ({', '.join(above)})." if above else ".")
         )
     return sentences
 
@@ -164,7 +182,7 @@ def _unclean_winners(board: Scoreboard, clean: Scoreboard) -> Iterator[str]:
 
 
 def failures(board: Scoreboard, missing: Mapping[str, str]) -> list[str]:
-    """Scores below no skill, the widest interval over seeds, and cells without results.
+    """Scores below no skill, the widest interval, and cells without results.
 
     Args:
         board: the main quantity.
@@ -208,11 +226,12 @@ def _widest_interval(board: Scoreboard) -> Iterator[str]:
         (label, dataset): each.high - each.low
         for dataset, found in board.estimates.items()
         for label, each in found.items()
+        if not math.isnan(each.low)
     }
     if not widths:
         return
     label, dataset = max(widths, key=lambda pair: widths[pair])
     yield (
-        f"The widest interval over training seeds is that of `{label}` on "
+        f"The widest interval is that of `{label}` on "
         f"{without_version(dataset)}: {format_with_unit(board.estimates[dataset][label], board)}."
     )

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.cards.sections.baselines import baselines_section, read_runs
+from swarmdata.cards.sections.baselines import baselines_section, read_estimates
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages import study_folder
+from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
@@ -52,11 +54,16 @@ def test_everything_is_written_and_again_the_same(
     assert failures == {}
     assert files[0] == tmp_path / "out" / "report.md"
     assert sorted(file.name for file in files) == [
-        "clean.png", "collisions.png", "costs.csv", "curves.csv", "curves.png", "data.csv",
-        "losses-q.png", "report.md", "results.csv", "scores.png", "sizes.png", "study.yaml",
+        "cells.tar.xz", "clean.png", "collisions.png", "costs.csv", "curves.csv", "curves.png",
+        "data.csv", "estimates.csv", "losses-q.png", "report.md", "results.csv", "scores.png",
+        "sizes.png", "study.yaml",
     ]  # fmt: skip
     page = files[0].read_text()
     assert "swarmdata study tiny.yaml" in page
+    assert "95 % intervals for new training seeds and new episodes" in page
+    assert re.search(
+        r"\| `bc` \| 20 \| 256 \| 8 \| \d+ to \d+ \|", page
+    )  # updates, batch, width, epochs
     for title in ("Best algorithms", "Return", "Success", "Data efficiency", "Mean Q", "Cost"):
         assert f"\n## {title}" in page
     _check_tables(tmp_path)
@@ -84,12 +91,40 @@ def _check_tables(folder: Path) -> None:
     mean = float(np.mean(load_result(file).evaluation.metrics["return"]))
     assert float(runs[4]["return"]) == pytest.approx(mean)
     assert (runs[4]["updates"], runs[4]["episodes"], runs[4]["score"]) == ("10", "4", "")
-    text = (folder / "out" / "results.csv").read_text()
-    section = baselines_section("coop_nav-tiny-v0", runs[4]["digest"], read_runs(text))
+    text = (folder / "out" / "estimates.csv").read_text()
+    section = baselines_section("coop_nav-tiny-v0", runs[4]["digest"], read_estimates(text))
     assert section.count("| `") == 2
     facts = {row["dataset"]: row for row in rows(folder / "out" / "data.csv")}
     assert int(facts["coop_nav-tiny-v0"]["n_steps"]) >= 400
     assert {row["attempts"] for row in rows(folder / "out" / "costs.csv")} == {"1"}
+
+
+def test_pages_are_made_again_from_the_folder_alone(
+    make_study: Callable[..., Study], data: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    study = make_study(
+        **WHOLE,
+        losses={"q": {"column": "q", "label": "mean Q", "datasets": [str(data)],
+                      "algorithms": ["maddpg"]}},
+    )  # fmt: skip
+    out, work = tmp_path / "out", tmp_path / "work"
+    options = StudyOptions(out, work, progress=False)
+    run_study(study, options, "swarmdata study tiny.yaml")
+    moved = tmp_path / "elsewhere"
+    out.rename(moved)
+    shutil.rmtree(work)
+    before = {path.name: path.read_bytes() for path in moved.iterdir() if path.suffix != ".png"}
+    for name in ("report.md", "scores.png", "losses-q.png", "estimates.csv"):
+        (moved / name).unlink()
+    files = rewrite_pages(moved)
+    assert files[0] == moved / "report.md"
+    after = {path.name: path.read_bytes() for path in moved.iterdir() if path.suffix != ".png"}
+    assert after == before
+    assert {path.name for path in files} >= {"scores.png", "losses-q.png", "estimates.csv"}
+    (moved / "cells.tar.xz").unlink()
+    with pytest.raises(StudyError, match=r"has no cells\.tar\.xz"):
+        rewrite_pages(moved)
 
 
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,9 +11,10 @@ from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.csv_tables import to_csv
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.evaluation.study.pages.study_tables import duration, scoreboard_table
-from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.rollouts.score_intervals import difference_interval, mean_interval
 
 FAMILIES = {"bc": "cloning", "vdn": "values", "qmix": "values", "omar": "critics"}
+HARD = np.array([-2.0, -1.0, 1.0, 2.0])  # how episodes differ
 SCORE, CLEAN = Column("score", "score", "", 1), Column("clean", "clean success", "%", 1, 100.0)
 
 
@@ -22,11 +24,14 @@ def make_board(
     width: float = 1.0,
     column: Column = SCORE,
 ) -> Scoreboard:
-    estimates = {
-        dataset: {k: Estimate(v, v - width, v + width) for k, v in found.items()}
+    """Four seeds that agree on four episodes, which differ alike for all labels."""
+    hard = mean_interval(HARD[None])
+    offsets = width * HARD / (hard.high - hard.value)
+    values = {
+        dataset: {k: np.repeat(v + offsets[None], 4, axis=0) for k, v in found.items()}
         for dataset, found in scores.items()
     }
-    return Scoreboard(column, estimates, data, FAMILIES)
+    return Scoreboard(column, values, data, FAMILIES)
 
 
 BOARD = make_board(
@@ -39,11 +44,26 @@ def test_winners_say_by_how_much_and_whether_it_is_certain() -> None:
     first, second = study_text.winners(BOARD)
     assert first == (
         "On x, `vdn` (values) is best with 30.0 [29.0, 31.0]. The best algorithm of another "
-        "family, `omar` (critics), reaches 20.0 [19.0, 21.0], which is 10.0 less; the intervals "
-        "do not overlap. The mean of the data is 15.0; `vdn` is 15.0 above it (2.0 times as much)."
+        "family, `omar` (critics), reaches 20.0 [19.0, 21.0], which is 10.0 [10.0, 10.0] less, "
+        "paired by episode. The mean of the data is 15.0; `vdn` is 15.0 [14.0, 16.0] above it (2.0 "
+        "times as much)."
     )
-    assert "`bc` is 10.0 below it (0.9 times as much)." in second
-    assert "intervals overlap" in study_text.winners(make_board({"x": {"bc": 1, "vdn": 2}}, {}))[0]
+    assert "`bc` is 10.0 [9.0, 11.0] below it (0.9 times as much)." in second
+    equal = study_text.winners(make_board({"x": {"bc": 2, "vdn": 2}}, {}))[0]
+    assert "which is 0.0 [0.0, 0.0] less, paired by episode; this may be chance" in equal
+
+
+def test_bold_are_those_that_are_not_clearly_worse() -> None:
+    rng = np.random.default_rng(0)
+    hard = 50 * rng.normal(size=(1, 40))
+    means = {"bc": 0.0, "vdn": 9.0, "qmix": 10.0}
+    values = {label: mean + hard + rng.normal(size=(4, 40)) * 8 for label, mean in means.items()}
+    board = Scoreboard(SCORE, {"x": values}, {}, FAMILIES)
+    assert board.estimates["x"]["bc"].high > board.estimates["x"]["qmix"].low  # they overlap
+    assert set(board.leaders("x")) == {"vdn", "qmix"}
+    gap = board.lead("x", "qmix", "bc")
+    assert gap == difference_interval(values["qmix"], values["bc"])
+    assert gap.low > 0.0
 
 
 def test_families_win_and_lag() -> None:
@@ -72,10 +92,13 @@ def test_surprises_are_shifts_touches_and_online_teams() -> None:
     scores = {"x": {"bc": 1, "vdn": 9, "qmix": 8, "omar": 7}}
     scores["y"] = {"bc": 9, "vdn": 2, "qmix": 3, "omar": 4}
     clean = make_board({"x": {"vdn": 0.2, "bc": 0.7}}, {}, width=0.01, column=CLEAN)
-    sentences = study_text.surprises(make_board(scores, {}), clean, {"mappo": 8.5})
+    sentences = study_text.surprises(make_board(scores, {}), clean, {"mappo": np.full((2, 4), 8.5)})
     assert "`bc` has rank 1 of 4 on y, but rank 4 of 4 on x." in sentences
     assert any("`vdn` solves 20.0 [19.0, 21.0] % of the episodes" in each for each in sentences)
-    assert sentences[-1].endswith("exceeds it on 2 of 2 datasets (x, y).")
+    assert sentences[-1].endswith("exceeds it, paired by episode, on 0 of 2 datasets.")
+    weak = study_text.surprises(make_board(scores, {}), clean, {"mappo": np.full((2, 4), 1.5)})
+    assert weak[-1].endswith("exceeds it, paired by episode, on 2 of 2 datasets (x, y).")
+    assert "`mappo`, reaches 1.5 [1.5, 1.5]; the best" in weak[-1]
 
 
 def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:
@@ -93,7 +116,7 @@ def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:
     assert study_text.failures(make_board({}, {}), {})[0].startswith("No cell failed")
 
 
-NUMBERS = st.floats(-100, 100)
+NUMBERS = st.integers(-100, 100).map(float)
 SCORES = st.dictionaries(st.sampled_from(sorted(FAMILIES)), NUMBERS, min_size=1)
 
 

@@ -1,0 +1,129 @@
+"""One compressed file with everything that pages of a study are made from, but no policies.
+
+It has the files of the finished cells, by their paths in the folder of cells: the cell, the facts
+of its data, its cost, its curves, and its results. Results keep the metrics that pages show, with
+the digits of `DECIMALS`; 1,000 episodes take about 6 kB. Pages are always made from this file, so
+that the ones that are made again from a study's folder are the same.
+"""
+
+import io
+import json
+import tarfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from swarmdata.errors import StudyError
+from swarmdata.evaluation.study.cells.cell_folder import (
+    CELL_FILE,
+    COST_FILE,
+    DATA_FILE,
+    DONE_FILE,
+    RESULTS_FOLDER,
+    cell_folder,
+    cell_run_folder,
+    read_cell,
+)
+from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
+from swarmdata.evaluation.study.pages.csv_tables import RUN_METRICS
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.learn.training.run_files import CURVE, LOSSES
+from swarmdata.specs.frozen import Frozen
+from swarmdata.store import write_file
+
+ARCHIVE_FILE = "cells.tar.xz"
+
+NOTES_FILE = "notes.json"
+"""In the archive: what pages say beyond the cells."""
+
+DECIMALS = 4
+"""Of kept metrics: an error of at most 0.00005 in a return, time or count of one episode."""
+
+
+class Notes(Frozen):
+    """What pages say beyond the cells."""
+
+    command: str  # that runs the study again
+    missing: dict[str, str]  # why other cells have no results, by name
+    sweeps: dict[str, str]  # sections on robustness and transfer, by title
+
+
+def write_archive(found: Findings, notes: Notes, file: Path) -> None:
+    """Writes the archive of finished cells, the same bytes for the same cells.
+
+    Args:
+        found: with the cells that are done, and their folder.
+        notes: on the study.
+        file: to write.
+    """
+    content = io.BytesIO()
+    with tarfile.open(fileobj=content, mode="w:xz") as archive:
+        _add(archive, NOTES_FILE, notes.to_json().encode())
+        for cell in sorted(found.cells, key=lambda cell: cell.name):
+            for path in _files(found, cell):
+                is_result = path.parent.name == RESULTS_FOLDER
+                data = _shortened(path) if is_result else path.read_bytes()
+                _add(archive, path.relative_to(found.work).as_posix(), data)
+    write_file(file, content.getvalue())
+
+
+def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
+    entry = tarfile.TarInfo(name)  # without time and owner
+    entry.size = len(data)
+    archive.addfile(entry, io.BytesIO(data))
+
+
+def _files(found: Findings, cell: Cell) -> Iterator[Path]:
+    """What pages read of a cell; its losses only if the study draws some of that label."""
+    folder = cell_folder(found.work, cell)
+    run = cell_run_folder(cell, folder)
+    files = [folder / name for name in (CELL_FILE, DATA_FILE, COST_FILE, DONE_FILE)]
+    files.append(run / CURVE)
+    if any(cell.label in drawn.algorithms for drawn in found.study.losses.values()):
+        files.append(run / LOSSES)
+    yield from (path for path in files if path.exists())
+    yield from sorted((folder / RESULTS_FOLDER).glob("*.json"))
+
+
+def _shortened(path: Path) -> bytes:
+    """A result whose kept metrics are rounded, and whose other metrics are undefined."""
+    document = json.loads(path.read_text(encoding="utf-8"))
+    document["metrics"] = {
+        name: [
+            None if value is None or name not in RUN_METRICS else round(value, DECIMALS)
+            for value in values
+        ]
+        for name, values in document["metrics"].items()
+    }
+    return json.dumps(document, separators=(",", ":")).encode()
+
+
+def check_archive(file: Path) -> None:
+    """Checks that there is an archive.
+
+    Raises:
+        StudyError: there is none.
+    """
+    if not file.exists():
+        raise StudyError(
+            f"{file.parent} has no {ARCHIVE_FILE}, from which its pages could be written again: it "
+            "is not the folder of a study, or an older version wrote it. Run the study from its "
+            "plan."
+        )
+
+
+def read_archive(study: Study, file: Path, folder: Path) -> tuple[Findings, Notes]:
+    """Unpacks an archive into a folder of cells, and collects what they found.
+
+    Args:
+        study: the plan.
+        file: that `write_archive` wrote.
+        folder: to unpack into; it is the folder of cells then.
+    """
+    with tarfile.open(file, mode="r:xz") as archive:
+        archive.extractall(folder, filter="data")
+    notes = Notes.from_file(folder / NOTES_FILE)
+    cells = [read_cell(path.parent) for path in sorted(folder.glob(f"cells/*/*/{CELL_FILE}"))]
+    found = collect_findings(study, cells, folder, {})
+    return replace(found, missing=notes.missing), notes

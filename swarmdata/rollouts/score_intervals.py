@@ -1,0 +1,187 @@
+"""Intervals of mean scores over training seeds and episodes, and of differences of such means.
+
+Tables are [K seeds, E episodes] in any unit, which the intervals share: every training seed plays
+the same E episodes. With several seeds, an interval is for new training seeds and new episodes of
+the same distribution; with one, for the measured policy on new episodes (`TARGETS`).
+
+The point estimate is the mean, not the interquartile mean of Agarwal et al. 2021. The expected
+score is what an interval can be about; a seed that fails is a finding, which trimming hides; at 3
+seeds nothing is trimmed, so that tables with 3 and 5 seeds would show two quantities; and of
+normal seeds the mean varies less (by a factor of 1.13 in variance at 5 and 10 seeds).
+
+The episodes are common to all seeds, so the mean varies with the seeds, s^2 / K, and with what
+all seeds have in common on an episode, c / E. Both variances are estimated. Their sum gets the
+quantile of Student's t at the degrees of freedom of Satterthwaite ("An Approximate Distribution of
+Estimates of Variance Components", Biometrics Bulletin 2:110, 1946). The decomposition is that of
+the two-way random-effects model, seeds by episodes (Searle, Casella and McCulloch, "Variance
+Components", 1992, section 4.3). `python -m tests.benchmarks.bench_intervals` measures the coverage.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.errors import SchemaError
+from swarmdata.numerics.student_t import t_quantile
+from swarmdata.rollouts.score_statistics import Estimate, wilson_interval
+from swarmdata.types import Double
+
+LEVEL = 0.95
+"""Confidence level of all intervals."""
+
+TARGET_OF_SEVERAL = "new training seeds and new episodes of the same distribution"
+"""What the interval of several seeds is for."""
+
+TARGET_OF_ONE = "the measured policy on new episodes of the same distribution"
+"""What the interval of one seed is for."""
+
+
+def mean_interval(values: Double, *, level: float = LEVEL) -> Estimate:
+    """Returns the mean over seeds and episodes with its interval.
+
+    Args:
+        values: finite, [K, E]. A difference of the same policies on the same episodes is such a
+            table too.
+        level: confidence level, in (0, 1).
+
+    Raises:
+        SchemaError: the table is not finite, or not [seeds, episodes].
+    """
+    return combination_interval([values], [1.0], level=level)
+
+
+def difference_interval(x: Double, y: Double, *, level: float = LEVEL) -> Estimate:
+    """Returns the mean of `x` minus that of `y` on the same episodes, with its interval.
+
+    What an episode does to both cancels; the seeds of both count.
+
+    Args:
+        x: of one algorithm, [K, E].
+        y: of another, [J, E].
+        level: confidence level, in (0, 1).
+
+    Raises:
+        SchemaError: a table is not finite, or the tables differ in episodes.
+    """
+    return combination_interval([x, y], [1.0, -1.0], level=level)
+
+
+def combination_interval(
+    tables: Sequence[Double], weights: Sequence[float], *, level: float = LEVEL
+) -> Estimate:
+    """Returns a weighted sum of means with its interval: of a difference, or an average.
+
+    The half-width is t_nu sqrt(V). With weights w, seed means of variance s^2, and Z the sum of
+    the tables' means over seeds, weighted by w, on each episode,
+
+        V = sum_g w_g^2 s_g^2 / K_g + max(c, 0) / E
+        c = var(Z) - sum_g w_g^2 (var(mean_g) - c_g)
+        c_g = (K_g var(mean_g) - mean variance of one seed over episodes) / (K_g - 1)
+        nu = V^2 / sum of (component^2 / its degrees of freedom, K_g - 1 or E - 1)
+
+    where c_g is the mean covariance of two different seeds. If a table has one seed, the variation
+    between its seeds is unknown, and the interval is for the measured policies on new episodes:
+    V = var(Z) / E with E - 1 degrees of freedom. With one episode, there is no interval (NaN).
+
+    Args:
+        tables: finite, [K_g, E] with the same episodes in all.
+        weights: of their means.
+        level: confidence level, in (0, 1).
+
+    Raises:
+        SchemaError: a table is not finite, or the tables differ in episodes.
+    """
+    _check(tables)
+    value = math.fsum(w * float(x.mean()) for w, x in zip(weights, tables, strict=True))
+    n_episodes = tables[0].shape[1]
+    if n_episodes == 1:
+        return Estimate(value, math.nan, math.nan)
+    total = sum(w * x.mean(axis=0) for w, x in zip(weights, tables, strict=True))
+    shared = float(np.var(total, ddof=1))
+    seeds: list[_Component] = []
+    if all(len(x) > 1 for x in tables):
+        for weight, x in zip(weights, tables, strict=True):
+            k = len(x)
+            seeds.append(_Component(weight**2 * float(x.mean(axis=1).var(ddof=1)) / k, k - 1))
+            shared -= weight**2 * _own_share(x)
+    components = [*seeds, _Component(max(shared, 0.0) / n_episodes, n_episodes - 1)]
+    variance = sum(each.variance for each in components)
+    if variance <= 0.0:
+        return Estimate(value, value, value)
+    df = variance**2 / sum(each.variance**2 / each.df for each in components)
+    half = t_quantile((1.0 + level) / 2.0, df) * math.sqrt(variance)
+    return Estimate(value, value - half, value + half)
+
+
+class _Component(NamedTuple):
+    """A part of the variance, estimated with some degrees of freedom."""
+
+    variance: float
+    df: int
+
+
+def _own_share(x: Double) -> float:
+    """Variance over episodes of the mean of K > 1 seeds that is not common to them: var - c."""
+    k = len(x)
+    own, common = float(x.var(axis=1, ddof=1).mean()), float(x.mean(axis=0).var(ddof=1))
+    return (own - common) / (k - 1)
+
+
+def _check(tables: Sequence[Double]) -> None:
+    shapes = [list(x.shape) for x in tables]
+    n_undefined = sum(int((~np.isfinite(x)).sum()) for x in tables)
+    is_same = all(len(shape) == 2 and shape[1] == shapes[0][-1] for shape in shapes)
+    if not is_same or n_undefined or not all(x.size for x in tables):
+        raise SchemaError(
+            f"scores are {shapes} with {n_undefined} values that are not finite, expected finite "
+            "[seeds, episodes] with the same episodes and at least one of each."
+        )
+
+
+def rate_interval(outcomes: Double, *, level: float = LEVEL) -> Estimate:
+    """Returns the share of episodes with its interval, which stays between 0 and 1.
+
+    Of one seed it is Wilson's. So it is if no or every episode of all seeds is a success: then the
+    variances are 0, and E episodes count, as if seeds always agreed.
+
+    Args:
+        outcomes: 0 or 1, [K, E].
+        level: confidence level, in (0, 1).
+
+    Raises:
+        SchemaError: the table is not finite, or not [seeds, episodes].
+    """
+    _check([outcomes])
+    first = outcomes[0]
+    if len(outcomes) == 1 or (outcomes == first[0]).all():
+        return wilson_interval(int(first.sum()), len(first), level)
+    value, low, high = mean_interval(outcomes, level=level)
+    return Estimate(value, max(low, 0.0), min(high, 1.0))
+
+
+def seed_interval(means: Double, *, level: float = LEVEL) -> Estimate:
+    """Returns the mean over seeds with Student's t interval, for new seeds on the same episodes.
+
+    For curves, of which only means over episodes are kept: new episodes move all seeds together,
+    which this interval does not cover. One seed has none (NaN).
+
+    Args:
+        means: one for each seed, finite, [K].
+        level: confidence level, in (0, 1).
+    """
+    k, value = len(means), float(means.mean())
+    if k == 1:
+        return Estimate(value, math.nan, math.nan)
+    error = math.sqrt(float(means.var(ddof=1)) / k)
+    half = t_quantile((1.0 + level) / 2.0, k - 1) * error
+    return Estimate(value, value - half, value + half)
+
+
+def target_of(n_seeds: Sequence[int]) -> str:
+    """Says what intervals of tables with these numbers of seeds are for."""
+    several, one = any(n > 1 for n in n_seeds), any(n == 1 for n in n_seeds)
+    if several and one:
+        return f"{TARGET_OF_SEVERAL}; of a single seed, {TARGET_OF_ONE}"
+    return TARGET_OF_SEVERAL if several else TARGET_OF_ONE

@@ -1,0 +1,160 @@
+"""Intervals have the right parts of the variance, and are defined for every table."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from swarmdata.errors import SchemaError
+from swarmdata.numerics.student_t import t_quantile
+from swarmdata.rollouts.score_intervals import (
+    TARGET_OF_ONE,
+    TARGET_OF_SEVERAL,
+    combination_interval,
+    difference_interval,
+    mean_interval,
+    rate_interval,
+    seed_interval,
+    target_of,
+)
+from swarmdata.rollouts.score_statistics import Estimate, wilson_interval
+from swarmdata.types import Double
+
+RNG = np.random.default_rng(0)
+BY_SEED, BY_EPISODE = RNG.normal(size=(4, 1)), RNG.normal(size=(1, 60))
+
+
+def half(found: Estimate) -> float:
+    assert found.high - found.value == pytest.approx(found.value - found.low)
+    return found.high - found.value
+
+
+def test_seeds_alone_give_students_interval() -> None:
+    found = mean_interval(np.repeat(BY_SEED, 60, axis=1))
+    assert half(found) == pytest.approx(t_quantile(0.975, 3) * BY_SEED.std(ddof=1) / 2)
+    assert found.value == pytest.approx(BY_SEED.mean())
+    assert half(mean_interval(np.repeat(BY_SEED, 60, axis=1), level=0.5)) < half(found) / 3
+
+
+def test_episodes_that_all_seeds_share_give_students_interval_over_episodes() -> None:
+    expected = t_quantile(0.975, 59) * BY_EPISODE.std(ddof=1) / math.sqrt(60)
+    assert half(mean_interval(np.repeat(BY_EPISODE, 4, axis=0))) == pytest.approx(expected)
+    assert half(mean_interval(BY_EPISODE)) == pytest.approx(expected)  # of one seed
+
+
+def test_both_parts_add_with_satterthwaites_degrees_of_freedom() -> None:
+    x = BY_SEED + BY_EPISODE
+    s2, c = BY_SEED.var(ddof=1) / 4, BY_EPISODE.var(ddof=1) / 60
+    df = (s2 + c) ** 2 / (s2**2 / 3 + c**2 / 59)
+    assert half(mean_interval(x)) == pytest.approx(t_quantile(0.975, df) * math.sqrt(s2 + c))
+
+
+def covariances_of(x: Double) -> float:
+    """Mean covariance of two different seeds, from all pairs."""
+    found = np.cov(x)
+    return float(found[~np.eye(len(x), dtype=bool)].mean())
+
+
+def test_what_seeds_share_is_the_mean_of_all_covariances() -> None:
+    x, y = RNG.normal(size=(4, 60)) + BY_EPISODE, RNG.normal(size=(3, 60)) + 2 * BY_EPISODE
+    for tables, parts in (
+        ([x], covariances_of(x)),
+        ([x, y], covariances_of(x) + covariances_of(y) - 2 * np.cov(x.mean(0), y.mean(0))[0, 1]),
+    ):
+        seeds = [each.mean(axis=1).var(ddof=1) / len(each) for each in tables]
+        total = [*seeds, max(parts, 0.0) / 60]
+        dfs = [*(len(each) - 1 for each in tables), 59]
+        df = sum(total) ** 2 / sum(v * v / d for v, d in zip(total, dfs, strict=True))
+        found = combination_interval(tables, [1.0, -1.0][: len(tables)])
+        assert half(found) == pytest.approx(t_quantile(0.975, df) * math.sqrt(sum(total)))
+
+
+def test_a_difference_loses_what_both_share() -> None:
+    hard = 100 * BY_EPISODE
+    x, y = hard + 2.0 + BY_SEED, hard + 1.0 + BY_SEED[::-1]
+    found = difference_interval(x, y)
+    assert found.value == pytest.approx(1.0)
+    error = math.sqrt(2 * BY_SEED.var(ddof=1) / 4)
+    assert half(found) == pytest.approx(t_quantile(0.975, 6) * error, rel=1e-6)
+    assert half(found) < 0.2 * half(mean_interval(x))
+    swapped = difference_interval(y, x)
+    assert swapped == pytest.approx((-found.value, -found.high, -found.low))
+
+
+def test_one_seed_has_the_interval_of_the_measured_policy() -> None:
+    x, y = RNG.normal(size=(1, 60)), RNG.normal(size=(5, 60))
+    gaps = x[0] - y.mean(axis=0)
+    expected = t_quantile(0.975, 59) * gaps.std(ddof=1) / math.sqrt(60)
+    assert half(difference_interval(x, y)) == pytest.approx(expected)
+    assert target_of([1]) == TARGET_OF_ONE
+    assert target_of([5, 3]) == TARGET_OF_SEVERAL
+    assert target_of([5, 1]) == f"{TARGET_OF_SEVERAL}; of a single seed, {TARGET_OF_ONE}"
+
+
+def test_degenerate_tables() -> None:
+    assert mean_interval(np.full((3, 5), 7.0)) == (7.0, 7.0, 7.0)
+    for table in (np.ones((1, 1)), np.array([[1.0], [3.0]])):  # of one episode
+        found = mean_interval(table)
+        assert found.value == table.mean()
+        assert math.isnan(found.low)
+        assert math.isnan(found.high)
+    opposed = np.array([[1.0, -1.0, 1.0, -1.0], [-1.0, 1.0, -1.0, 1.0]])
+    assert mean_interval(opposed) == (0.0, 0.0, 0.0)  # a negative covariance counts as none
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        [np.array([[1.0, math.nan]])],
+        [np.array([[1.0, math.inf]])],
+        [np.zeros(3)],
+        [np.zeros((0, 3))],
+        [np.zeros((2, 0))],
+        [np.zeros((2, 3)), np.zeros((2, 4))],
+    ],
+)
+def test_other_tables_are_refused(tables: list[Double]) -> None:
+    with pytest.raises(SchemaError, match=r"expected finite \[seeds, episodes\] with the same"):
+        combination_interval(tables, [1.0] * len(tables))
+
+
+def test_rates_stay_between_none_and_all() -> None:
+    rare = np.zeros((3, 40))
+    rare[0, 0] = rare[1, 1] = 1.0
+    found = rate_interval(rare)
+    assert found.low == 0.0
+    assert found.value == pytest.approx(2 / 120)
+    assert rate_interval(1.0 - rare).high == 1.0
+    assert rate_interval(rare[:1]) == wilson_interval(1, 40)
+    assert rate_interval(np.ones((3, 40))) == wilson_interval(40, 40)
+    assert rate_interval(np.zeros((3, 40))) == wilson_interval(0, 40)
+    assert rate_interval((RNG.random((3, 40)) < 0.5).astype(np.float64)).low > 0.0
+
+
+def test_curves_have_intervals_of_seeds() -> None:
+    means = np.array([1.0, 2.0, 6.0])
+    found = seed_interval(means)
+    assert half(found) == pytest.approx(4.3026527 * means.std(ddof=1) / math.sqrt(3))
+    lone = seed_interval(means[:1])
+    assert lone.value == 1.0
+    assert math.isnan(lone.low)
+
+
+TABLES = arrays(
+    np.float64,
+    st.tuples(st.integers(1, 5), st.integers(2, 6)),
+    elements=st.floats(-1e3, 1e3, width=32),
+)
+
+
+@given(TABLES, st.floats(-10, 10), st.floats(0.1, 10))
+@settings(deadline=None)
+def test_units_and_origins_do_not_matter(table: Double, shift: float, factor: float) -> None:
+    found = mean_interval(table)
+    assert found.low <= found.value <= found.high
+    moved = mean_interval(factor * table + shift)
+    assert moved == pytest.approx([factor * each + shift for each in found], rel=1e-4, abs=1e-2)
+    assert difference_interval(table, table).value == 0.0
