@@ -6,7 +6,7 @@ observation (Lipman et al. 2023, flow matching; the distillation is that of Flow
 Li & Levine 2025, arXiv 2502.02538, without values):
 
     L(v)  = E_t |v(c, x_t, t) - (a - z)|^2 / (N A),     x_t = (1 - t) z + t a
-    L(mu) = sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2
+    L(mu) = 1/N sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2
 
 where z(i) is what robot i knows of the noise. A squared error to the data, as `bc` has, averages
 the modes of the data; this one averages only what neither o_i nor z(i) tells.

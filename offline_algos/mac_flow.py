@@ -10,11 +10,11 @@ the team of which robot i knows z(i), and its own reward r_i:
     L(v)   = conditional flow matching of the joint action
     y_i    = r_i + gamma (1 - termination) min_j Q'_j(o'_i, mu(o'_i, z'(i)))
     L(Q_j) = mean_i (Q_j(o_i, a_i) - y_i)^2
-    L(mu)  = sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2 - lambda sum_i Q_1(o_i, mu(o_i, z(i)))
+    L(mu)  = 1/N sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2 - lambda Q_tot
     lambda = rl_weight / max(mean |Q_tot|, 1), detached; Q_tot = mean_i Q_1(o_i, mu(o_i, z(i)))
 
-With `reward` "team", critics give Q_tot = g(Q_1, ..., Q_N; c) as those of `facmac_bc` do, y is made
-of the team's reward, the mean of the robots', and L(mu) has lambda N Q_tot.
+With `reward` "team", critics give Q_tot = g(Q_1, ..., Q_N; c) as those of `facmac_bc` do, and y is
+made of the team's reward, the mean of the robots'.
 
 Deviations:
 - `reward` "own": each robot's critic learns from its own reward, where the paper decomposes a
@@ -23,9 +23,9 @@ Deviations:
   ("own", the paper's decentralized actors) they cannot tell what the others choose.
 - lambda, as in `facmac_bc`; Flow Q-learning offers a division by mean |Q| and takes a weight for
   each dataset.
-- The smaller of two critics in y, bounded by the data's largest return-to-go with reward "team".
+- The smaller of two critics in y, bounded by the data's largest return-to-go.
 - Robots share one actor and one critic, which see their number. Critics have LayerNorm, inputs are
-  normalized, rewards divided by the deviation of the team's returns-to-go, actors end in tanh.
+  normalized, rewards divided by the deviation of the returns-to-go, actors end in tanh.
 - Two stages: in the first part `critic_share` of the updates, flow and critics learn and actors
   only copy, so that critics value the copied flow; then both stand still, and actors climb. 0 is
   one stage, all in every update, as in Flow Q-learning. On `coop_nav-medium-replay` a version with
@@ -56,7 +56,8 @@ from swarmdata.learn.networks.network_inputs import (
 )
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
+from swarmdata.learn.objectives.td_targets import td_error, td_target
 from swarmdata.learn.policies.flow_policy import FlowPolicy, Noise, Redraw
 from swarmdata.learn.training.actor_critic import ActorCriticConfig, Loss
 from swarmdata.learn.training.exploration import normal_like
@@ -81,11 +82,11 @@ class MACFlowConfig(ActorCriticConfig):
     noise_scale: float = 1.0
     critic_share: float = 0.65  # see the deviations above
     rl_weight: float = 2.5  # as `maddpg_bc`
-    reward: Literal["own", "team"] = "own"
+    reward: Reward = "own"
     mixer: Literal["mean", "monotonic", "free"] = "mean"
     mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
     mixer_hidden: int = 64  # of the network that makes the mixers' weights, Peng et al. 2021
-    clip_target: bool = True  # with reward "team"
+    clip_target: bool = True
 
     def __post_init__(self) -> None:
         """Checks what settings mean together."""
@@ -128,7 +129,8 @@ class MACFlow:
             max_norm=config.max_grad_norm, device=setup.device,
         )  # fmt: skip
         self.generators = setup.generators()
-        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
+        self.normalizer = Normalizer(setup.statistics, setup.device)
+        self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns the losses [K] of what moved."""
@@ -182,15 +184,17 @@ class MACFlow:
         a_next = self.copy.actor(batch.next_observations, z)
         s_next = known.states(batch.next_states)
         o_next = known.observations(batch.next_observations)
-        r, ends, critics = batch.rewards * known.reward_scale, batch.terminations, self.critics
+        r, ends, critics = self.rewards(batch.rewards), batch.terminations, self.critics
         if self.config.reward == "own":
             q_next = critics.agent_values(o_next, a_next, critics.target_utilities).amin(1)
+            q_next = q_next.clamp(max=self.rewards.max_value)
             return td_target(r, ends[..., None], q_next, discount).flatten(1)
-        q_next = critics.target_q(s_next, o_next, a_next).amin(1).clamp(max=known.max_value)
-        return td_target(team_reward(r), ends, q_next, discount)
+        q_next = critics.target_q(s_next, o_next, a_next).amin(1)
+        q_next = q_next.clamp(max=self.rewards.max_value)
+        return td_target(r[..., 0], ends, q_next, discount)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
-        """Returns - lambda N Q_tot, which is - lambda sum_i Q_i for own rewards.
+        """Returns - lambda Q_tot.
 
         Args:
             s: normalized states, [K, B, S].
@@ -200,7 +204,7 @@ class MACFlow:
         q = self.critics.policy_values(s, o, pi)  # [K, B], the mean over robots or mixed
         lam = self.config.rl_weight / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
         q = q.mean(1)
-        return Loss(-lam * pi.shape[2] * q, {"policy_q": q, "lambda": lam})
+        return Loss(-lam * q, {"policy_q": q, "lambda": lam})
 
     def policy(self, index: int) -> FlowPolicy:
         """The policy of seed number `index`, as it is now."""

@@ -50,15 +50,15 @@ def test_targets_have_the_reward_scale_and_the_bound(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("mixer", MIXERS)
 def test_the_policy_gradient_is_that_of_the_written_loss(mixer: str) -> None:
     """Every agent's action is the policy's; lambda is a constant; the critics do not move."""
-    algorithm = made(FACMACBC, mixer=mixer, rl_weight=2.5, max_grad_norm=None)
+    algorithm = made(FACMACBC, mixer=mixer, rl_weight=0.6, max_grad_norm=None)
     batch, critics = random_batch(), algorithm.critics
     with torch.no_grad():
         critics.utilities.layers[-1].weight.mul_(200.0)
     before = critics.state_dict()
     pi = algorithm.actor(batch.observations)
     q = critics.q(batch.states, batch.observations, pi)[:, 0]  # moments are 0 and 1
-    weight = 2.5 / max(q.abs().mean().item(), 1.0)
-    loss = -weight * q.mean() + (pi - batch.actions).square().sum(2).mean()
+    weight = 0.6 / max(q.abs().mean().item(), 1.0)
+    loss = -weight * q.mean() + (pi - batch.actions).square().mean()
     network = algorithm.actor.online.network
     network.backward(loss)
     expected = network.gradient.clone()
@@ -70,6 +70,22 @@ def test_the_policy_gradient_is_that_of_the_written_loss(mixer: str) -> None:
     assert reported["lambda"].item() == pytest.approx(weight, rel=1e-5)
     for name, tensor in critics.state_dict().items():
         assert torch.equal(tensor, before[name]), name
+
+
+def test_a_robot_is_pulled_as_hard_in_a_team_of_any_size() -> None:
+    """N times the slope of each term, a mean, in one robot's action is that robot's own."""
+    algorithm, batch = made(FACMACBC, mixer="mean"), random_batch()
+    pi = torch.zeros(1, 32, 2, 2, requires_grad=True)
+    none = torch.zeros(1)
+    value, _ = algorithm.actor_loss(batch, algorithm.critic_inputs(batch), pi, none)
+    data = algorithm.bc_loss(pi, batch.actions)
+    (of_value,), (of_data,) = (torch.autograd.grad(x.sum(), pi) for x in (value, data))
+    q = algorithm.critics.agent_values(batch.observations, pi)[:, 0]  # [K, B, N]
+    assert q.mean(2).abs().mean() < 1  # lambda is alpha
+    (own_value,) = torch.autograd.grad(-algorithm.config.rl_weight * q[..., 0].mean(), pi)
+    (own_data,) = torch.autograd.grad((pi - batch.actions)[:, :, 0].square().mean(), pi)
+    torch.testing.assert_close(2 * of_value[:, :, 0], own_value[:, :, 0])
+    torch.testing.assert_close(2 * of_data[:, :, 0], own_data[:, :, 0])
 
 
 def test_the_policy_gradient_reaches_each_agent_through_the_mixer() -> None:
@@ -107,7 +123,6 @@ def test_it_improves_on_a_mixture(
         1500,
         batch_size=256,
         bc_warmup_updates=300,
-        rl_weight=2.5,  # the paper's: half of these data are worth leaving
         mixer=mixer,
     )
     observations = mixture.transitions["observations"]

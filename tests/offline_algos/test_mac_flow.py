@@ -55,19 +55,32 @@ def test_each_robots_target_has_its_own_reward(monkeypatch: pytest.MonkeyPatch) 
     torch.testing.assert_close(algorithm.targets(batch), torch.tensor([expected]))
 
 
-def test_the_bound_is_on_the_teams_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    batch = random_batch()
-    for clip, worth in ((True, 1.5), (False, 5.0)):  # R* / scale is 1.5
-        algorithm = made(
-            MACFlow, changes={"return_std": 2.0, "max_return": 3.0}, discount=0.9,
-            clip_target=clip, reward="team", **TINY,
-        )  # fmt: skip
-        monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.full((1, 2, 32), 5.0))
-        expected = batch.rewards.mean(-1) / 2 + 0.9 * worth * ~batch.terminations
-        torch.testing.assert_close(algorithm.targets(batch), expected)
+@pytest.mark.parametrize(("clip", "worth"), [(True, 1.5), (False, 5.0)])  # R* / scale is 1.5
+def test_values_of_the_team_are_bounded(
+    clip: bool, worth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch, of_team = random_batch(), {"return_std": 2.0, "max_return": 3.0}
+    algorithm = made(
+        MACFlow, changes=of_team, discount=0.9, clip_target=clip, reward="team", **TINY
+    )
+    monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.full((1, 2, 32), 5.0))
+    expected = batch.rewards.mean(-1) / 2 + 0.9 * worth * ~batch.terminations
+    torch.testing.assert_close(algorithm.targets(batch), expected)
 
 
-def test_actors_climb_the_sum_of_the_robots_values_and_critics_stay() -> None:
+@pytest.mark.parametrize(("clip", "worth"), [(True, 1.5), (False, 5.0)])
+def test_own_values_are_bounded_in_units_of_own_returns(
+    clip: bool, worth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch, own = random_batch(), {"own_return_std": 4.0, "own_max_return": 6.0}
+    algorithm = made(MACFlow, changes=own, discount=0.9, clip_target=clip, **TINY)
+    fives = torch.full((1, 2, 32, 2), 5.0)
+    monkeypatch.setattr(algorithm.critics, "agent_values", lambda *_: fives)
+    expected = batch.rewards / 4 + 0.9 * worth * ~batch.terminations[..., None]
+    torch.testing.assert_close(algorithm.targets(batch), expected.flatten(1))
+
+
+def test_actors_climb_the_mean_of_the_robots_values_and_critics_stay() -> None:
     algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
     with torch.no_grad():
         algorithm.critics.utilities.layers[-1].weight.mul_(200.0)
@@ -77,21 +90,21 @@ def test_actors_climb_the_sum_of_the_robots_values_and_critics_stay() -> None:
     q = algorithm.critics.agent_values(o, pi)[:, 0]  # [K, B, N]
     weight = 2.0 / max(q.mean(2).abs().mean().item(), 1.0)
     loss, reported = algorithm.climb_loss(s, o, pi)
-    torch.testing.assert_close(loss, -weight * q.sum(2).mean(1))
+    torch.testing.assert_close(loss, -weight * q.mean((1, 2)))
     assert reported["lambda"].item() == pytest.approx(weight, rel=1e-5)
     algorithm.copy.step(loss, 1.0)
     assert torch.equal(algorithm.critics.utilities.flat, before)
 
 
 def test_a_robot_is_pulled_as_hard_in_a_team_of_any_size() -> None:
-    """The slope of the loss in one robot's action, with independent robots beside it."""
+    """N times the slope of the loss, a mean, in one robot's action is that of its own value."""
     algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
     pi = torch.zeros(1, 32, 2, 2, requires_grad=True)
     loss, _ = algorithm.climb_loss(batch.states, batch.observations, pi)
     (slope,) = torch.autograd.grad(loss.sum(), pi)
     alone = algorithm.critics.agent_values(batch.observations, pi)[:, 0, :, 0].mean()
     (expected,) = torch.autograd.grad(-2.0 * alone, pi)
-    torch.testing.assert_close(slope[:, :, 0], expected[:, :, 0])
+    torch.testing.assert_close(2 * slope[:, :, 0], expected[:, :, 0])
 
 
 def parts_that_move(algorithm: MACFlow) -> tuple[set[str], set[str]]:

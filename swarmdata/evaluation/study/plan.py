@@ -65,6 +65,26 @@ class SizesPlan(Frozen):
     sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")
 
 
+class View(Frozen):
+    """What robots sense and hear; None: as recorded."""
+
+    observation: str | None = None
+    communication: str | None = None
+
+
+class ViewsPlan(Frozen):
+    """Information: the same data seen and heard in other ways, for training and evaluation.
+
+    Policies that `transfer` names are also evaluated in the other views that give the same inputs.
+    """
+
+    datasets: Names
+    algorithms: Names  # labels
+    views: Annotated[dict[Label, View], Field(min_length=1)]
+    transfer: Names = ()  # labels
+    transfer_episodes: Episodes = 200
+
+
 class SweepPlan(Frozen):
     """Robustness: the best variant of each family under worse communication or sensing.
 
@@ -107,6 +127,7 @@ class Study(Frozen):
     curves: CurvesPlan | None = None
     online: dict[Label, Baseline] = Field(default_factory=dict)
     sizes: SizesPlan | None = None
+    information: ViewsPlan | None = None
     sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)
     losses: dict[Label, LossesPlan] = Field(default_factory=dict)  # by the figure's name
     device: str = "cpu"
@@ -122,6 +143,10 @@ class Study(Frozen):
         parts: list[tuple[str, Names, Names]] = []
         if self.sizes:
             parts.append(("sizes", self.sizes.datasets, self.sizes.algorithms))
+        if self.information:
+            seen = self.information
+            parts.append(("information", seen.datasets, seen.algorithms))
+            _check_known("information.transfer", seen.transfer, seen.algorithms)
         parts += [(f"losses.{k}", v.datasets, v.algorithms) for k, v in self.losses.items()]
         parts += [(f"sweeps.{k}", (v.dataset,), ()) for k, v in self.sweeps.items()]
         if self.curves:

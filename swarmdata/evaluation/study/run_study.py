@@ -79,6 +79,10 @@ def run_study(
         sections = run_sweeps(ready, work, options.out, progress=options.progress)
         by_name = {cell.name: cell for cell in cells} | extra  # a swept cell may be in the grid
         found = collect_findings(study, list(by_name.values()), work, failures)
+    if study.information and options.only is None:
+        from swarmdata.evaluation.study.pages.transfer_section import run_transfers  # noqa: PLC0415  (torch)
+
+        sections |= run_transfers(found)
     return failures, write_pages(found, options.out, command, sections)
 
 

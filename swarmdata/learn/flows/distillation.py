@@ -9,7 +9,7 @@ from torch import Tensor
 from swarmdata.learn.flows.joint_flow import JointFlow
 from swarmdata.learn.flows.one_step_actor import OneStepActor
 from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
-from swarmdata.learn.objectives.in_sample import team_cloning_loss
+from swarmdata.learn.objectives.in_sample import cloning_loss
 from swarmdata.learn.policies.flow_policy import Noise, Redraw
 from swarmdata.learn.training.exploration import normal_like, uniform_like
 from swarmdata.learn.training.setup import Setup
@@ -84,14 +84,14 @@ class Distillation:
         return loss
 
     def loss(self, pi: Tensor, x: Tensor, noise: Tensor) -> Tensor:
-        """Returns sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2, the mean over rows, [K].
+        """Returns 1/N sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2, the mean over rows, [K].
 
         Args:
             pi: the actors' actions for some noise, [K, B, N, A].
             x: normalized states and observations, [K, B, S + N O].
             noise: z, the same that the actors got, [K, B, N, A].
         """
-        return team_cloning_loss(pi, self.flow.sample(x, noise))  # samples have no gradient
+        return cloning_loss(pi, self.flow.sample(x, noise))  # samples have no gradient
 
     def step(self, loss: Tensor, scale: float) -> None:
         """Moves the actors down the sum over seeds of a loss [K]; `scale` is of their rate."""

@@ -38,16 +38,6 @@ def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
     return (pi - actions).square().mean((1, 2, 3))
 
 
-def team_cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
-    """Returns sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
-
-    Args:
-        pi: actions of the policies, [K, B, N, A].
-        actions: of the data, [K, B, N, A].
-    """
-    return (pi - actions).square().sum(2).mean((1, 2))
-
-
 def weighted_cloning_loss(pi: Tensor, actions: Tensor, weights: Tensor) -> Tensor:
     """Returns the weighted squared error of the policies' actions, [K].
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import itertools
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, Literal
 from swarmdata import __version__
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.cells.study_data import dataset_of_size, short_count, short_name
-from swarmdata.evaluation.study.plan import Baseline, Study, Variant
+from swarmdata.evaluation.study.plan import Baseline, Study, Variant, View
 from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.numerics.random import SeedBlock
@@ -23,6 +24,9 @@ ONLINE_FAMILY = "online"
 
 FIELDS_OUTSIDE_KEY = {"family", "source", "run"}
 """Fields that affect neither training nor evaluation: the name of the family, paths of files."""
+
+AS_RECORDED = View()
+"""Models of the dataset itself."""
 
 LENGTHS = ("n_updates", "bc_warmup_updates")
 """Settings that are numbers of updates; a study's budget scales them together."""
@@ -94,6 +98,11 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
         for label in labels:
             cell = offline_cell(study, label, dataset, digest_of, n_steps=n_steps)
             _add(cells, cell)
+    if (seen := study.information) is not None:
+        for dataset, view, label in itertools.product(
+            seen.datasets, seen.views.values(), seen.algorithms
+        ):
+            _add(cells, offline_cell(study, label, dataset, digest_of, view=view))
     for label, baseline in study.online.items():
         _add(cells, _online_cell(study, label, baseline))
     return list(cells.values())
@@ -129,14 +138,13 @@ def offline_cell(
     digest_of: Callable[[str], str],
     *,
     n_steps: int | None = None,
-    observation: str | None = None,
-    communication: str | None = None,
+    view: View = AS_RECORDED,
 ) -> Cell:
     """The cell of a variant on a dataset, on its first joint steps, or re-observed."""
     variant = study.algorithms[label]
     config = config_of(study, variant)
     data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
-    for model in (observation, communication):
+    for model in (view.observation, view.communication):
         data += "" if model is None else f"~{model}"
     curves = study.curves
     is_drawn = curves is not None and (not curves.datasets or dataset in curves.datasets)
@@ -151,8 +159,8 @@ def offline_cell(
         source=dataset,
         digest=digest_of(dataset),
         n_steps=n_steps,
-        observation=observation,
-        communication=communication,
+        observation=view.observation,
+        communication=view.communication,
         frame=variant.frame,
         seeds=study.seeds,
         n_episodes=study.episodes,

@@ -21,7 +21,7 @@ from swarmdata.evaluation.study.cells.cell_folder import (
 )
 from swarmdata.evaluation.study.cells.cells import ONLINE_FAMILY, Cell
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
-from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.plan import Study, View
 from swarmdata.learn.training.run_files import CURVE, LOSSES
 from swarmdata.learn.training.run_folder import read_table
 
@@ -36,6 +36,7 @@ class Findings:
         missing: names of the other cells, with the reason if they failed.
         results: on the study's datasets, with online algorithms as baselines.
         sizes: results of the data efficiency, if the study has it and it was measured.
+        views: results of the data seen in other ways, likewise.
         facts: the cell's name -> facts of the dataset that it was trained on.
         costs: the cell's name -> its cost.
         work: folder of the cells.
@@ -46,6 +47,7 @@ class Findings:
     missing: Mapping[str, str]
     results: ResultSet
     sizes: ResultSet | None
+    views: ResultSet | None
     facts: Mapping[str, DatasetFacts]
     costs: Mapping[str, Cost]
     work: Path
@@ -106,6 +108,7 @@ def collect_findings(
             f"no cell on the study's datasets is done in {work}, so there is nothing to write"
         )
     sized = [cell for cell in done if is_data_efficiency_cell(study, cell)]
+    viewed = [cell for cell in done if is_view_cell(study, cell)]
     results, excluded = _without_other_worlds(_read_results(grid, work, facts))
     return Findings(
         study=study,
@@ -113,6 +116,7 @@ def collect_findings(
         missing={**missing, **excluded},
         results=results,
         sizes=_read_results(sized, work, facts) if sized else None,
+        views=_read_results(viewed, work, facts) if viewed else None,
         facts=facts,
         costs={cell.name: Cost.from_file(cell_folder(work, cell) / COST_FILE) for cell in done},
         work=work,
@@ -145,6 +149,15 @@ def is_data_efficiency_cell(study: Study, cell: Cell) -> bool:
         return False
     wanted = [dataset_of_size(d, size) for d in study.sizes.datasets for size in study.sizes.sizes]
     return (cell.source, cell.n_steps) in wanted
+
+
+def is_view_cell(study: Study, cell: Cell) -> bool:
+    """Whether a cell is of the data seen and heard in one of the study's ways."""
+    plan = study.information
+    if plan is None or cell.source not in plan.datasets or cell.label not in plan.algorithms:
+        return False
+    view = View(observation=cell.observation, communication=cell.communication)
+    return cell.n_steps is None and view in plan.views.values()
 
 
 def _read_results(

@@ -16,7 +16,7 @@ from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
-from swarmdata.evaluation.study.plan import SweepPlan
+from swarmdata.evaluation.study.plan import SweepPlan, View
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
@@ -65,8 +65,7 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
                     best[family],
                     plan.dataset,
                     digest_of,
-                    observation=plan.observation,
-                    communication=plan.communication,
+                    view=View(observation=plan.observation, communication=plan.communication),
                 )
                 for family in plan.families or found.study.families
                 if family in best

@@ -19,6 +19,7 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     to_csv,
 )
 from swarmdata.evaluation.study.pages.data_efficiency_section import size_section
+from swarmdata.evaluation.study.pages.information_section import information_section
 from swarmdata.evaluation.study.pages.scoreboard import (
     Scoreboard,
     make_scoreboard,
@@ -237,5 +238,5 @@ def _overall(results: ResultSet, out: Path) -> list[Section]:
 
 def _optional(found: Findings, out: Path) -> list[tuple[str, str]]:
     """The sections that a study may ask for, by title."""
-    writers = (size_section, curve_section, loss_sections)
+    writers = (size_section, information_section, curve_section, loss_sections)
     return [section for write in writers for section in write(found, out).items()]

@@ -1,0 +1,86 @@
+"""The section on transfer: policies that learned in one view, evaluated in the others."""
+
+from collections.abc import Mapping
+
+from swarmdata.drawing import markdown
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
+from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.results.result_set import group_results
+from swarmdata.evaluation.results.result_tables import estimate
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
+from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder
+from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.study.cells.study_data import short_name
+from swarmdata.evaluation.study.pages.collect_results import Findings, results_of
+from swarmdata.evaluation.study.pages.information_section import label_of, view_cells
+from swarmdata.evaluation.study.pages.scoreboard import quantity_of
+from swarmdata.specs.task_spec import TaskSpec
+
+TRANSFER_FOLDER = "transfer"
+"""Holds results in the study's folder of cells: LABEL/DATA/VIEW."""
+
+NO_FIT = "other inputs"
+"""Stands where a policy cannot read what another view gives."""
+
+
+def run_transfers(found: Findings) -> dict[str, str]:
+    """Evaluates policies of each view in the others, and returns the section by its title.
+
+    Results are kept in the folder of cells, so that an interrupted study resumes.
+    """
+    plan = found.study.information
+    if plan is None or not plan.transfer:
+        return {}
+    tables = []
+    for dataset in map(short_name, plan.datasets):
+        cells = list(view_cells(found, dataset))
+        for label in plan.transfer:
+            by_view = {label_of(plan, cell): cell for cell in cells if cell.label == label}
+            ordered = {view: by_view[view] for view in plan.views if view in by_view}
+            if ordered:
+                tables.append(f"`{label}` on {dataset}:\n\n{_matrix(found, ordered)}")
+    text = (
+        "Rows are the view that a policy learned in, columns that of its evaluation, on "
+        f"{plan.transfer_episodes:,} seeds: {quantity_of(found.results).column.label}.\n\n"
+    )
+    return {"Information: learned with one, used with another": text + "\n".join(tables)}
+
+
+def _matrix(found: Findings, cells: Mapping[str, Cell]) -> str:
+    """A row for each view that was learned in, a column for each of evaluation."""
+    specs = {view: _spec_of(found, cell) for view, cell in cells.items()}
+    rows = [
+        (f"`{view}`", *(_transferred(found, cell, name, spec) for name, spec in specs.items()))
+        for view, cell in cells.items()
+    ]
+    return markdown.table(("learned with", *cells), rows)
+
+
+def _spec_of(found: Findings, cell: Cell) -> TaskSpec:
+    """The spec that a cell's policies were evaluated in."""
+    spec = results_of([cell], found.work)[0].spec.world
+    assert spec is not None  # a cell of a recording of another environment is not evaluated
+    return spec
+
+
+def _transferred(found: Findings, cell: Cell, view: str, spec: TaskSpec) -> str:
+    """The estimate of a cell's policies in another view, as text."""
+    plan = found.study.information
+    assert plan is not None
+    run = cell_run_folder(cell, cell_folder(found.work, cell))
+    try:
+        target = find_target(
+            str(run), observation=spec.observation, communication=spec.communication
+        )
+    except SchemaError:  # find_target compares what both views give with what the policy reads
+        return NO_FIT
+    folder = found.work / TRANSFER_FOLDER / cell.label / cell.data / view
+    results = evaluate_target(
+        target, plan.transfer_episodes, folder, block=found.study.block, progress=False
+    )
+    (case,) = group_results(results).cases
+    quantity = quantity_of(found.results)
+    if quantity.column.key == "score" and case.reference is None:
+        return UNDEFINED
+    return format_estimate(estimate(quantity, case, cell.label), quantity.column)

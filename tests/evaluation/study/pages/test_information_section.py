@@ -1,0 +1,74 @@
+"""Views of a study's data: each is trained and evaluated, and policies are tried in the others."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+
+pytestmark = pytest.mark.usefixtures("here")
+
+VIEWS = {
+    "recorded": {},
+    "noisy": {"observation": "state+noise-0.2"},
+    "lidar": {"observation": "lidar"},
+}
+
+
+@pytest.fixture
+def study(data: Path, make_study: Callable[..., Study]) -> Study:
+    plan = {
+        "datasets": [str(data)],
+        "algorithms": ["bc"],
+        "views": VIEWS,
+        "transfer": ["bc"],
+        "transfer_episodes": 3,
+    }
+    return make_study(information=plan)
+
+
+def rows_below(page: str, title: str) -> dict[str, list[str]]:
+    """Cells of the rows of the first table below a title, by their first cell."""
+    table = page.partition(f"## {title}")[2].partition("\n|")[2].partition("\n\n")[0]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()]
+    return {row[0]: row[1:] for row in rows}
+
+
+def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, files = run_study(study, options, "x")
+    assert failures == {}
+    page = files[0].read_text()
+    seen = rows_below(page, "Information: trained and evaluated with it")
+    assert next(iter(seen.values())) == [*VIEWS]  # the head
+    assert len(seen["`bc`"]) == 3
+    assert len(set(seen["`bc`"])) == 3  # views differ
+    assert "`noisy` observation state+noise-0.2" in page
+    moved = rows_below(page, "Information: learned with one, used with another")
+    assert moved["`lidar`"][:2] == ["other inputs"] * 2
+    assert moved["`recorded`"][2] == "other inputs"
+    assert moved["`recorded`"][0] != moved["`recorded`"][1]
+    assert {path.name for path in tmp_path.glob("work/transfer/bc/*/*")} == set(VIEWS)
+    assert (tmp_path / "out" / "information-coop_nav-tiny-v0.png").exists()
+    again, _ = run_study(study, options, "x")
+    assert again == {}
+    assert files[0].read_text() == page
+
+
+def test_the_grid_stays_as_recorded(study: Study, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    run_study(study, StudyOptions(tmp_path / "out", tmp_path / "work", progress=False), "x")
+    assert "@" not in (tmp_path / "out" / "results.csv").read_text()
+
+
+def test_transfer_names_algorithms_of_the_views(
+    data: Path, make_study: Callable[..., Study]
+) -> None:
+    plan = {"datasets": [str(data)], "algorithms": ["bc"], "views": VIEWS, "transfer": ["other"]}
+    with pytest.raises((SpecError, ValidationError), match=r"information\.transfer has 'other'"):
+        make_study(information=plan)
