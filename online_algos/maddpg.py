@@ -1,27 +1,34 @@
-"""MADDPG: actors that act on their own observations, trained with a critic that sees everything.
+"""MADDPG: actors that act on their own observations, trained with critics that see everything.
 
 Lowe et al., "Multi-agent actor-critic for mixed cooperative-competitive environments", NeurIPS
 2017, equations 5 and 6; with the corrections of TD3 (Fujimoto et al. 2018, algorithm 1) it is MATD3
-(Ackermann et al. 2019, section 4). With the reward r_i of robot i, its value Q_ji by critic j, and
-the critics' inputs x = (state, all observations):
+(Ackermann et al. 2019, section 4). With the reward r_i of robot i, its value Q_j by critic j, and
+x_i = (o_i, i, s) for what the critics see of robot i besides the actions of all:
 
-    (1) y_i    = r_i + gamma (1 - termination) min_j Q'_ji(x', pi'(o') + clip(noise, -c, c))
-    (2) L(Q_j) = 1/N sum_i Huber(Q_ji(x, a) - y_i)                       every gradient step
-    (3) L(pi)  = -1/N sum_i Q_1i(x, pi(o)) + w |logits of pi(o)|^2       every `policy_delay`-th
+    (1) y_i    = r_i + gamma (1 - termination) min_j Q'_j(x'_i, pi'(o') + clip(noise, -c, c))
+    (2) L(Q_j) = 1/N sum_i Huber(Q_j(x_i, a) - y_i)                          every gradient step
+    (3) L(pi)  = -1/N sum_i Q_1(x_i, pi(o)) + w |logits of pi(o)|^2          every `policy_delay`-th
 
-`corrections` "none" is the original: one critic, no smoothing noise, no delay.
+`corrections` "none" is the original: one critic, no smoothing noise, no delay. `critic`
+"decentralized" sees (o_i, i, a_i) only.
+
+Started from an offline run (`continuation.offline_start`), it goes on with its actors, and with its
+critics if they are of each robot's own reward (`continuation.offline_critics`). The actors rest in
+the first `critic_warmup_updates`, in which critics learn what the present actors are worth: those
+of a second stage value the actors of the first one, and new ones know nothing.
 
 Deviations:
-- A critic is one network with a value for each robot's reward, where the paper has a network for
-  each. The robots are a team: all climb the mean of the values, which is the value of the team's
-  reward.
+- The critics are those of `offline_algos.maddpg_bc`: one network gives the N values in N rows, and
+  sees everything in the frame of the robot (`networks.robot_views`), where the paper has a network
+  for each robot. The robots are a team: all climb the mean of the values.
 - `joint_gradient` "all": every robot's action in Q comes from its policy (the centralized gradient
   of FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 5: robot i's action comes
   from its policy, the others' from the replay.
 - `parameters` "shared": one actor for all robots, which sees the robot's number; the paper's robots
   have one each ("separate").
 - The critics have LayerNorm; Huber loss instead of squares; inputs are normalized by their moments
-  under random actions; actions and observations are turned to the robot's target (`frame`).
+  under random actions, or by those of the offline run; actions and observations are turned to the
+  robot's target (`frame`).
 - w is the weight that the paper's code puts on the actor's outputs before they are squashed.
 """
 
@@ -36,15 +43,16 @@ from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.critics import JointCritics, JointGradient
+from swarmdata.learn.networks.critics import JointGradient
 from swarmdata.learn.networks.network_inputs import (
     generator_states,
     generators,
-    information,
     restore_generators,
 )
 from swarmdata.learn.networks.optimizer import StackedAdam, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
+from swarmdata.learn.networks.robot_critics import RobotCritics
+from swarmdata.learn.networks.robot_views import Critic, RobotView
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.objectives.td_targets import move_target, td_target
@@ -57,7 +65,13 @@ from swarmdata.learn.training.exploration import (
     uniform_like,
 )
 from swarmdata.learn.training.training_data import Data
+from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.continuation.offline_critics import (
+    load_critics,
+    robot_critics_of,
+    settings_of_critics,
+)
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
@@ -71,15 +85,16 @@ from swarmdata.types import Batch
 
 WHEN_STARTED = {
     "warmup_actions": "policy",
-    "critic_warmup_updates": "2000",
+    "critic_warmup_updates": "2000",  # of new critics; 500 of those that go on
     "noise": "0.2",
-    "actor_learning_rate": "1e-4",
+    "actor_learning_rate": "3e-4",
 }
 """Settings of a training that starts from an offline run, where the user gives no others.
 
-Random actions would fill the replay with what the policy never meets, and the gradient of an
-untrained critic would undo it. These settings slow that down and do not prevent it: figures are in
-docs/online-learning.md."""
+Random actions would fill the replay with what the policy never meets, and the gradient of critics
+that do not know the policy would undo it. So the policy acts for a while before anything learns
+(WSRL, Zhou et al. 2025, arXiv 2412.07762), and critics learn for a while before it moves. Figures
+are in docs/online-learning.md."""
 
 NOISE_STREAM = 2
 """Stream of a seed's smoothing noise; the networks have the streams before it."""
@@ -100,6 +115,7 @@ class MADDPGConfig:
     warmup_actions: Literal["random", "policy"] = "random"  # in them; `policy`: with noise
     critic_warmup_updates: int = 0  # gradient steps in which only the critics learn
     corrections: Literal["td3", "none"] = "td3"
+    critic: Critic = "centralized"
     joint_gradient: JointGradient = "all"
     actor_hidden: tuple[int, ...] = (64, 64)
     critic_hidden: tuple[int, ...] = (128, 128)
@@ -132,26 +148,30 @@ class MADDPGConfig:
 
 
 class Learner:
-    """K seeds of actors and critics, trained on batches of normalized observations and states.
+    """K seeds of actors and critics, trained on batches of observations and states as seen.
 
     Args:
         sizes: numbers of robots and features.
+        moments: that normalize inputs.
         seeds: of initial parameters and noise, [K].
         config: settings.
     """
 
     LOSSES = ("critic_loss", "q", "policy_q")
 
-    def __init__(self, sizes: Sizes, seeds: Sequence[int], config: MADDPGConfig) -> None:
+    def __init__(
+        self, sizes: Sizes, moments: Moments, seeds: Sequence[int], config: MADDPGConfig
+    ) -> None:
         self.config, self.n_updates = config, 0
+        self.inputs = SeedNormalizer(moments)
         shape = MLPShape(sizes.observation, config.actor_hidden, sizes.action)
         self.actors = Team(
             shape, sizes.n_agents, seeds, ACTOR_STREAM, parameters=config.parameters, device="cpu"
         )
-        self.critics = JointCritics(
-            sizes, seeds, config.critic_hidden,
+        self.critics = RobotCritics(
+            sizes, self.inputs, config.critic, seeds, config.critic_hidden,
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
-            n_critics=config.n_critics, n_values=sizes.n_agents,
+            n_critics=config.n_critics,
         )  # fmt: skip
         self.target_actors = self.actors.network.clone()
         self.actor_optimizer = StackedAdam(
@@ -167,10 +187,10 @@ class Learner:
         """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move.
 
         Args:
-            batch: normalized observations and states.
+            batch: rows as they were seen.
             scale: factor on the learning rates.
         """
-        x = information(batch.states, batch.observations)
+        x = self.critics.view(batch.states, batch.observations)
         losses = self._update_critics(batch, x, scale)
         self.n_updates += 1
         if self.n_updates % self.config.delay == 0:
@@ -184,16 +204,17 @@ class Learner:
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B, N], in units of scaled rewards; draws the smoothing noise, if any."""
         config = self.config
-        a_next = self.actions(batch.next_observations, self.target_actors)
+        o_next = batch.next_observations
+        a_next = self.actions(self.inputs.observations(o_next), self.target_actors)
         if config.corrections == "td3":
             noise = config.smoothing * normal_like(self.generators, a_next)
             a_next = a_next + noise.clamp(-config.smoothing_clip, config.smoothing_clip)
-        x_next = information(batch.next_states, batch.next_observations)
+        x_next = self.critics.view(batch.next_states, o_next)
         q_next = self.critics.target_q(x_next, a_next.clamp(-1, 1)).amin(1)  # [K, B, N]
         r = batch.rewards * config.reward_scale
         return td_target(r, batch.terminations[..., None], q_next, config.discount)  # (1)
 
-    def _update_critics(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
+    def _update_critics(self, batch: Batch, x: RobotView, scale: float) -> dict[str, Tensor]:
         y = self.targets(batch)  # [K, B, N]
         q = self.critics.q(x, batch.actions)  # [K, J, B, N]
         errors = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none")
@@ -201,13 +222,11 @@ class Learner:
         self.critics.step(loss, scale)
         return {"critic_loss": loss, "q": q.mean((1, 2, 3))}
 
-    def _update_actors(self, batch: Batch, x: Tensor, scale: float) -> dict[str, Tensor]:
-        logits = self.actors(batch.observations)
-        # [K, B, N], or [K, B N, N] for "own"; the critics' parameters are constants here
-        values = self.critics.policy_values(
-            x, logits.tanh(), batch.actions, self.config.joint_gradient
-        )
-        q = values.mean(-1).mean(1)  # [K]
+    def _update_actors(self, batch: Batch, x: RobotView, scale: float) -> dict[str, Tensor]:
+        logits = self.actors(self.inputs.observations(batch.observations))
+        pi = logits.tanh()
+        others = pi if self.config.joint_gradient == "all" else batch.actions
+        q = self.critics.first_q(x, pi, others).mean((1, 2))  # [K]; parameters are constants
         penalty = self.config.logit_penalty * logits.square().mean((1, 2, 3))
         self.actor_optimizer.step(penalty - q, scale)  # (3)
         return {"policy_q": q}
@@ -251,8 +270,13 @@ class MADDPG:
     ) -> None:
         self.config, self.seeds = config, tuple(seeds)
         self.collector = Collector(env, seeds, Plan.of(config), folder)
-        self.learner = Learner(self.collector.sizes, seeds, config)
+        self.learner = self._new_learner()
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
+
+    def _new_learner(self) -> Learner:
+        """Makes an untrained learner, with the collector's statistics of inputs."""
+        moments = self.collector.moments
+        return Learner(self.collector.sizes, moments, self.seeds, self.config)
 
     @property
     def frames(self) -> int:
@@ -274,30 +298,31 @@ class MADDPG:
         Raises:
             CheckpointError: the run's policies are no actors that pass through tanh.
         """
-        actor = actor_of(start, squash=True)
+        actor, critics = actor_of(start, squash=True), robot_critics_of(start)
+        values = {} if isinstance(critics, str) else settings_of_critics(start, critics)
         return {
             "actor_hidden": as_text(hidden_sizes(actor.layers)),
             "parameters": actor.parameters,
             "frame": frame_name(actor.frame, features),
             **WHEN_STARTED,
+            **values,
         }
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors and their inputs' statistics; the critics begin anew.
-
-        Offline critics see what these do not (`robot_views`), or have one value for the team.
+        """Takes over actors, their inputs' statistics, and critics that fit; tells if none do.
 
         Raises:
             CheckpointError: the actors do not fit.
         """
         actor_of(start, squash=True)
+        self.collector.moments = start.moments(len(self.seeds))
+        self.learner = self._new_learner()
         actors = self.learner.actors
         for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
             rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
             actors.network.load_layers(rows, actor.layers)
         self.learner.target_actors.load(actors.network.flat)
-        self.collector.moments = start.moments(len(self.seeds))
-        return [f"The critics begin anew: {start.run.algorithm} has none of maddpg's kind."]
+        return load_critics(self.learner.critics, start, self.seeds)
 
     def update(self) -> dict[str, Tensor]:
         """One round of acting and learning; returns losses, each [K], NaN before learning began."""
@@ -346,4 +371,5 @@ class MADDPG:
             CheckpointError: the replay in the folder does not belong to the state.
         """
         self.collector.load_state_dict(part(state, "collector"))
+        self.learner = self._new_learner()
         self.learner.load_state_dict(part(state, "learner"))

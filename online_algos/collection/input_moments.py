@@ -5,8 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.types import Double, Float
 
@@ -28,6 +30,31 @@ class Moments(NamedTuple):
     observation_std: Float | Double  # [K, O]
     state_mean: Float | Double  # [K, S]
     state_std: Float | Double  # [K, S]
+
+
+class SeedNormalizer:
+    """Inputs in units of the moments of their seed, in float32.
+
+    Attributes:
+        state_mean: [K, 1, S].
+        state_std: [K, 1, S].
+
+    Args:
+        moments: of K seeds.
+    """
+
+    def __init__(self, moments: Moments) -> None:
+        o_mean, o_std, s_mean, s_std = (torch.from_numpy(m).float()[:, None] for m in moments)
+        self.state_mean, self.state_std = s_mean, s_std
+        self._observation_mean, self._observation_std = o_mean[:, None], o_std[:, None]
+
+    def observations(self, observations: Tensor) -> Tensor:
+        """Returns normalized observations, [K, B, N, O]."""
+        return standardize(observations, self._observation_mean, self._observation_std)
+
+    def states(self, states: Tensor) -> Tensor:
+        """Returns normalized states, [K, B, S]."""
+        return standardize(states, self.state_mean, self.state_std)
 
 
 def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int) -> Moments:

@@ -15,13 +15,12 @@ from swarmdata.learn.networks.network_inputs import (
     generator_states,
     generators,
     restore_generators,
-    standardize,
 )
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.replay_buffer import Replay, Shape
 from swarmdata.learn.training.training_data import Data
-from swarmdata.online_algos.collection.input_moments import Moments, measure_moments
+from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer, measure_moments
 from swarmdata.online_algos.collection.recorded_rows import RecordedRows, Stored, joined
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.perception.frames import find_frame
@@ -135,7 +134,7 @@ class Collector:
 
         Args:
             act: chooses actions.
-            learn: takes one gradient step on a batch of tensors [K, B, ...].
+            learn: takes one gradient step on a batch of tensors [K, B, ...], not normalized.
             names: of the losses that `learn` may return.
 
         Returns:
@@ -160,7 +159,8 @@ class Collector:
         worlds = self.worlds
         step = worlds.current_step
         observations = worlds.observations(step)
-        actions, stored = act(self.normal_observations(torch.from_numpy(observations)))
+        normal = SeedNormalizer(self.moments)
+        actions, stored = act(normal.observations(torch.from_numpy(observations)))
         next_step = worlds.advance(actions.numpy())
         rewards = worlds.grouped(next_step.rewards)
         terminations = worlds.grouped(next_step.terminations)
@@ -181,27 +181,23 @@ class Collector:
         return torch.from_numpy(rewards.mean((1, 2)))
 
     def _draw(self) -> Batch:
-        """A batch with normalized observations and states."""
+        """A batch of rows as they were seen."""
         n_recorded = 0 if self.recorded is None else self.recorded.n_rows
         batch = self.replay.sample(self._sampling, self.plan.batch_size - n_recorded)
         if self.recorded is not None:
             batch = joined(batch, self.recorded.draw())
+        return batch
+
+    def normalized(self, batch: Batch) -> Batch:
+        """Returns a batch with normalized observations and states."""
+        normal = SeedNormalizer(self.moments)
         return replace(
             batch,
-            observations=self.normal_observations(batch.observations),
-            next_observations=self.normal_observations(batch.next_observations),
-            states=self._normal_states(batch.states),
-            next_states=self._normal_states(batch.next_states),
+            observations=normal.observations(batch.observations),
+            next_observations=normal.observations(batch.next_observations),
+            states=normal.states(batch.states),
+            next_states=normal.states(batch.next_states),
         )
-
-    def normal_observations(self, observations: Tensor) -> Tensor:
-        """Normalizes observations [K, B, N, O] with the statistics of their seed."""
-        mean, std = (torch.from_numpy(m).float()[:, None, None] for m in self.moments[:2])
-        return standardize(observations, mean, std)
-
-    def _normal_states(self, states: Tensor) -> Tensor:
-        mean, std = (torch.from_numpy(m).float()[:, None] for m in self.moments[2:])
-        return standardize(states, mean, std)
 
     def inputs_of(self, index: int) -> tuple[Tensor, Tensor]:
         """Mean and deviation of observations for the policy of seed number `index`, float64 [O]."""

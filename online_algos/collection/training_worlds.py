@@ -12,6 +12,7 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.frames import Frame
+from swarmdata.store.arrays.column_meanings import state_layout
 from swarmdata.types import Double, Float, Int, Seeds, Step
 
 
@@ -47,8 +48,17 @@ class Worlds:
     @property
     def sizes(self) -> Sizes:
         """Numbers of robots and features, those that the frame adds included."""
-        size = self.env.observation_size + (0 if self.frame is None else self.frame.n_added)
-        return Sizes(self.env.spec.n_agents, size, self.env.action_size, self.env.state_size)
+        env, n_added = self.env, 0 if self.frame is None else self.frame.n_added
+        robots, vectors = state_layout(env.task, env.state_size)
+        return Sizes(
+            n_agents=env.spec.n_agents,
+            observation=env.observation_size + n_added,
+            action=env.action_size,
+            state=env.state_size,
+            frame=self.frame,
+            robot_columns=robots,
+            state_vectors=vectors,
+        )
 
     def observations(self, step: Step) -> Float:
         """Returns the observations of all copies in the robots' frame, by seed, [K, E, N, O]."""

@@ -128,7 +128,8 @@ def update_round(self: ValueLearning) -> dict[str, Tensor]:
 
     def learn(batch: Batch) -> dict[str, Tensor]:
         factor = self.learner.config.final_learning_rate_factor
-        return self.learner.update(batch, linear(self.collector.progress, factor))
+        scale = linear(self.collector.progress, factor)
+        return self.learner.update(self.collector.normalized(batch), scale)
 
     return self.collector.round(lambda observations: explore(self, observations), learn, LOSSES)
 

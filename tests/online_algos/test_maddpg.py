@@ -1,17 +1,17 @@
 """MADDPG: targets and corrections, policy gradients, two episodes, and learning."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.learn.networks.network_inputs import information  # noqa: E402
-from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.online_algos.collection.input_moments import Moments  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG, Learner, MADDPGConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import seed_of  # noqa: E402
@@ -25,8 +25,18 @@ SMALL: dict[str, Any] = {
 }
 
 
+def moments(seeds: Sequence[int]) -> Moments:
+    """Other moments for each seed."""
+    n, o, s = np.array(seeds)[:, None] / 4, np.ones((1, 3)), np.ones((1, 4))
+    return Moments(n * o, n + o, n * s, n + s)
+
+
+def learner_of(seeds: Sequence[int], config: MADDPGConfig) -> Learner:
+    return Learner(SIZES, moments(seeds), seeds, config)
+
+
 def made(n_seeds: int = 1, **changes: Any) -> Learner:
-    return Learner(SIZES, range(n_seeds), MADDPGConfig(**{**SMALL, **changes}))
+    return learner_of(range(n_seeds), MADDPGConfig(**{**SMALL, **changes}))
 
 
 def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
@@ -48,16 +58,10 @@ def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
     )
 
 
-def make_constant(network: StackedMLP, row: int, values: list[float]) -> None:
-    network.flat[row] = 0.0
-    with torch.no_grad():
-        network.layers[-1].bias[row, 0] = torch.tensor(values)
-
-
-def test_targets_take_the_lower_critic_robot_by_robot() -> None:
+def test_targets_take_the_lower_critic_robot_by_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     learner, batch = made(discount=0.5, reward_scale=2.0), random_batch()
-    make_constant(learner.critics.target, 0, [4.0, 1.0])
-    make_constant(learner.critics.target, 1, [3.0, 5.0])
+    values = torch.tensor([[4.0, 1.0], [3.0, 5.0]])[:, None].expand(1, 2, 32, 2)  # [K, J, B, N]
+    monkeypatch.setattr(learner.critics, "target_q", lambda x, actions: values)
     alive = ~batch.terminations[..., None]
     expected = 2.0 * batch.rewards + 0.5 * alive * torch.tensor([3.0, 1.0])
     torch.testing.assert_close(learner.targets(batch), expected)
@@ -68,8 +72,9 @@ def test_the_original_has_one_critic_and_no_noise() -> None:
     assert len(learner.critics.online.flat) == 1
     assert torch.equal(learner.targets(batch), learner.targets(batch))
     assert "policy_q" in learner.update(batch)  # no delay
-    a_next = learner.actions(batch.next_observations, learner.target_actors)
-    x_next = information(batch.next_states, batch.next_observations)
+    o_next = learner.inputs.observations(batch.next_observations)
+    a_next = learner.actions(o_next, learner.target_actors)
+    x_next = learner.critics.view(batch.next_states, batch.next_observations)
     q_next = learner.critics.target_q(x_next, a_next)[:, 0]
     expected = batch.rewards + 0.97 * ~batch.terminations[..., None] * q_next
     torch.testing.assert_close(learner.targets(batch), expected)
@@ -80,7 +85,7 @@ def test_smoothing_noise_is_clipped_and_per_seed() -> None:
     first, second = learner.targets(batch), learner.targets(batch)
     assert not torch.equal(first, second)
     torch.testing.assert_close(first, second, rtol=0, atol=0.05)
-    alone = Learner(SIZES, [1], learner.config)
+    alone = learner_of([1], learner.config)
     row = seed_of(batch, 1)
     torch.testing.assert_close(alone.targets(row)[0], first[1], rtol=0, atol=1e-5)
 
@@ -108,20 +113,19 @@ def test_truncation_bootstraps_and_termination_does_not() -> None:
 def test_the_policy_gradient_by_hand(joint_gradient: Any) -> None:
     learner = made(joint_gradient=joint_gradient, logit_penalty=0.1)
     batch = random_batch()
-    x = information(batch.states, batch.observations)[0]
-    logits = learner.actors(batch.observations)[0]  # [B, N, A]
+    x = learner.critics.view(batch.states, batch.observations)
+    logits = learner.actors(learner.inputs.observations(batch.observations))[0]  # [B, N, A]
     values = []
     for robot in range(2):
         mixed = batch.actions[0].clone()
         mixed[:, robot] = logits[:, robot].tanh()
         joint = mixed if joint_gradient == "own" else logits.tanh()
-        inputs = torch.cat([x, joint.flatten(1)], 1).expand(2, -1, -1)
-        values.append(learner.critics.online(inputs)[0].mean(-1))
+        values.append(learner.critics.q(x, joint[None])[0, 0, :, robot])
     loss = 0.1 * logits.square().mean() - torch.stack(values).mean()
     learner.actors.network.backward(loss)
     expected = learner.actors.network.gradient.clone()
     critics = learner.critics.online.flat.clone()
-    learner._update_actors(batch, x[None], 1.0)
+    learner._update_actors(batch, x, 1.0)
     torch.testing.assert_close(learner.actors.network.gradient, expected, rtol=1e-4, atol=1e-7)
     assert torch.equal(learner.critics.online.flat, critics)
 
@@ -158,7 +162,7 @@ def test_a_seed_of_a_stack_learns_what_it_learns_alone(parameters: Any) -> None:
     for _ in range(20):
         stack.update(batch)
     for seed in range(3):
-        alone = Learner(SIZES, [seed], stack.config)
+        alone = learner_of([seed], stack.config)
         row = seed_of(batch, seed)
         for _ in range(20):
             alone.update(row)
@@ -181,11 +185,9 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
     for _ in range(8):
         run.update()
     batch = run.collector._draw()
-    x = information(batch.states, batch.observations)
+    x = run.learner.critics.view(batch.states, batch.observations)
     q = run.learner.critics.q(x, batch.actions).detach()[:, 0].mean(-1)
-    mean, std = (torch.from_numpy(m[0]) for m in run.collector.moments[2:])
-    raw = (batch.states * std + mean).round()
-    time, even = raw[..., 1], raw[..., 2]
+    time, even = batch.states[..., 1], batch.states[..., 2]
     for t, expected in enumerate((2.75, 3.5, 3.0)):
         assert q[(time == t) & (even == 1)].mean().item() == pytest.approx(expected, abs=0.25)
     assert q[(time == 2) & (even == 0)].mean().item() > 3.3

@@ -63,7 +63,7 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
     for _ in range(8):
         run.update()
     collector = run.collector
-    batch = collector._draw()
+    batch = collector.normalized(collector._draw())
     q = run.learner.value(batch.observations, batch.states, batch.actions).detach()[:, 0]
     mean, std = (torch.from_numpy(m[0]) for m in collector.moments[2:])
     raw = (batch.states * std + mean).round()

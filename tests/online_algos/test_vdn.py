@@ -13,6 +13,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.online_algos.collection.input_moments import SeedNormalizer  # noqa: E402
 from swarmdata.online_algos.collection.value_learning import explore, greedy_choices  # noqa: E402
 from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
@@ -68,7 +69,7 @@ def test_values_bootstrap_through_truncation_only(two_episodes: Any, tmp_path: P
     run = made(two_episodes, tmp_path, n_gradient_steps=12, n_steps=800, **changes)
     for _ in range(8):
         run.update()
-    batch = run.collector._draw()
+    batch = run.collector.normalized(run.collector._draw())
     q = run.learner.value(batch.observations, batch.states, batch.actions).detach()[:, 0]
     moments = run.collector.moments
     raw = batch.states * torch.from_numpy(moments.state_std[0]) + torch.from_numpy(
@@ -106,7 +107,7 @@ def test_policies_do_not_explore(two_episodes: Any, tmp_path: Path) -> None:
     run = made(two_episodes, tmp_path)
     policy = run.policy(0)
     seen = np.random.default_rng(0).normal(size=(4, 2, 3)).astype(np.float32)
-    normal = run.collector.normal_observations(torch.from_numpy(seen)[None])
+    normal = SeedNormalizer(run.collector.moments).observations(torch.from_numpy(seen)[None])
     best = greedy_choices(run.learner.utilities(normal))[0]
     np.testing.assert_array_equal(policy.actions(seen), bins.to_actions(best, 3).numpy())
 

@@ -174,36 +174,3 @@ class JointCritics(Critics):
         super().__init__(
             sizes.information + sizes.n_agents * sizes.action, seeds, hidden, **options
         )
-
-    def policy_values(
-        self, x: Tensor, pi: Tensor, actions: Tensor, joint_gradient: JointGradient
-    ) -> Tensor:
-        """Returns the first critics' values of the policies' actions, [K, B, V] or [K, B N, V].
-
-        The critics' parameters are constants here: the policies' loss must not move them.
-
-        Args:
-            x: what the critics see, [K, B, S + N O].
-            pi: actions of the policies, [K, B, N, A].
-            actions: of the data, [K, B, N, A].
-            joint_gradient: "all" takes every agent's action from `pi`. "own" gives one value for
-                each agent that alone leaves the data, B N in all (Lowe et al. 2017, eq. 5).
-        """
-        if joint_gradient == "own":
-            pi = replace_each(actions, pi).flatten(1, 2)
-            x = x.repeat_interleave(actions.shape[2], 1)
-        return self.first_q(x, pi)
-
-
-def replace_each(actions: Tensor, others: Tensor) -> Tensor:
-    """Returns joint actions that differ from `actions` in one agent each, [..., N, N, A].
-
-    Number i of the new axis has agent i's action from `others`.
-
-    Args:
-        actions: [..., N, A].
-        others: [..., N, A].
-    """
-    n_agents = actions.shape[-2]
-    own = torch.eye(n_agents, dtype=torch.bool, device=actions.device)[:, :, None]
-    return torch.where(own, others[..., None, :, :], actions[..., None, :, :])

@@ -11,9 +11,13 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.critics import CriticOptions, Critics
-from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.perceptrons import StackedMLP, mlp, mlp_of_branches
-from swarmdata.learn.networks.robot_views import Critic, RobotView, RobotViews
+from swarmdata.learn.networks.robot_views import (
+    Critic,
+    InputNormalizer,
+    RobotView,
+    RobotViews,
+)
 from swarmdata.learn.networks.sizes import Sizes
 
 
@@ -33,7 +37,7 @@ class RobotCritics:
     def __init__(
         self,
         sizes: Sizes,
-        normalizer: Normalizer,
+        normalizer: InputNormalizer,
         critic: Critic,
         seeds: Sequence[int],
         hidden: tuple[int, ...],
@@ -47,6 +51,11 @@ class RobotCritics:
         self.step, self.follow = self._critics.step, self._critics.follow
         self.state_dict = self._critics.state_dict
         self.load_state_dict = self._critics.load_state_dict
+
+    @property
+    def critic(self) -> Critic:
+        """Whether the critics see the team, or their robot only."""
+        return self._views.critic
 
     @property
     def n_features(self) -> int:

@@ -10,17 +10,26 @@ all robots. Without a frame (recordings of other environments) everything is in 
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.network_inputs import with_agent_id
-from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.sizes import Sizes
 
 Critic = Literal["centralized", "decentralized"]
 """Whether a robot's critic sees the team, or that robot only."""
+
+
+class InputNormalizer(Protocol):
+    """Moments of states, and observations in units of theirs."""
+
+    @property
+    def state_mean(self) -> Tensor: ...  # [S], or by seed [K, 1, S]
+    @property
+    def state_std(self) -> Tensor: ...  # likewise
+    def observations(self, observations: Tensor) -> Tensor: ...  # [K, B, N, O]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,13 +61,20 @@ class RobotViews:
         normalizer: of observations and states.
         critic: whether critics see the team.
         device: where batches are.
+
+    Attributes:
+        critic: whether critics see the team.
     """
 
     def __init__(
-        self, sizes: Sizes, normalizer: Normalizer, critic: Critic, device: torch.device | str
+        self,
+        sizes: Sizes,
+        normalizer: InputNormalizer,
+        critic: Critic,
+        device: torch.device | str,
     ) -> None:
         n = sizes.n_agents
-        self._sizes, self._normalizer, self._critic = sizes, normalizer, critic
+        self._sizes, self._normalizer, self.critic = sizes, normalizer, critic
         slots = torch.arange(n, device=device)
         self._order = (slots[:, None] + slots) % n  # [N, N]: the robot in each slot of robot i
         self._vectors = torch.tensor(sizes.state_vectors, dtype=torch.long, device=device)
@@ -68,8 +84,8 @@ class RobotViews:
             # turned vectors have no preferred direction: no mean, and one deviation for x and y
             x, y = self._vectors, self._vectors + 1
             moments = mean.square() + std.square()
-            mean[x], mean[y] = 0.0, 0.0
-            std[x] = std[y] = ((moments[x] + moments[y]) / 2).sqrt()
+            mean[..., x] = mean[..., y] = 0.0
+            std[..., x] = std[..., y] = ((moments[..., x] + moments[..., y]) / 2).sqrt()
         self._state_mean, self._state_std = mean, torch.where(std < 1e-3, 1.0, std)
 
     @property
@@ -77,12 +93,12 @@ class RobotViews:
         """Number of features besides actions, F."""
         sizes = self._sizes
         own = sizes.observation + sizes.n_agents
-        return own + (sizes.state if self._critic == "centralized" else 0)
+        return own + (sizes.state if self.critic == "centralized" else 0)
 
     @property
     def n_actions(self) -> int:
         """Numbers that a critic sees of a joint action: A, or N A."""
-        return self._sizes.action * (self._sizes.n_agents if self._critic == "centralized" else 1)
+        return self._sizes.action * (self._sizes.n_agents if self.critic == "centralized" else 1)
 
     def view(self, states: Tensor, observations: Tensor) -> RobotView:
         """Returns the view of a batch.
@@ -92,7 +108,7 @@ class RobotViews:
             observations: in the robots' frames, not normalized, [K, B, N, O].
         """
         own = with_agent_id(self._normalizer.observations(observations))
-        if self._critic == "decentralized":
+        if self.critic == "decentralized":
             return RobotView(own)
         standard = (states - self._state_mean) / self._state_std
         turned = standard[:, :, None].expand(-1, -1, self._sizes.n_agents, -1)  # [K, B, N, S]
@@ -115,7 +131,7 @@ class RobotViews:
             own: each robot's action in its own frame, [K, B, N, A].
             others: the actions that the others take meanwhile, likewise; `own` for a joint action.
         """
-        if self._critic == "decentralized":
+        if self.critic == "decentralized":
             return own.flatten(1, 2)
         slots = torch.cat([own[:, :, :, None], others[:, :, self._order[:, 1:]]], 3)
         if view.cosines is not None and view.sines is not None:

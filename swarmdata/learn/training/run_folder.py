@@ -29,8 +29,7 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec
-from swarmdata.specs.state_layout import N_COLUMNS
-from swarmdata.store.arrays.column_meanings import planar_vectors, state_columns
+from swarmdata.store.arrays.column_meanings import state_layout
 
 COMPACT = "is_compact"
 """In the metadata of a checkpoint that lacks what policies do not need."""
@@ -69,8 +68,7 @@ class Run(Frozen):
     def sizes(self) -> Sizes:
         """Numbers of agents and features, the choices of a recorded environment, frames."""
         task = None if self.spec.world is None else make_task(self.spec.world)
-        columns = () if task is None else state_columns(task)
-        is_known = len(columns) == self.state_size  # episodes in memory may have other states
+        robots, vectors = state_layout(task, self.state_size)  # those in memory may be others
         return Sizes(
             n_agents=self.n_agents,
             observation=self.observation_size,
@@ -78,8 +76,8 @@ class Run(Frozen):
             state=self.state_size,
             choices=choices_of(self.spec),
             frame=self.frame,
-            robot_columns=N_COLUMNS if is_known else 0,
-            state_vectors=planar_vectors(columns) if is_known else (),
+            robot_columns=robots,
+            state_vectors=vectors,
             features=() if task is None else tuple(f.name for f in features_of(task)),
         )
 

@@ -9,7 +9,7 @@ from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import reward_terms
 from swarmdata.specs.features import UNITS, Feature
 from swarmdata.specs.sensing_models import Broadcast
-from swarmdata.specs.state_layout import body_columns, pair, robot_columns
+from swarmdata.specs.state_layout import N_COLUMNS, body_columns, pair, robot_columns
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import EVENT_COLUMNS, Column
 
@@ -54,6 +54,17 @@ def planar_vectors(columns: tuple[Column, ...]) -> tuple[int, ...]:
         for k, (column, following) in enumerate(pairwise(columns))
         if column.frame == "world" and following.name == f"{names[k][:-1]}y"
     )
+
+
+def state_layout(task: Task | None, state_size: int) -> tuple[int, tuple[int, ...]]:
+    """Returns the columns of each robot in a state, and `planar_vectors`; 0 and () if unknown.
+
+    Args:
+        task: None for recordings of other environments.
+        state_size: of the states, which may be others than the task's.
+    """
+    columns = () if task is None else state_columns(task)
+    return (N_COLUMNS, planar_vectors(columns)) if len(columns) == state_size else (0, ())
 
 
 def _of(name: str, columns: tuple[Column, ...]) -> tuple[Column, ...]:

@@ -4,12 +4,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.networks.critics import JointCritics, replace_each  # noqa: E402
+from swarmdata.learn.networks.critics import JointCritics  # noqa: E402
 from swarmdata.learn.networks.network_inputs import information  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 
@@ -65,24 +63,16 @@ def test_a_seed_begins_alike_in_every_stack() -> None:
     assert torch.equal(made(2).online.flat[2:], alone.online.flat)
 
 
-@pytest.mark.parametrize("joint_gradient", ["all", "own"])
-def test_the_policys_values_are_the_first_critics_and_cannot_move_them(joint_gradient: str) -> None:
+def test_first_values_are_those_of_the_first_critics_and_cannot_move_them() -> None:
     critics = made()
-    x, pi, actions = inputs()
+    x, pi, _ = inputs()
     pi.requires_grad_()
-    q = critics.policy_values(x, pi, actions, joint_gradient)  # type: ignore[arg-type]
-    if joint_gradient == "all":
-        expected = critics.q(x, pi)[:, 0]
-    else:
-        mixed = replace_each(actions, pi)  # [K, B, N, N, A]
-        values = [critics.q(x, mixed[:, :, agent])[:, 0] for agent in range(3)]
-        expected = torch.stack(values, 2).flatten(1, 2)
-    torch.testing.assert_close(q, expected)
+    q = critics.first_q(x, pi)
+    torch.testing.assert_close(q, critics.q(x, pi)[:, 0])
     (gradient,) = torch.autograd.grad(q.sum(), pi)
     assert gradient.abs().sum() > 0
     leaves = [w for layer in critics.online.layers for w in layer if w is not None]
-    q = critics.policy_values(x, pi, actions, joint_gradient)  # type: ignore[arg-type]
-    unused = torch.autograd.grad(q.sum(), leaves, allow_unused=True)
+    unused = torch.autograd.grad(critics.first_q(x, pi).sum(), leaves, allow_unused=True)
     assert all(gradient is None for gradient in unused)
 
 
@@ -111,15 +101,6 @@ def test_a_restored_state_goes_on_alike_and_another_shape_is_refused() -> None:
     assert torch.equal(critics.target.flat, other.target.flat)
     with pytest.raises(CheckpointError, match="another number of seeds"):
         made(3).load_state_dict(critics.state_dict())
-
-
-@settings(deadline=None, max_examples=20)
-@given(n_agents=st.integers(1, 5), size=st.integers(1, 4))
-def test_replacing_each_leaves_the_others(n_agents: int, size: int) -> None:
-    actions, others = torch.zeros(size, n_agents, 2), torch.ones(size, n_agents, 2)
-    mixed = replace_each(actions, others)
-    assert mixed.shape == (size, n_agents, n_agents, 2)
-    assert torch.equal(mixed[..., 0], torch.eye(n_agents).expand(size, -1, -1))
 
 
 @pytest.mark.parametrize("n_values", [1, 3])

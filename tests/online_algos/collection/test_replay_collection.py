@@ -79,13 +79,11 @@ def test_a_round_learns_after_every_step_once_it_is_warm(two_episodes: Any, tmp_
     assert collector.progress == 0.4
 
 
-def test_batches_are_normalized_with_the_first_statistics(
-    two_episodes: Any, tmp_path: Path
-) -> None:
+def test_normalized_batches_keep_the_first_statistics(two_episodes: Any, tmp_path: Path) -> None:
     collector, learn = Collector(two_episodes, [3], plan(), tmp_path), Watch()
     moments = collector.moments
     collector.round(act, learn, ["number"])
-    batch = learn.batches[-1]
+    batch = collector.normalized(learn.batches[-1])
     time = batch.states[..., 1] * moments.state_std[0, 1] + moments.state_mean[0, 1]
     torch.testing.assert_close(time, time.round())
     assert collector.moments is moments
