@@ -76,6 +76,7 @@ class MACFlowConfig(ActorCriticConfig):
     redraw: Redraw = "step"
     noise_scale: float = 1.0
     critic_share: float = 0.65  # see the deviations above
+    critic_learning_rate: float = 3e-3  # as `maddpg_bc`
     rl_weight: float = 2.5  # as `maddpg_bc`
     reward: Reward = "own"
     mixer: MixerKind = "mean"

@@ -3,7 +3,7 @@
 `maddpg_bc`, `maddpg_cql`, `cfcql`, `icql_qs` and `iql` have `RobotCritics`, as `maddpg` online has:
 these go on, with their slow copies, in the run's units of reward and with its discount. Of all
 other runs the critics begin anew: those of `omar` and `facmac_bc` are of other kinds, and values of
-the team's reward are not those of each robot's own.
+the team's reward, or of other weights of rewards, are not those of each robot's own.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,8 @@ def robot_critics_of(start: OfflineStart) -> RobotCritics | str:
         return f"{start.run.algorithm} has none of each robot"
     if start.run.config["reward"] != "own":
         return "they value the team's reward, not each robot's own"
+    if start.has_other_rewards:
+        return "they value other weights of rewards than the task's"
     return critics
 
 

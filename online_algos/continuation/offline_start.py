@@ -22,6 +22,7 @@ from swarmdata.learn.training.run_files import is_online, run_folders, run_hash
 from swarmdata.learn.training.run_folder import Run, load_last
 from swarmdata.online_algos.collection.input_moments import Moments
 from swarmdata.perception.frames import Frame
+from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import Sha256
@@ -60,6 +61,11 @@ class OfflineStart:
         """Discount of the run's values."""
         return float(self.run.config["discount"])
 
+    @property
+    def has_other_rewards(self) -> bool:
+        """Whether the run learned from other weights of rewards than those that were recorded."""
+        return _changes_rewards(self.run.view)
+
     def policy(self, seed: int) -> Policy:
         """Returns the policy of a seed.
 
@@ -87,6 +93,13 @@ class OfflineStart:
         s = self.statistics
         parts = (s.observation_mean, s.observation_std, s.state_mean, s.state_std)
         return Moments(*(np.tile(np.asarray(part, np.float64), (n_seeds, 1)) for part in parts))
+
+
+def _changes_rewards(view: str | None) -> bool:
+    """Whether a view of a dataset, or of a part of a mixture, has other weights of rewards."""
+    changes = {} if view is None else parse_json(view, "the view")
+    parts = changes.get("mixture", ())
+    return "rewards" in changes or any(_changes_rewards(part["view"]) for part in parts)
 
 
 @runtime_checkable

@@ -73,7 +73,17 @@ def start_from(self: ValueLearning, start: OfflineStart) -> list[str]:
         team.network.load_layers(slice(k * n_rows, (k + 1) * n_rows), policy.layers)
     self.learner.descent.targets["team"].load(team.network.flat)
     self.collector.moments = start.moments(len(seeds))
-    return _start_mixer(self, start)
+    return [*_other_rewards(start), *_start_mixer(self, start)]
+
+
+def _other_rewards(start: OfflineStart) -> list[str]:
+    """Says that the utilities are of other rewards than those that training goes on with."""
+    if not start.has_other_rewards:
+        return []
+    return [
+        f"The values of {start.name} are of other weights of rewards than the task's, with which "
+        "training goes on."
+    ]
 
 
 def _start_mixer(self: ValueLearning, start: OfflineStart) -> list[str]:

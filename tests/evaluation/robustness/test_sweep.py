@@ -243,7 +243,7 @@ def test_teams_with_and_without_messages_share_an_axis_of_observation(
 @pytest.mark.usefixtures("without_figures")
 def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
     sight = parse_axis("range=2,1", "observation")
-    (found,) = run_sweep([Path("expert")], [sight], tmp_path, n_episodes=1)
+    (found,) = run_sweep([Path("expert")], [sight], tmp_path, n_episodes=2)
     assert "score" in [column.key for column in found.columns]
     (line,) = found.lines
     assert [point.value for point in line.points] == [None, 2.0, 1.0]

@@ -266,7 +266,7 @@ def test_a_mixture_is_trained_on_and_evaluated(tmp_path: Path) -> None:
     assert described.view is not None
     mixed = json.loads(described.view)["mixture"]
     assert [part["weight"] for part in mixed] == [0.8, 0.2]
-    assert all("obstacle_collision" in part["view"] for part in mixed)
+    assert all("proximity" in part["view"] for part in mixed)
     checkpoint = (out / "checkpoint.safetensors").read_bytes()
     run(*command)
     assert (out / "checkpoint.safetensors").read_bytes() == checkpoint

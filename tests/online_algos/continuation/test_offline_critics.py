@@ -1,6 +1,6 @@
 """Critics that online training takes over: equal values, their units, and what begins anew."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -46,13 +46,13 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dataset]:
 def offline(dataset: Dataset, tmp_path: Path) -> Offline:
     """Trains an offline run of a few updates."""
 
-    def train(algorithm: str, **changes: str) -> Path:
+    def train(algorithm: str, rewards: Mapping[str, float] | None = None, **changes: str) -> Path:
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
         small = {"n_updates": "6", "batch_size": "16"}
         if algorithm != "bc":
             small |= {"critic_hidden": "8", "actor_hidden": "12"}
         train_seeds(
-            algorithm, dataset, tmp_path / algorithm, seeds=SEEDS,
+            algorithm, dataset.with_rewards(**rewards or {}), tmp_path / algorithm, seeds=SEEDS,
             config=override(kind.Config(), {**small, **changes}), frame=frame_of(dataset.spec),
             progress=False,
         )  # fmt: skip
@@ -124,6 +124,12 @@ def test_critics_of_other_kinds_begin_anew_and_it_says_why(
     assert sentence.startswith("The critics begin anew, not with those of ")
     assert reason in sentence
     online.update()
+
+
+def test_critics_of_other_rewards_begin_anew(offline: Offline, tmp_path: Path) -> None:
+    run = offline("maddpg_bc", rewards={"robot_collision": 9.0})
+    (sentence,) = started(run, tmp_path)[1]
+    assert sentence.endswith("they value other weights of rewards than the task's.")
 
 
 def test_a_run_that_was_made_small_has_no_critics(offline: Offline, tmp_path: Path) -> None:
