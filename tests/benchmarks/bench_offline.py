@@ -27,6 +27,7 @@ from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
+from swarmdata.runtime.freed_memory import keep_freed_memory
 from swarmdata.types import Batch
 from tests.benchmarks.measuring import Rate, table, write_section
 from tests.benchmarks.og_marl import SYSTEMS, og_marl
@@ -179,6 +180,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.4, help="of each turn")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
+    keep_freed_memory()  # as the trainer does
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     data = load(DATASET).split("train")

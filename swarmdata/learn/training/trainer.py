@@ -41,6 +41,7 @@ from swarmdata.learn.training.training_data import Data, Sampler, Selective
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.freed_memory import keep_freed_memory
 from swarmdata.runtime.locking import updating
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
@@ -124,6 +125,7 @@ def train_seeds(
         KeyboardInterrupt: Ctrl-C; the folder can be resumed.
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    keep_freed_memory()
     config = kind.Config() if config is None else config
     schedule = schedule or Schedule()
     _check_actions(algorithm, dataset)
