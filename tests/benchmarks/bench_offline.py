@@ -38,10 +38,11 @@ DATASET, HIDDEN, N_SEEDS, ROUNDS = "coop_nav-medium-mini", (64, 128), 5, 5
 INTRODUCTION = f"""\
 `maddpg_bc` on `{DATASET}` (4 robots, batches of 256 joint transitions), without evaluation and
 files, on one core: seed-updates per second of processor time. Five sequential runs have the rate
-of one. The plain loop is TD3+BC written as in single-file implementations, with the same networks,
-batch and losses (`tests/benchmarks/plain_td3_bc.py`). OG-MARL's torch systems run from its source
-with the defaults of their constructors: a GRU of 64 units over windows of 20 steps, batches of 32
-windows.
+of one. The plain loop is TD3+BC written as in single-file implementations, with networks of the
+same width and batches of the same size (`tests/benchmarks/plain_td3_bc.py`). Its critics give one
+value of the team, those of `maddpg_bc` one for each robot: four times as many rows. OG-MARL's torch
+systems run from its source with the defaults of their constructors: a GRU of 64 units over windows
+of 20 steps, batches of 32 windows.
 """
 
 Update = Callable[[], object]

@@ -2,8 +2,8 @@
 
 Written for the benchmark from Fujimoto & Gu 2021 (eq. 3-5) in the manner of CORL's
 `algorithms/offline/td3_bc.py`: a module per critic, an optimizer each, targets as deep copies that
-a loop over parameters moves, the dataset as tensors in memory, drawn by fancy indexing. Networks,
-batch and losses are those of `maddpg_bc`.
+a loop over parameters moves, the dataset as tensors in memory, drawn by fancy indexing. Its critics
+give one value of the team, where those of `maddpg_bc` give one for each robot.
 """
 
 import copy
