@@ -267,8 +267,24 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=Budget.n_seeds)
     parser.add_argument("--episodes", type=int, default=Budget.n_episodes)
     parser.add_argument("--out", type=Path, default=Path("runs/bench_algorithms"))
+    parser.add_argument("--only-kept", action="store_true", help="train nothing: finished seeds")
     parser.add_argument("--only-print", action="store_true", help="leave docs/benchmarks.md alone")
     return parser.parse_args()
+
+
+def train(
+    arguments: argparse.Namespace,
+    checkouts: Mapping[str, Path],
+    data: TeamData,
+    budget: Budget,
+    kept: Kept,
+) -> None:
+    """Trains and plays what is not kept yet on one dataset."""
+    for name in arguments.peers:
+        if PEERS[name].repository in checkouts:
+            train_peer(name, checkouts[PEERS[name].repository], data, budget, kept)
+    for name in arguments.ours:
+        train_ours(name, data, budget, kept)
 
 
 def main() -> None:
@@ -289,11 +305,8 @@ def main() -> None:
     tables = {}
     for dataset in arguments.datasets:
         data, kept = TeamData(dataset), Kept(arguments.out / size / dataset)
-        for name in arguments.peers:
-            if PEERS[name].repository in checkouts:
-                train_peer(name, checkouts[PEERS[name].repository], data, budget, kept)
-        for name in arguments.ours:
-            train_ours(name, data, budget, kept)
+        if not arguments.only_kept:
+            train(arguments, checkouts, data, budget, kept)
         tables[dataset] = rows_of(data, kept, budget)
     sources = {key: commit_of(path) for key, path in checkouts.items()}
     body = text(budget, sources, tables)
