@@ -55,9 +55,19 @@ class Peer(NamedTuple):
 
 
 PEERS = {
-    "CORL TD3+BC, team as one agent": Peer("corl", "maddpg_bc", partial(corl.joint, name="td3_bc")),
-    "CORL TD3+BC, one per robot": Peer("corl", "maddpg_bc", partial(corl.per_robot, name="td3_bc")),
-    "CORL IQL, team as one agent": Peer("corl", "iql", partial(corl.joint, name="iql")),
+    "CORL TD3+BC, team as one agent": Peer(
+        "corl", "maddpg_bc", partial(corl.joint, kind=corl.TD3_BC)
+    ),
+    "CORL TD3+BC, one per robot": Peer(
+        "corl", "maddpg_bc", partial(corl.per_robot, kind=corl.TD3_BC)
+    ),
+    f"CORL TD3+BC, team as one agent, alpha {corl.LOW_ALPHA:g}": Peer(
+        "corl", "maddpg_bc", partial(corl.joint, kind=corl.TD3_BC_LOW_ALPHA)
+    ),
+    f"CORL TD3+BC, one per robot, alpha {corl.LOW_ALPHA:g}": Peer(
+        "corl", "maddpg_bc", partial(corl.per_robot, kind=corl.TD3_BC_LOW_ALPHA)
+    ),
+    "CORL IQL, team as one agent": Peer("corl", "iql", partial(corl.joint, kind=corl.IQL)),
     "OMAR": Peer("omar", "omar", omar.omar),
     f"OMAR, rewards times {omar.PARTICLE_SCALE:g}": Peer(
         "omar", "omar", partial(omar.omar, reward_scale=omar.PARTICLE_SCALE)
