@@ -17,10 +17,13 @@ ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisio
                   "obstacle_collisions")  # fmt: skip
 
 
-def scoreboard_table(board: Scoreboard) -> str:
+def scoreboard_table(board: Scoreboard, *, is_ranked: bool = True) -> str:
     """A row for each algorithm, a column for each dataset; the first row is the mean of the data.
 
-    The best of a column and those that are not clearly worse are bold (`Scoreboard.leaders`).
+    Args:
+        board: to show.
+        is_ranked: whether the best of a column and those that are not clearly worse are bold
+            (`Scoreboard.leaders`).
     """
     names = list(board.estimates)
     head = ("algorithm", "family", *map(without_version, names))
@@ -28,7 +31,9 @@ def scoreboard_table(board: Scoreboard) -> str:
     for name in names:
         mean = board.data.get(name)
         data_row.append(UNDEFINED if mean is None else format_number(mean, board.column))
-    bold = {name: board.leaders(name) if board.estimates[name] else [] for name in names}
+    bold = {
+        name: board.leaders(name) if is_ranked and board.estimates[name] else [] for name in names
+    }
     rows = [
         (
             f"`{label}`",
