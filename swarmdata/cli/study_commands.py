@@ -1,4 +1,4 @@
-"""`swarmdata study`: runs a grid of algorithms, datasets and seeds."""
+"""`swarmdata study`: runs a grid of algorithms, datasets and seeds; `study-pages`: its answers."""
 
 from pathlib import Path
 from typing import Annotated
@@ -63,3 +63,27 @@ def study(
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)
     raise typer.Exit(1 if failures else 0)
+
+
+def study_pages(
+    studies: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="folder of finished studies")
+    ] = Path("cards/studies"),
+    out: Annotated[Path, typer.Option(help="folder for the pages")] = Path("docs/results"),
+) -> None:
+    """Write one page for each question that finished studies answer.
+
+    Pages are computed from the episodes in the studies' folders; nothing is trained or loaded. A
+    page that no study answers yet is not written, and the command says what it needs.
+    """
+    from swarmdata.runtime.extras import require_extra
+
+    require_extra("torch", "torch", "reading a study")
+    require_extra("matplotlib", "plots", "drawing the figures of a study")
+    from swarmdata.evaluation.study.answers.write_answers import write_answers
+
+    pages, left_out = write_answers(studies, out)
+    for page in pages:
+        typer.echo(page)
+    for name, reason in left_out.items():
+        typer.echo(f"left out: {name}: {reason}", err=True)

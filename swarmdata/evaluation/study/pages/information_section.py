@@ -36,7 +36,7 @@ def information_section(found: Findings, out: Path) -> dict[str, str]:
         + ".\n"
     ]
     for dataset in map(short_name, plan.datasets):
-        columns = dict(_columns(found, dataset))
+        columns = dict(view_columns(found, dataset))
         if columns:
             parts += [_panel(board, dataset, columns) for board in boards]
             parts.append(_figure(found, boards[0], dataset, columns, out))
@@ -61,7 +61,7 @@ def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
             yield cell
 
 
-def _columns(found: Findings, dataset: str) -> Iterator[tuple[str, str]]:
+def view_columns(found: Findings, dataset: str) -> Iterator[tuple[str, str]]:
     """Labels of views in the plan's order, and the names of their cases."""
     plan = found.study.information
     assert plan is not None
