@@ -18,6 +18,9 @@ from swarmdata.evaluation.study.pages.row_differences import (
 )
 from swarmdata.rollouts.score_statistics import Estimate
 
+UNITS = {"": "", "%": " percentage points"}
+"""Of differences in sentences, by the unit of the quantity."""
+
 
 class Compared(NamedTuple):
     """The measured pairs of one study."""
@@ -44,14 +47,17 @@ def sentence_of(difference: RowDifference, columns: Sequence[Column]) -> str:
     """All quantities of a difference, with verdicts."""
     return ", ".join(
         f"{column.label} {format_difference(found, column)}"
-        f"{f' {column.unit}' if column.unit else ''} ({verdict_of(found)})"
+        f"{UNITS[column.unit]} ({verdict_of(found)})"
         for column in columns
         for found in (difference.estimates[column.key],)
     )
 
 
-def count_sentence(compared: Sequence[Compared], what: str) -> str:
-    """In how many comparisons the main quantity is higher, lower, or neither; names the latter."""
+def count_sentences(compared: Sequence[Compared], what: str) -> list[str]:
+    """In how many comparisons the main quantity is higher, lower, or neither; names the latter.
+
+    None for a single comparison, whose own sentence says it.
+    """
     groups: dict[str, list[str]] = {"higher": [], "lower": [], "no clear change": []}
     for each in compared:
         for difference in each.differences:
@@ -59,11 +65,13 @@ def count_sentence(compared: Sequence[Compared], what: str) -> str:
             groups[verdict].append(f"{difference.words} on {difference.dataset}")
     higher, lower, unclear = groups.values()
     n = len(higher) + len(lower) + len(unclear)
-    return (
-        f"In {n} comparison{'s' if n > 1 else ''}, {what} clearly raises the "
+    if n == 1:
+        return []
+    return [
+        f"In {n} comparisons, {what} clearly raises the "
         f"{compared[0].columns[0].label} in {len(higher)}, lowers it in {_counted(lower)}, and "
         f"changes nothing clearly in {_counted(unclear)}."
-    )
+    ]
 
 
 def _counted(names: Sequence[str]) -> str:

@@ -88,8 +88,8 @@ def _against_clone(distances: Sequence[Distance], board: Scoreboard) -> Iterator
         parts = [f"{kind}: {', '.join(names)}" for kind, names in groups.items() if names]
         if parts:
             yield (
-                f"{without_version(dataset)}, {board.column.label} minus that of the clone, paired "
-                f"by episode: {'; '.join(parts)}."
+                f"On {without_version(dataset)}, {board.column.label} minus that of the clone, "
+                f"paired by episode: {'; '.join(parts)}."
             )
 
 

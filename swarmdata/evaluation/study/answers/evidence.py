@@ -85,12 +85,17 @@ def _limits(evidence: Evidence, out: Path) -> str:
     report = Path(os.path.relpath(evidence.folder / REPORT_FILE, out)).as_posix()
     updates = number_range(sorted({cell.n_updates for cell in cells}))
     batches = number_range(sorted({cell.config["batch_size"] for cell in cells}))
+    chosen = (
+        ""
+        if evidence.is_on_reserved_seeds
+        else "Settings are chosen on these episodes, which flatters them a little. "
+    )
     return (
         f"[{study.name}]({report}): {_count(len(study.algorithms), 'row')} on "
         f"{_count(len(study.datasets), 'dataset')}, {_count(len(study.seeds), 'training seed')}, "
         f"{study.episodes:,} {BLOCK_NAMES[study.block]} episodes; {updates} updates of {batches} "
         f"joint transitions ({epochs_of(found, cells)} epochs), hidden units "
-        f"{hidden_widths(cells)}. {_missing(list(found.missing))}"
+        f"{hidden_widths(cells)}. {chosen}{_missing(list(found.missing))}"
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from swarmdata.evaluation.study.answers.answer import Answer
 from swarmdata.evaluation.study.answers.compared_rows import (
     compared_rows,
-    count_sentence,
+    count_sentences,
     plot_compared,
     sentence_of,
     tables_of,
@@ -23,7 +23,7 @@ def answer_ingredients(evidence: Sequence[Evidence], out: Path) -> Answer | None
     compared = compared_rows(evidence, DIFFERENCES)
     if not compared:
         return None
-    sentences = [count_sentence(compared, "the ingredient")]
+    sentences = count_sentences(compared, "the ingredient")
     for each in compared:
         for difference in each.differences:
             what = _ingredient(each.evidence, difference.one)

@@ -6,7 +6,7 @@ from pathlib import Path
 from swarmdata.evaluation.study.answers.answer import Answer
 from swarmdata.evaluation.study.answers.compared_rows import (
     compared_rows,
-    count_sentence,
+    count_sentences,
     plot_compared,
     tables_of,
 )
@@ -28,7 +28,7 @@ def answer_training_length(evidence: Sequence[Evidence], out: Path) -> Answer | 
         for plan in (each.evidence.found.study.differences[DIFFERENCES],)
         for sentence in doubling_sentences(each.evidence.found, plan)
     ]
-    sentences.append(count_sentence(compared, "doubling the updates"))
+    sentences += count_sentences(compared, "doubling the updates")
     figure = "training-length.png"
     plot_compared(compared, out / figure)
     details = f"![what doubling changes]({figure})\n\n{tables_of(compared)}"

@@ -70,8 +70,8 @@ QUESTIONS = (
 
 CAVEATS = (
     f"Intervals are 95 % intervals for {TARGET_OF_SEVERAL}, each on its own: they are not widened "
-    "for the number of comparisons on a page, of which one in twenty is expected to look clear "
-    "by chance. Datasets and settings are fixed."
+    "for the number of comparisons on a page; where nothing differs, one in twenty looks clear by "
+    "chance. Datasets and settings are fixed."
 )
 
 

@@ -143,11 +143,13 @@ def _shortest_budget(
                 f"{len(each)} of {n_datasets} datasets."
             )
         by_budget.setdefault(budget, []).extend(each)
-    return f"{name}: {_enough(by_budget, main_column(found), n_datasets)}"
+    return f"{name}: {enough_updates(by_budget, main_column(found), n_datasets)}"
 
 
-def _enough(by_budget: Mapping[int, list[RowDifference]], column: Column, n_datasets: int) -> str:
-    """The shortest budget from which on no doubling changes a score clearly, in a sentence or two.
+def enough_updates(
+    by_budget: Mapping[int, list[RowDifference]], column: Column, n_datasets: int
+) -> str:
+    """The shortest budget from which on no doubling changes a score clearly, in words.
 
     Args:
         by_budget: updates that are doubled -> the changes on all datasets.
