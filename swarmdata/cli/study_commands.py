@@ -43,14 +43,7 @@ def study(
 
     if file.is_dir():
         given = {"--out": out, "--work": work, "--only": only, "--check": check, "--again": again}
-        if unused := [name for name, value in given.items() if value]:
-            raise typer.BadParameter(
-                f"{file} is a folder, whose pages are written again without running cells, so "
-                f"{', '.join(unused)} cannot be used. Pass the plan instead."
-            )
-        from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
-
-        typer.echo(rewrite_pages(file)[0])
+        _write_again(file, [name for name, value in given.items() if value])
         return
     plan = Study.from_file(file)
     options = StudyOptions(out or file.parent / plan.name, work, workers, only, again)
@@ -63,6 +56,18 @@ def study(
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)
     raise typer.Exit(1 if failures else 0)
+
+
+def _write_again(folder: Path, unused: list[str]) -> None:
+    """Writes the pages of a finished study again; options that would need cells are refused."""
+    if unused:
+        raise typer.BadParameter(
+            f"{folder} is a folder, whose pages are written again without running cells, so "
+            f"{', '.join(unused)} cannot be used. Pass the plan instead."
+        )
+    from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+
+    typer.echo(rewrite_pages(folder)[0])
 
 
 def study_pages(
