@@ -45,12 +45,14 @@ def read_estimates(text: str) -> tuple[Means, ...]:
 def baselines_section(dataset_id: str, digest: str, estimates: Sequence[Means]) -> str:
     """Returns the section: one row per algorithm, or why there is none.
 
+    Rows that learned from other rewards than those of the data are no baselines, and left out.
+
     Args:
         dataset_id: with its version.
         digest: of the dataset's arrays; results on other content are left out.
         estimates: of studies.
     """
-    named = [row for row in estimates if row["dataset"] == dataset_id]
+    named = [row for row in estimates if row["dataset"] == dataset_id and not row["rewards"]]
     same = [row for row in named if row["digest"] == digest]
     title = "\n## Baselines\n\n"
     if not same:

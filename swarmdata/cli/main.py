@@ -249,6 +249,7 @@ app.command()(convert_commands.convert)
 app.command()(result_commands.evaluate)
 app.command()(result_commands.report)
 app.command()(study_commands.study)
+app.command("study-pages")(study_commands.study_pages)
 app.command()(sweep_commands.sweep)
 
 

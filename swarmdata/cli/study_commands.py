@@ -1,4 +1,4 @@
-"""`swarmdata study`: runs a grid of algorithms, datasets and seeds."""
+"""`swarmdata study`: runs a grid of algorithms, datasets and seeds; `study-pages`: its answers."""
 
 from pathlib import Path
 from typing import Annotated
@@ -34,23 +34,12 @@ def study(
     Writes tables, figures and text about it. An interrupted study resumes: run the same command
     again. With the folder of a study, its pages are written again from the episodes in it.
     """
-    from swarmdata.runtime.extras import require_extra
-
-    require_extra("torch", "torch", "running a study")
-    require_extra("matplotlib", "plots", "drawing the figures of a study")
+    _require_extras("running a study")
     from swarmdata.evaluation.study.plan import Study
     from swarmdata.evaluation.study.run_study import StudyOptions, reproduce_study_cell, run_study
 
     if file.is_dir():
-        given = {"--out": out, "--work": work, "--only": only, "--check": check, "--again": again}
-        if unused := [name for name, value in given.items() if value]:
-            raise typer.BadParameter(
-                f"{file} is a folder, whose pages are written again without running cells, so "
-                f"{', '.join(unused)} cannot be used. Pass the plan instead."
-            )
-        from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
-
-        typer.echo(rewrite_pages(file)[0])
+        _write_again(file, out=out, work=work, only=only, check=check, again=again)
         return
     plan = Study.from_file(file)
     options = StudyOptions(out or file.parent / plan.name, work, workers, only, again)
@@ -63,3 +52,43 @@ def study(
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)
     raise typer.Exit(1 if failures else 0)
+
+
+def _require_extras(purpose: str) -> None:
+    from swarmdata.runtime.extras import require_extra
+
+    require_extra("torch", "torch", purpose)
+    require_extra("matplotlib", "plots", "drawing the figures of a study")
+
+
+def _write_again(folder: Path, **given: object) -> None:
+    """Writes the pages of a finished study again; options that would need cells are refused."""
+    if unused := [f"--{name}" for name, value in given.items() if value]:
+        raise typer.BadParameter(
+            f"{folder} is a folder, whose pages are written again without running cells, so "
+            f"{', '.join(unused)} cannot be used. Pass the plan instead."
+        )
+    from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+
+    typer.echo(rewrite_pages(folder)[0])
+
+
+def study_pages(
+    studies: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="folder of finished studies")
+    ] = Path("cards/studies"),
+    out: Annotated[Path, typer.Option(help="folder for the pages")] = Path("docs/results"),
+) -> None:
+    """Write one page for each question that finished studies answer.
+
+    Pages are computed from the episodes in the studies' folders; nothing is trained or loaded. A
+    page that no study answers yet is not written, and the command says what it needs.
+    """
+    _require_extras("reading a study")
+    from swarmdata.evaluation.study.answers.write_answers import write_answers
+
+    pages, left_out = write_answers(studies, out)
+    for page in pages:
+        typer.echo(page)
+    for name, reason in left_out.items():
+        typer.echo(f"left out: {name}: {reason}", err=True)

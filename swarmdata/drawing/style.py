@@ -14,7 +14,7 @@ COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
 INK, GRAY, FAINT = "#2D333C", "#7A818B", "#E3E5E8"
 """Of text and axes, of the background, and of grid lines."""
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "p", "h", "d")
 """Of points that share a color."""
 
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
@@ -50,6 +50,24 @@ def colors(n: int) -> list[str]:
 def line_style(k: int) -> dict[str, Any]:
     """Color and dashes of line k: the dashes change once the colors repeat."""
     return {"color": COLORS[k % len(COLORS)], "ls": DASHES[(k // len(COLORS)) % len(DASHES)]}
+
+
+def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Returns a color and a marker of each label: the color of its family, a marker of its own.
+
+    With more families than colors, families share a color, and no marker in it repeats.
+
+    Args:
+        families: label -> family, in the order of the tables.
+    """
+    kinds = list(dict.fromkeys(families.values()))
+    counts = dict.fromkeys(COLORS, 0)
+    looks = {}
+    for label, family in families.items():
+        color = COLORS[kinds.index(family) % len(COLORS)]
+        looks[label] = {"color": color, "marker": MARKERS[counts[color] % len(MARKERS)]}
+        counts[color] += 1
+    return looks
 
 
 def draw_grid(axes: Any, axis: Literal["both", "x", "y"] = "both", width: float = 0.8) -> None:

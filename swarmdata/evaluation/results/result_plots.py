@@ -38,6 +38,9 @@ from swarmdata.types import Double
 MAX_DISTANCE_IN_VIEW = 0.6
 """Of a return from those that learned from data, as a share of their range."""
 
+MARKER_DISTANCE = 40
+"""Thresholds between two markers of a profile."""
+
 BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
 """Of labels that learned from no data, which are all gray."""
 
@@ -131,12 +134,15 @@ def _legend_handle(axes: Any, look: Mapping[str, Any], label: str) -> Any:
     return axes.plot([], [], **{"ms": 5, "ls": "none", **look}, label=label)[0]
 
 
-def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
+def plot_profiles(
+    tables: Mapping[str, Double], path: Path, looks: Mapping[str, Mapping[str, Any]] | None = None
+) -> None:
     """Draws the share of the measured runs that score above each threshold.
 
     Args:
         tables: label -> scores [runs, datasets, episodes], such as `ComparableScores.tables`.
         path: where to save; the suffix is the format.
+        looks: color and marker of each label; None: colors and dashes by name.
 
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
@@ -147,9 +153,11 @@ def plot_profiles(tables: Mapping[str, Double], path: Path) -> None:
     with figure(path, width=6.4, height=3.9) as drawing:
         axes = drawing.add_subplot()
         order = sorted(runs)
-        for label, table in runs.items():
+        for k, (label, table) in enumerate(runs.items()):
             share = 100 * performance_profile(table, thresholds)
-            axes.plot(thresholds, share, lw=1.7, label=label, **line_style(order.index(label)))
+            look = line_style(order.index(label)) if looks is None else looks[label]
+            every = (7 * k % MARKER_DISTANCE, MARKER_DISTANCE)  # beside those of other labels
+            axes.plot(thresholds, share, lw=1.7, ms=5, markevery=every, label=label, **look)
         axes.set(xlabel="score τ (0 no skill, 100 expert)", ylabel="runs with a score above τ (%)")
         axes.set_ylim(-2, 102)
         axes.margins(x=0)
@@ -200,12 +208,17 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
         axes.tick_params(length=0)
 
 
-def plot_pareto(cases: Collection[Case], path: Path) -> None:
+def plot_pareto(
+    cases: Collection[Case],
+    path: Path,
+    looks: Mapping[str, Mapping[str, Any]] | None = None,
+) -> None:
     """Draws return against collisions, a panel per case; a line joins the Pareto-optimal labels.
 
     Args:
         cases: of tasks of this library.
         path: where to save; the suffix is the format.
+        looks: color and marker of each label; None: by name.
 
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
@@ -215,7 +228,8 @@ def plot_pareto(cases: Collection[Case], path: Path) -> None:
         raise SchemaError("there are no cases to draw, expected at least one.")
     trained = {label for case in cases for label in case.trained}
     labels = list(dict.fromkeys(label for case in cases for label in case.runs))
-    looks, columns = looks_of(trained, labels), min(3, len(cases))
+    known = looks_of(trained, labels) if looks is None else looks
+    looks, columns = {label: known[label] for label in labels}, min(3, len(cases))
     rows = math.ceil(len(cases) / columns)
     with figure(path, width=2.2 + 3.1 * columns, height=0.5 + 2.8 * rows) as drawing:
         grid = drawing.subplots(rows, columns, squeeze=False).ravel()

@@ -112,6 +112,14 @@ class LossesPlan(Frozen):
     algorithms: Names  # labels
 
 
+class DifferencesPlan(Frozen):
+    """Rows to compare in pairs, by episode: the first of a pair minus the second."""
+
+    title: Text  # of the section
+    pairs: Annotated[tuple[tuple[str, str], ...], Field(min_length=1, max_length=1_000)]  # labels
+    doubling: bool = False  # the first is the second with twice the updates
+
+
 class Study(Frozen):
     """The grid of a study, its protocol and its budget."""
 
@@ -131,6 +139,7 @@ class Study(Frozen):
     information: ViewsPlan | None = None
     sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)
     losses: dict[Label, LossesPlan] = Field(default_factory=dict)  # by the figure's name
+    differences: dict[Label, DifferencesPlan] = Field(default_factory=dict)
     device: str = "cpu"
 
     @model_validator(mode="after")
@@ -158,6 +167,27 @@ class Study(Frozen):
         for label, sweep in self.sweeps.items():
             _check_known(f"sweeps.{label}.families", sweep.families, self.families)
         return self
+
+    @model_validator(mode="after")
+    def _pairs_are_of_different_rows(self) -> Self:
+        for name, plan in self.differences.items():
+            for one, other in plan.pairs:
+                where = f"differences.{name}"
+                _check_known(where, (one, other), tuple(self.algorithms))
+                if one == other:
+                    raise ValueError(f"{where} compares {one!r} with itself, expected another row")
+                if plan.doubling:
+                    self._check_doubling(where, one, other)
+        return self
+
+    def _check_doubling(self, where: str, one: str, other: str) -> None:
+        longer, shorter = self.algorithms[one], self.algorithms[other]
+        expected = shorter.updates and 2 * shorter.updates
+        if expected is None or longer != shorter.model_copy(update={"updates": expected}):
+            raise ValueError(
+                f"{where}: {one!r} is not {other!r} with twice the updates, which doubling: true "
+                "promises; state updates of both, and leave the rest of the rows equal"
+            )
 
     @property
     def families(self) -> Names:

@@ -14,7 +14,7 @@ Rows = list[dict[str, str]]
 
 def make_rows(label: str, team_return: float, **changes: str) -> Rows:
     """The rows of an algorithm: 0.5 of everything but the return."""
-    shared = {"label": label, "family": "cloning", "dataset": "coop_nav-small-v0"}
+    shared = {"label": label, "family": "cloning", "dataset": "coop_nav-small-v0", "rewards": ""}
     shared |= {"digest": "a" * 64, "seeds": "5", "updates": "4000", "episodes": "300"} | changes
     found = {name: 0.5 for name, *_ in BASELINE_COLUMNS} | {"return": team_return}
     return [
@@ -48,6 +48,12 @@ def test_what_was_not_measured_is_a_dash_and_one_episode_has_no_interval() -> No
     rows = [row for row in make_rows("bc", 1.0) if row["quantity"] != "score"]
     rows[0] |= {"low": "", "high": ""}
     assert "| 4,000 | – | 1.00 | 50.0 [" in section(rows)
+
+
+def test_rows_that_learned_from_other_rewards_are_no_baselines() -> None:
+    text = section(make_rows("bc", 1.0), make_rows("bc-safe", 2.0, rewards='{"time": 9.0}'))
+    assert "| `bc` |" in text
+    assert "bc-safe" not in text
 
 
 def test_the_committed_studies_can_be_read() -> None:

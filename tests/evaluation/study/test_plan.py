@@ -43,6 +43,30 @@ def test_the_study_has_each_algorithm_without_its_ingredient() -> None:
     assert "ablations" not in swept
 
 
+@pytest.mark.parametrize("file", sorted(SHIPPED.glob("*.yaml")), ids=lambda file: file.stem)
+def test_every_row_without_its_ingredient_stands_in_a_pair(file: Path) -> None:
+    """Of the same length, with the settings that the registry takes the ingredient away by."""
+    study = Study.from_file(file)
+    pairs = study.differences["ingredient"].pairs if "ingredient" in study.differences else ()
+    without = {label for label in study.algorithms if label.endswith("-without")}
+    assert without <= {other for _, other in pairs}
+    for one, other in pairs:
+        row, bare = study.algorithms[one], study.algorithms[other]
+        ablation = ABLATIONS[row.algorithm]
+        assert ablation is not None
+        assert bare.algorithm == (ablation.algorithm or row.algorithm)
+        assert bare.settings == {**row.settings, **ablation.settings}, (one, other)
+        assert bare.updates == row.updates
+
+
+def test_doubling_is_twice_the_updates(make_study: Make) -> None:
+    rows = {k: {"algorithm": "bc", "family": "f", "updates": n} for k, n in (("a", 7), ("b", 14))}
+    plan = {"title": "x", "pairs": [["b", "a"]], "doubling": True}
+    assert make_study(algorithms=rows, differences={"x": plan}).differences["x"].doubling
+    with pytest.raises(SpecError, match="'a' is not 'b' with twice the updates"):
+        make_study(algorithms=rows, differences={"x": {**plan, "pairs": [["a", "b"]]}})
+
+
 @given(
     st.lists(st.integers(0, 99), min_size=1, unique=True),
     st.floats(0.01, 10),
@@ -76,6 +100,16 @@ def test_a_study_survives_its_own_yaml(
         (
             {"sweeps": {"s": {"dataset": "x", "vary": "communication", "axis": "drop=0..1"}}},
             "sweeps.s.datasets has 'x'",
+        ),
+        ({"differences": {"x": {"title": "x", "pairs": [["bc", "y"]]}}}, "differences.x has 'y'"),
+        (
+            {"differences": {"x": {"title": "x", "pairs": [["bc", "bc"]]}}},
+            "compares 'bc' with itself",
+        ),
+        ({"differences": {"x": {"title": "x", "pairs": []}}}, "differences.x.pairs"),
+        (
+            {"differences": {"x": {"title": "x", "pairs": [["other", "bc"]], "doubling": True}}},
+            "'other' is not 'bc' with twice the updates",
         ),
         ({"algorithms": {"a/b": {"algorithm": "bc", "family": "f"}}}, "algorithms"),
     ],

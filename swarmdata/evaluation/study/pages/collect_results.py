@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmdata.drawing.style import family_looks
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.results.result_files import Result, load_result
@@ -56,6 +57,16 @@ class Findings:
         """The family of an algorithm of the study."""
         known = self.study.algorithms.get(label)
         return ONLINE_FAMILY if known is None else known.family
+
+    @property
+    def families(self) -> dict[str, str]:
+        """The family of each offline row, in the order of the plan."""
+        return {label: each.family for label, each in self.study.algorithms.items()}
+
+    @property
+    def looks(self) -> dict[str, dict[str, str]]:
+        """The color and marker of each offline row, in all figures of the study."""
+        return family_looks(self.families)
 
     def training_curve(self, cell: Cell, column: str, *, file: str = LOSSES) -> Curve | None:
         """A column of a cell's losses or learning curve; None if it was not recorded.

@@ -83,7 +83,7 @@ def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
         "family": found.family(cell.label),
         "algorithm": cell.algorithm,
         "dataset": case.dataset or "",
-        "rewards": json.dumps(cell.rewards, sort_keys=True) if cell.rewards else "",
+        "rewards": _weights(cell.rewards),
         "task": result.evaluation.task,
         "digest": origin.digest or "",
         "n_steps": facts.figures.n_steps if facts else "",
@@ -95,6 +95,11 @@ def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
         **means,
         "cell": cell.key[:16],
     }
+
+
+def _weights(rewards: Mapping[str, float]) -> str:
+    """Weights of rewards that a row learned from, as JSON; empty: those of its data."""
+    return json.dumps(rewards, sort_keys=True) if rewards else ""
 
 
 def estimate_rows(found: Findings) -> list[Row]:
@@ -110,6 +115,7 @@ def estimate_rows(found: Findings) -> list[Row]:
                         "label": label,
                         "family": found.family(label),
                         "dataset": case.dataset or "",
+                        "rewards": _weights(case.rewards.get(label, {})),
                         "digest": origin.digest or "",
                         "seeds": len(runs),
                         "updates": origin.updates,

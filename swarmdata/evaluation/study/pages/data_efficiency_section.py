@@ -43,7 +43,7 @@ def size_section(found: Findings, out: Path) -> dict[str, str]:
                 data.setdefault(short_name(dataset), {})[n_steps] = mean
     if not panels:
         return {}
-    plot_sizes(panels, data, out / "sizes.png", ylabel=board.column.label)
+    plot_sizes(panels, data, found.looks, out / "sizes.png", ylabel=board.column.label)
     caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
     figure = "![by joint steps](sizes.png)"
     return {"Data efficiency": f"{_size_table(panels, board)}\n{caption}\n\n{figure}\n"}

@@ -36,10 +36,10 @@ def information_section(found: Findings, out: Path) -> dict[str, str]:
         + ".\n"
     ]
     for dataset in map(short_name, plan.datasets):
-        columns = dict(_columns(found, dataset))
+        columns = dict(view_columns(found, dataset))
         if columns:
             parts += [_panel(board, dataset, columns) for board in boards]
-            parts.append(_figure(boards[0], dataset, columns, out))
+            parts.append(_figure(found, boards[0], dataset, columns, out))
     return {"Information: trained and evaluated with it": "\n".join(parts)}
 
 
@@ -61,7 +61,7 @@ def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
             yield cell
 
 
-def _columns(found: Findings, dataset: str) -> Iterator[tuple[str, str]]:
+def view_columns(found: Findings, dataset: str) -> Iterator[tuple[str, str]]:
     """Labels of views in the plan's order, and the names of their cases."""
     plan = found.study.information
     assert plan is not None
@@ -86,7 +86,9 @@ def _text(found: Estimate | None, column: Column) -> str:
     return UNDEFINED if found is None else format_estimate(found, column)
 
 
-def _figure(board: Scoreboard, dataset: str, columns: dict[str, str], out: Path) -> str:
+def _figure(
+    found: Findings, board: Scoreboard, dataset: str, columns: dict[str, str], out: Path
+) -> str:
     shown = {
         label: board.in_shown_units(name)
         for label, name in columns.items()
@@ -98,5 +100,5 @@ def _figure(board: Scoreboard, dataset: str, columns: dict[str, str], out: Path)
         if name in board.data
     }
     file = f"information-{dataset}.png"
-    plot_scores(shown, data, board.families, out / file, label=board.column.label)
+    plot_scores(shown, data, board.families, found.looks, out / file, label=board.column.label)
     return f"![{board.column.label} by view]({file})\n"

@@ -1,17 +1,17 @@
-"""The figures of a study: scores, score against clean success, data efficiency, training curves."""
+"""The figures of a study: scores, estimates against others, data efficiency, training curves.
+
+A label has the same color and marker in all of them: the color of its family, a marker of its own.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from swarmdata.drawing.style import (
-    COLORS,
     DATA_LINE,
-    MARKERS,
     draw_grid,
     figure,
-    line_style,
     thousands,
 )
 from swarmdata.errors import SchemaError
@@ -21,13 +21,19 @@ from swarmdata.rollouts.score_statistics import Estimate
 MAX_LINES_IN_ONE_LEGEND = 6
 """Up to this number of labels in total, all panels share one legend."""
 
+MARKED_POINTS = 6
+"""Markers on a training curve, at most about."""
+
 Estimates = Mapping[str, Estimate]
+Looks = Mapping[str, Mapping[str, str]]
+"""Color and marker of each label, as of `family_looks`."""
 
 
 def plot_scores(
     panels: Mapping[str, Estimates],
     data: Mapping[str, float],
     families: Mapping[str, str],
+    looks: Looks,
     path: Path,
     *,
     label: str,
@@ -37,7 +43,8 @@ def plot_scores(
     Args:
         panels: dataset -> algorithm -> estimate; an algorithm may be absent.
         data: dataset -> mean of its own episodes, where it is known.
-        families: algorithm -> family, the first one on top; each family has a color.
+        families: algorithm -> family, the first one on top.
+        looks: color and marker of each algorithm.
         path: where to save.
         label: of the horizontal axis.
 
@@ -45,16 +52,15 @@ def plot_scores(
         SchemaError: there is nothing to draw.
     """
     _check_not_empty(panels, "scores")
-    colors = _family_colors(families)
     n_columns = min(4, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     height = n_rows * (0.75 + 0.21 * len(families)) + 0.4
     with figure(path, width=1.5 + 2.35 * n_columns, height=height) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False, sharey=True).ravel()
         for axes, (dataset, estimates) in zip(grid, panels.items(), strict=False):
-            for y, (name, family) in enumerate(families.items()):
+            for y, name in enumerate(families):
                 if name in estimates:
-                    _draw_interval(axes, estimates[name], y, colors[family])
+                    _draw_interval(axes, estimates[name], y, looks[name])
             if dataset in data:
                 axes.axvline(data[dataset], **DATA_LINE, zorder=0)
             _set_up_panel(axes, dataset)
@@ -63,6 +69,7 @@ def plot_scores(
         grid[0].set_yticks(range(len(families)), families)
         grid[0].set_ylim(len(families) - 0.5, -0.5)
         drawing.supxlabel(label, fontsize=10)
+        colors = {family: looks[name]["color"] for name, family in families.items()}
         _family_legend(drawing, grid[0], colors, has_data=bool(data))
 
 
@@ -71,14 +78,9 @@ def _check_not_empty(panels: Mapping[str, object], what: str) -> None:
         raise SchemaError(f"there are no {what} to draw, expected at least one dataset.")
 
 
-def _family_colors(families: Mapping[str, str]) -> dict[str, str]:
-    kinds = list(dict.fromkeys(families.values()))
-    return {kind: COLORS[k % len(COLORS)] for k, kind in enumerate(kinds)}
-
-
-def _draw_interval(axes: Any, estimate: Estimate, y: int, color: str) -> None:
-    axes.plot([estimate.low, estimate.high], [y, y], color=color, lw=2.2, alpha=0.55)
-    axes.plot([estimate.value], [y], "o", color=color, ms=4)
+def _draw_interval(axes: Any, estimate: Estimate, y: int, look: Mapping[str, str]) -> None:
+    axes.plot([estimate.low, estimate.high], [y, y], color=look["color"], lw=2.2, alpha=0.55)
+    axes.plot([estimate.value], [y], ls="none", ms=5, **look)
 
 
 def _family_legend(drawing: Any, axes: Any, colors: Mapping[str, str], *, has_data: bool) -> None:
@@ -93,7 +95,7 @@ def _family_legend(drawing: Any, axes: Any, colors: Mapping[str, str], *, has_da
 
 def plot_two_estimates(
     panels: Mapping[str, Mapping[str, tuple[Estimate, Estimate]]],
-    families: Mapping[str, str],
+    looks: Looks,
     path: Path,
     *,
     xlabel: str,
@@ -104,14 +106,13 @@ def plot_two_estimates(
 
     Args:
         panels: dataset -> algorithm -> (horizontal, vertical) in shown units.
-        families: algorithm -> family; a family has a color, its members have markers.
+        looks: color and marker of each algorithm.
         path: where to save.
         xlabel: of the horizontal axis.
         ylabel: of the vertical axis.
         xlim: ends of the horizontal axis.
     """
     _check_not_empty(panels, "points")
-    looks = _look_of_labels(families)
     n_columns = min(4, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     shown = [name for name in looks if any(name in points for points in panels.values())]
@@ -132,25 +133,56 @@ def plot_two_estimates(
         drawing.legend(handles=handles, loc="outside right center", fontsize=8)
 
 
-def _draw_cross(axes: Any, x: Estimate, y: Estimate, look: Mapping[str, str]) -> None:
+def _draw_cross(
+    axes: Any, x: Estimate, y: Estimate, look: Mapping[str, str], face: str | None = None
+) -> None:
+    """Draws a point with both intervals; `face` fills it, None: the color of its look."""
     axes.plot([x.low, x.high], [y.value] * 2, color=look["color"], lw=1.2, alpha=0.5)
     axes.plot([x.value] * 2, [y.low, y.high], color=look["color"], lw=1.2, alpha=0.5)
-    axes.plot([x.value], [y.value], ls="none", ms=5, **look)
+    axes.plot([x.value], [y.value], ls="none", ms=5, mfc=face or look["color"], **look)
 
 
-def _look_of_labels(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """The color of the family and the marker of the member, by label."""
-    colors, counts = _family_colors(families), dict.fromkeys(families.values(), 0)
-    looks = {}
-    for name, family in families.items():
-        looks[name] = {"color": colors[family], "marker": MARKERS[counts[family] % len(MARKERS)]}
-        counts[family] += 1
-    return looks
+def plot_fronts(
+    panels: Mapping[str, Sequence[tuple[str, Mapping[str, tuple[Estimate, Estimate]]]]],
+    fronts: Mapping[str, Sequence[Collection[str]]],
+    looks: Looks,
+    path: Path,
+    *,
+    ylabel: str,
+) -> None:
+    """Draws one estimate against several others: a row for each dataset, a panel for each other.
+
+    Args:
+        panels: dataset -> (horizontal axis, label -> (horizontal, vertical)) of each panel.
+        fronts: dataset -> Pareto-optimal labels of each panel, whose points are filled.
+        looks: color and marker of each label.
+        path: where to save.
+        ylabel: of the vertical axes.
+    """
+    _check_not_empty(panels, "points")
+    n_columns = len(next(iter(panels.values())))
+    shown = [k for k in looks if any(k in points for row in panels.values() for _, points in row)]
+    height = max(0.5 + 2.5 * len(panels), 0.3 + 0.19 * len(shown))  # of the panels, of the legend
+    with figure(path, width=2.2 + 3.1 * n_columns, height=height) as drawing:
+        grid = drawing.subplots(len(panels), n_columns, squeeze=False, sharey="row")
+        for line, (dataset, row) in zip(grid, panels.items(), strict=True):
+            for axes, (xlabel, points), front in zip(line, row, fronts[dataset], strict=True):
+                for name, (x, y) in points.items():
+                    face = looks[name]["color"] if name in front else "white"
+                    _draw_cross(axes, x, y, looks[name], face)
+                _set_up_panel(axes, dataset)
+                axes.set_xlabel(xlabel)
+            line[0].set_ylabel(ylabel)
+        handles = [
+            grid[0, 0].plot([], [], ls="none", ms=5, label=name, **looks[name])[0] for name in shown
+        ]
+        drawing.legend(handles=handles, loc="outside right center", fontsize=8)
 
 
 def plot_sizes(
     panels: Mapping[str, Mapping[str, Mapping[int, Estimate]]],
     data: Mapping[str, Mapping[int, float]],
+    looks: Looks,
     path: Path,
     *,
     ylabel: str,
@@ -160,20 +192,18 @@ def plot_sizes(
     Args:
         panels: dataset -> algorithm -> joint steps -> estimate.
         data: dataset -> joint steps -> mean of those episodes.
+        looks: color and marker of each algorithm.
         path: where to save.
         ylabel: of the estimate.
     """
     _check_not_empty(panels, "sizes")
-    labels = list(dict.fromkeys(name for each in panels.values() for name in each))
     with figure(path, width=1.6 + 2.7 * len(panels), height=3.6) as drawing:
         grid = drawing.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axes, (dataset, lines) in zip(grid, panels.items(), strict=True):
             for name, points in lines.items():
-                steps, look = sorted(points), line_style(labels.index(name))
+                steps, look = sorted(points), looks[name]
                 found = [points[step] for step in steps]
-                axes.plot(
-                    steps, [e.value for e in found], marker="o", ms=4, lw=1.6, label=name, **look
-                )
+                axes.plot(steps, [e.value for e in found], ms=5, lw=1.6, label=name, **look)
                 axes.fill_between(
                     steps, [e.low for e in found], [e.high for e in found],
                     color=look["color"], alpha=0.13, lw=0,
@@ -195,6 +225,7 @@ def plot_sizes(
 
 def plot_training_curves(
     panels: Mapping[str, Mapping[str, Curve]],
+    looks: Looks,
     path: Path,
     *,
     ylabel: str,
@@ -204,10 +235,11 @@ def plot_training_curves(
 ) -> None:
     """Draws values over gradient updates: the mean over seeds in a band from lowest to highest.
 
-    Few labels share one legend; of many, each panel has its own legend and colors.
+    Few labels share one legend; of many, each panel has its own.
 
     Args:
         panels: title -> algorithm -> curve.
+        looks: color and marker of each algorithm.
         path: where to save.
         ylabel: of the values, with unit.
         factor: from values to that unit.
@@ -222,8 +254,8 @@ def plot_training_curves(
     with figure(path, width=1.2 + 3.0 * n_columns, height=0.9 + 2.5 * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, curves) in zip(grid, panels.items(), strict=False):
-            for k, (name, curve) in enumerate(curves.items()):
-                _draw_band(axes, curve, factor, name, labels.index(name) if is_shared else k)
+            for name, curve in curves.items():
+                _draw_band(axes, curve, factor, name, looks[name])
             axes.set_yscale("symlog" if is_log else "linear")
             axes.xaxis.set_major_formatter(thousands)
             axes.margins(x=0)
@@ -237,9 +269,10 @@ def plot_training_curves(
             _legend_above(drawing, _legend_handles(grid))
 
 
-def _draw_band(axes: Any, curve: Curve, factor: float, label: str, k: int) -> None:
-    values, look = factor * curve.values, line_style(k)
-    axes.plot(curve.progress, values.mean(0), lw=1.6, label=label, **look)
+def _draw_band(axes: Any, curve: Curve, factor: float, label: str, look: Mapping[str, str]) -> None:
+    values = factor * curve.values
+    every = max(1, len(curve.progress) // MARKED_POINTS)
+    axes.plot(curve.progress, values.mean(0), lw=1.6, ms=5, markevery=every, label=label, **look)
     low, high = values.min(0), values.max(0)
     axes.fill_between(curve.progress, low, high, color=look["color"], alpha=0.13, lw=0)
 

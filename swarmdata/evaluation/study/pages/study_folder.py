@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmdata.evaluation.results.aggregates import comparable_scores
-from swarmdata.evaluation.results.result_plots import plot_differences, plot_pareto, plot_profiles
-from swarmdata.evaluation.results.result_set import ResultSet
+from swarmdata.evaluation.results.result_plots import plot_differences, plot_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
 from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.cell_archive import (
@@ -27,13 +26,18 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     to_csv,
 )
 from swarmdata.evaluation.study.pages.data_efficiency_section import size_section
+from swarmdata.evaluation.study.pages.differences_section import differences_sections
 from swarmdata.evaluation.study.pages.information_section import information_section
+from swarmdata.evaluation.study.pages.safety_section import (
+    MAX_ALGORITHMS_IN_FIGURE,
+    safety_sections,
+)
 from swarmdata.evaluation.study.pages.scoreboard import (
     Scoreboard,
     make_scoreboard,
     quantity_of,
 )
-from swarmdata.evaluation.study.pages.study_figures import plot_scores, plot_two_estimates
+from swarmdata.evaluation.study.pages.study_figures import plot_scores
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_table,
     duration,
@@ -59,9 +63,6 @@ PLAN_FILE = "study.yaml"
 
 BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
 """What texts call the seeds of a block."""
-
-MAX_ALGORITHMS_IN_FIGURE = 24
-"""Algorithms whose names fit beside a figure; with more, those figures are left out."""
 
 
 @dataclass(frozen=True)
@@ -153,22 +154,20 @@ def _write_from_archive(out: Path) -> None:
 
 
 def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> str:
-    families = {label: each.family for label, each in found.study.algorithms.items()}
     key = quantity_of(found.results).column.key
-    board, clean, success = (
-        make_scoreboard(found.results, families, each) for each in (key, "clean_success", "success")
+    board, clean = (
+        make_scoreboard(found.results, found.families, each) for each in (key, "clean_success")
     )
     best = study_text.winners(board) + study_text.families(board)
     surprises = study_text.surprises(board, clean, _online_values(found, key))
     sections = [
         Section("Protocol", _protocol(found, command)),
         Section("Best algorithms", _bullets(best)),
-        Section(board.column.label.capitalize(), _scores(board, out, key)),
+        Section(board.column.label.capitalize(), _scores(found, board, out, key)),
         *_online(found),
         Section("Comparison with the data", _against_data(board)),
-        Section("Success", _success(board, success, clean, out)),
-        *_pareto(found.results, out),
-        *_overall(found.results, out),
+        *(Section(*part) for part in safety_sections(found, out).items()),
+        *_overall(found, out),
         *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
         Section("Surprises", _bullets(surprises)),
         Section("Failures", _bullets(study_text.failures(board, found.missing))),
@@ -239,7 +238,7 @@ def _links() -> str:
     return "".join(f"- [{name}]({name}): {what}\n" for name, what in files.items())
 
 
-def _scores(board: Scoreboard, out: Path, key: str) -> str:
+def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
     scale = {
         "score": "0 is the better of an idle and a random team, 100 the expert.",
         "return": "Team return; this world has no measured expert.",
@@ -248,7 +247,9 @@ def _scores(board: Scoreboard, out: Path, key: str) -> str:
     data_means = {
         without_version(name): board.column.factor * value for name, value in board.data.items()
     }
-    plot_scores(shown, data_means, board.families, out / "scores.png", label=board.column.label)
+    plot_scores(
+        shown, data_means, board.families, found.looks, out / "scores.png", label=board.column.label
+    )
     return (
         f"{scale} Bold: the best algorithm of a dataset, and those whose difference to it, paired "
         f"by episode, is not clearly below 0.\n\n{scoreboard_table(board)}\n"
@@ -282,42 +283,15 @@ def _online_values(found: Findings, key: str) -> dict[str, Double]:
     }
 
 
-def _success(board: Scoreboard, success: Scoreboard, clean: Scoreboard, out: Path) -> str:
-    panels = {}
-    for dataset in clean.estimates:
-        if dataset in board.estimates:
-            x, y = clean.in_shown_units(dataset), board.in_shown_units(dataset)
-            panels[without_version(dataset)] = {k: (x[k], y[k]) for k in x if k in y}
-    plot_two_estimates(
-        panels, board.families, out / "clean.png",
-        xlabel="clean success (%)", ylabel=board.column.label, xlim=(-3.0, 103.0),
-    )  # fmt: skip
-    return (
-        f"Episodes solved (%):\n\n{scoreboard_table(success)}\n"
-        f"Episodes solved without a collision (%):\n\n{scoreboard_table(clean)}\n"
-        f"![{board.column.label} against clean success](clean.png)\n"
-    )
-
-
-def _pareto(results: ResultSet, out: Path) -> list[Section]:
-    if len(results.labels) > MAX_ALGORITHMS_IN_FIGURE:
-        return []
-    plot_pareto(results.cases, out / "collisions.png")
-    body = (
-        "Filled points are Pareto-optimal on their dataset; the dashed line is the mean return of "
-        "the data.\n\n![team return against collisions](collisions.png)\n"
-    )
-    return [Section("Return and collisions", body)]
-
-
-def _overall(results: ResultSet, out: Path) -> list[Section]:
+def _overall(found: Findings, out: Path) -> list[Section]:
     """Aggregates of the algorithms that have results on all datasets."""
+    results = found.results
     tables = comparable_scores(results).tables
     if len(tables) < 2 or len(results.cases) < 2:
         return []
     body = aggregate_table(results).to_markdown()
     if len(tables) <= MAX_ALGORITHMS_IN_FIGURE:
-        plot_profiles(tables, out / "profiles.png")
+        plot_profiles(tables, out / "profiles.png", found.looks)
         plot_differences(tables, out / "differences.png")
         body += (
             "\n![share of runs above a score](profiles.png)\n\n"
@@ -328,5 +302,11 @@ def _overall(results: ResultSet, out: Path) -> list[Section]:
 
 def _optional(found: Findings, out: Path) -> list[tuple[str, str]]:
     """The sections that a study may ask for, by title."""
-    writers = (size_section, information_section, curve_section, loss_sections)
+    writers = (
+        differences_sections,
+        size_section,
+        information_section,
+        curve_section,
+        loss_sections,
+    )
     return [section for write in writers for section in write(found, out).items()]

@@ -17,10 +17,13 @@ ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisio
                   "obstacle_collisions")  # fmt: skip
 
 
-def scoreboard_table(board: Scoreboard) -> str:
+def scoreboard_table(board: Scoreboard, *, is_ranked: bool = True) -> str:
     """A row for each algorithm, a column for each dataset; the first row is the mean of the data.
 
-    The best of a column and those that are not clearly worse are bold (`Scoreboard.leaders`).
+    Args:
+        board: to show.
+        is_ranked: whether the best of a column and those that are not clearly worse are bold
+            (`Scoreboard.leaders`).
     """
     names = list(board.estimates)
     head = ("algorithm", "family", *map(without_version, names))
@@ -28,7 +31,9 @@ def scoreboard_table(board: Scoreboard) -> str:
     for name in names:
         mean = board.data.get(name)
         data_row.append(UNDEFINED if mean is None else format_number(mean, board.column))
-    bold = {name: board.leaders(name) if board.estimates[name] else [] for name in names}
+    bold = {
+        name: board.leaders(name) if is_ranked and board.estimates[name] else [] for name in names
+    }
     rows = [
         (
             f"`{label}`",
@@ -76,17 +81,17 @@ def training_table(found: Findings) -> str:
         rows.append(
             (
                 f"`{label}`",
-                _range(sorted({cell.n_updates for cell in cells})),
-                _range(sorted({cell.config["batch_size"] for cell in cells})),
-                _widths(cells),
-                _epochs(found, cells),
+                number_range(sorted({cell.n_updates for cell in cells})),
+                number_range(sorted({cell.config["batch_size"] for cell in cells})),
+                hidden_widths(cells),
+                epochs_of(found, cells),
             )
         )
     head = ("algorithm", "updates", "joint transitions in a batch", "hidden units", "epochs")
     return markdown.table(head, rows)
 
 
-def _widths(cells: Sequence[Cell]) -> str:
+def hidden_widths(cells: Sequence[Cell]) -> str:
     """The widths of the hidden layers of all networks, each once."""
     configs = (cell.config.items() for cell in cells)
     widths = [
@@ -98,7 +103,7 @@ def _widths(cells: Sequence[Cell]) -> str:
     return "; ".join(dict.fromkeys(widths)) or UNDEFINED
 
 
-def _epochs(found: Findings, cells: Sequence[Cell]) -> str:
+def epochs_of(found: Findings, cells: Sequence[Cell]) -> str:
     """Updates times batch over the joint steps of the training split; smallest to largest."""
     epochs = sorted(
         cell.n_updates * cell.config["batch_size"] / found.facts[cell.name].train_steps
@@ -115,7 +120,7 @@ def cost_table(found: Findings) -> str:
         cells = [cell for cell in found.cells if cell.label == label]
         costs = [found.costs[cell.name] for cell in cells]
         updates = sorted({cell.n_updates for cell in cells if cell.kind == "offline"})
-        rows.append((f"`{label}`", str(len(cells)), _range(updates), *_cost_cells(costs)))
+        rows.append((f"`{label}`", str(len(cells)), number_range(updates), *_cost_cells(costs)))
     rows.append(
         ("all", str(len(found.cells)), "", *_cost_cells(list(found.costs.values()), is_total=True))
     )
@@ -124,7 +129,8 @@ def cost_table(found: Findings) -> str:
     return markdown.table(head, rows)
 
 
-def _range(values: Sequence[int]) -> str:
+def number_range(values: Sequence[int]) -> str:
+    """The smallest and the largest of sorted numbers as text; a dash without numbers."""
     if not values:
         return UNDEFINED
     ends = (values[0],) if len(values) == 1 else (values[0], values[-1])

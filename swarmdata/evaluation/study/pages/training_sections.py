@@ -36,7 +36,12 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
     }
     n_families = len({found.family(label) for curves in panels.values() for label in curves})
     plot_training_curves(
-        drawn, out / "curves.png", ylabel="team success (%)", factor=100.0, n_columns=n_families
+        drawn,
+        found.looks,
+        out / "curves.png",
+        ylabel="team success (%)",
+        factor=100.0,
+        n_columns=n_families,
     )
     return {
         "Convergence of training": "![team success during training](curves.png)\n\n"
@@ -83,7 +88,9 @@ def loss_sections(found: Findings, out: Path) -> dict[str, str]:
             file = f"losses-{name}.png"
             curves = [curve for each in panels.values() for curve in each.values()]
             is_log = any(abs(curve.values).max() > MAX_ON_LINEAR_AXIS for curve in curves)
-            plot_training_curves(panels, out / file, ylabel=wanted.label, is_log=is_log)
+            plot_training_curves(
+                panels, found.looks, out / file, ylabel=wanted.label, is_log=is_log
+            )
             title = wanted.label[:1].upper() + wanted.label[1:]
             parts[title] = f"![{wanted.label}]({file})\n\n{_endpoints(panels)}"
     return parts

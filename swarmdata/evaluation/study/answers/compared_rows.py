@@ -1,0 +1,101 @@
+"""Answers from differences that studies name alike: sentences, tables, and one figure for all."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.study.answers.answer_figures import plot_differences_from_zero
+from swarmdata.evaluation.study.answers.evidence import Evidence
+from swarmdata.evaluation.study.pages.differences_section import difference_table
+from swarmdata.evaluation.study.pages.row_differences import (
+    RowDifference,
+    columns_of,
+    format_difference,
+    measured_differences,
+    missing_pairs,
+    verdict_of,
+)
+from swarmdata.rollouts.score_statistics import Estimate
+
+UNITS = {"": "", "%": " percentage points"}
+"""Of differences in sentences, by the unit of the quantity."""
+
+
+class Compared(NamedTuple):
+    """The measured pairs of one study."""
+
+    evidence: Evidence
+    differences: list[RowDifference]
+    columns: tuple[Column, ...]
+    missing: list[str]
+
+
+def compared_rows(evidence: Sequence[Evidence], name: str) -> list[Compared]:
+    """The pairs that studies list under a name, of studies that have measured one."""
+    found = []
+    for each in evidence:
+        plan = each.found.study.differences.get(name)
+        differences = measured_differences(each.found, plan) if plan else []
+        if plan and differences:
+            missing = missing_pairs(each.found, plan)
+            found.append(Compared(each, differences, columns_of(each.found), missing))
+    return found
+
+
+def sentence_of(difference: RowDifference, columns: Sequence[Column]) -> str:
+    """All quantities of a difference, with verdicts."""
+    return ", ".join(
+        f"{column.label} {format_difference(found, column)}"
+        f"{UNITS[column.unit]} ({verdict_of(found)})"
+        for column in columns
+        for found in (difference.estimates[column.key],)
+    )
+
+
+def count_sentences(compared: Sequence[Compared], what: str) -> list[str]:
+    """In how many comparisons the main quantity is higher, lower, or neither; names the latter.
+
+    None for a single comparison, whose own sentence says it.
+    """
+    groups: dict[str, list[str]] = {"higher": [], "lower": [], "no clear change": []}
+    for each in compared:
+        for difference in each.differences:
+            verdict = verdict_of(difference.estimates[each.columns[0].key])
+            groups[verdict].append(f"{difference.words} on {difference.dataset}")
+    higher, lower, unclear = groups.values()
+    n = len(higher) + len(lower) + len(unclear)
+    if n == 1:
+        return []
+    return [
+        f"In {n} comparisons, {what} clearly raises the "
+        f"{compared[0].columns[0].label} in {len(higher)}, lowers it in {_counted(lower)}, and "
+        f"changes nothing clearly in {_counted(unclear)}."
+    ]
+
+
+def _counted(names: Sequence[str]) -> str:
+    return f"{len(names)} ({'; '.join(names)})" if names else "0"
+
+
+def tables_of(compared: Sequence[Compared]) -> str:
+    """A table for each study, and what is missing."""
+    parts = []
+    for each in compared:
+        missing = f"\nNot compared yet: {'; '.join(each.missing)}.\n" if each.missing else ""
+        table = difference_table(each.differences, each.columns)
+        parts.append(f"Study {each.evidence.name}:\n\n{table}{missing}")
+    return "\n".join(parts)
+
+
+def plot_compared(compared: Sequence[Compared], path: Path) -> None:
+    """Draws all differences, a row each."""
+    rows, panels = [], dict[str, list[Estimate]]()
+    for each in compared:
+        where = f" ({each.evidence.name})" if len(compared) > 1 else ""
+        for difference in each.differences:
+            rows.append(f"{difference.one} − {difference.other}, {difference.dataset}{where}")
+            for column in each.columns:
+                shown = (column.factor * end for end in difference.estimates[column.key])
+                panels.setdefault(f"change of {column.header}", []).append(Estimate(*shown))
+    plot_differences_from_zero(rows, panels, path)

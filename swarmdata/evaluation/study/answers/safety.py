@@ -1,0 +1,110 @@
+"""Safety: success against clean success and collisions, and what safe rewards change."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from swarmdata.drawing import markdown
+from swarmdata.evaluation.results.estimate_table import format_estimate
+from swarmdata.evaluation.study.answers.answer import Answer
+from swarmdata.evaluation.study.answers.compared_rows import (
+    Compared,
+    compared_rows,
+    sentence_of,
+    tables_of,
+)
+from swarmdata.evaluation.study.answers.evidence import Evidence
+from swarmdata.evaluation.study.pages.row_differences import format_difference, verdict_of
+from swarmdata.evaluation.study.pages.safety_section import (
+    COLLISIONS,
+    collision_board,
+    front_sentences,
+    fronts_of,
+    plot_safety,
+)
+from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard
+from swarmdata.specs.plain_names import without_version
+
+DIFFERENCES = "rewards"
+"""What studies call pairs of a row that learned from safe rewards and one that did not."""
+
+
+def answer_safety(evidence: Sequence[Evidence], out: Path) -> Answer | None:
+    """Answers from studies on the reserved seeds, and from those that compare rewards."""
+    compared = compared_rows(evidence, DIFFERENCES)
+    with_rewards = [each.evidence for each in compared]
+    chosen = [each for each in evidence if each.is_on_reserved_seeds or each in with_rewards]
+    if not chosen:
+        return None
+    sentences = [sentence for each in chosen for sentence in _most_and_cleanest(each)]
+    sentences += [sentence for pairs in compared for sentence in _changes(pairs)]
+    figures, parts = [], []
+    for each in chosen:
+        figures.append(f"safety-{each.name}.png")
+        fronts = fronts_of(each.found)
+        plot_safety(fronts, each.found.looks, out / figures[-1])
+        bullets = "".join(f"- {sentence}\n" for sentence in front_sentences(fronts))
+        parts.append(
+            f"Study {each.name}; filled points are Pareto-optimal:\n\n"
+            f"![success against clean success and collisions]({figures[-1]})\n\n{bullets}\n"
+            f"{_table(each)}"
+        )
+    parts += [tables_of(compared)] if compared else []
+    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def _changes(compared: Compared) -> Iterator[str]:
+    """What safe rewards change, collisions among it."""
+    crashes = collision_board(compared.evidence.found)
+    ids = {without_version(name): name for name in crashes.values}
+    for each in compared.differences:
+        name = ids[without_version(each.dataset)]
+        change = crashes.lead(name, each.one, each.other)
+        yield (
+            f"{each.words} on {each.dataset}: {sentence_of(each, compared.columns)}, "
+            f"{COLLISIONS.label} {format_difference(change, COLLISIONS)} ({verdict_of(change)})."
+        )
+
+
+def _most_and_cleanest(evidence: Evidence) -> Iterator[str]:
+    """For each dataset, how much of the best success is clean, and which row is cleanest."""
+    found = evidence.found
+    success, clean = (
+        make_scoreboard(found.results, found.families, key) for key in ("success", "clean_success")
+    )
+    for dataset, estimates in success.estimates.items():
+        best, cleanest = success.ranking(dataset)[0], clean.ranking(dataset)[0]
+        where = f"On {without_version(dataset)} (study {evidence.name})"
+        solved = format_estimate(estimates[best], success.column)
+        tidy = format_estimate(clean.estimates[dataset][best], clean.column)
+        text = (
+            f"{where}, `{best}` solves most: {solved} % of the episodes, {tidy} % without a "
+            "collision"
+        )
+        if cleanest == best:
+            yield f"{text}, which is also the most."
+        else:
+            lead = clean.lead(dataset, cleanest, best)
+            chance = "" if lead.low > 0.0 else ", which may be chance"
+            yield (
+                f"{text}; `{cleanest}` solves {format_estimate(lead, clean.column)} percentage "
+                f"points more without a collision{chance}."
+            )
+
+
+def _table(evidence: Evidence) -> str:
+    """A row for each dataset and row of the study."""
+    found = evidence.found
+    boards = [
+        *(make_scoreboard(found.results, found.families, k) for k in ("success", "clean_success")),
+        collision_board(found),
+    ]
+    rows = [
+        (
+            without_version(dataset),
+            f"`{label}`",
+            *(format_estimate(each.estimates[dataset][label], each.column) for each in boards),
+        )
+        for dataset, estimates in boards[0].estimates.items()
+        for label in estimates
+    ]
+    return markdown.table(("dataset", "row", *(each.column.header for each in boards)), rows)

@@ -1,0 +1,141 @@
+"""Writes the pages of all questions that the studies of a folder can answer, and their index."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from swarmdata.evaluation.study.answers.answer import Answer, Question
+from swarmdata.evaluation.study.answers.data_regimes import answer_data_regimes
+from swarmdata.evaluation.study.answers.distance_from_data import answer_distance_from_data
+from swarmdata.evaluation.study.answers.evidence import limits, open_evidence
+from swarmdata.evaluation.study.answers.information_regimes import answer_information_regimes
+from swarmdata.evaluation.study.answers.ingredients import answer_ingredients
+from swarmdata.evaluation.study.answers.safety import answer_safety
+from swarmdata.evaluation.study.answers.training_length import answer_training_length
+from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL
+from swarmdata.store import write_file
+
+INDEX_FILE = "README.md"
+
+QUESTIONS = (
+    Question(
+        "ingredients",
+        "What do the ingredients do?",
+        "measured pairs under `differences: ingredient`",
+        answer_ingredients,
+        "An algorithm that learns as well without what it is named after has not earned its name. "
+        "Each row is compared with the same algorithm without its ingredient, trained as long.",
+    ),
+    Question(
+        "training-length",
+        "How long to train?",
+        "measured pairs under `differences: doubling`",
+        answer_training_length,
+        "A budget is long enough where doubling it, with a schedule of its own, changes no score "
+        "clearly. No clear change is not the same as no change: the intervals say what they "
+        "leave room for.",
+    ),
+    Question(
+        "data-regimes",
+        "Which algorithm for which data?",
+        "several datasets on the reserved seeds",
+        answer_data_regimes,
+        "The same algorithms with the same settings on data of different quality.",
+    ),
+    Question(
+        "information",
+        "What does information cost?",
+        "measured views under `information`",
+        answer_information_regimes,
+        "The same data seen and heard in other ways, for training and for evaluation. Every view "
+        "is compared with the first one of its study.",
+    ),
+    Question(
+        "safety",
+        "How safe are they?",
+        "results on the reserved seeds, or measured pairs under `differences: rewards`",
+        answer_safety,
+        "An episode is solved cleanly if no robot touched another one or an obstacle. Collisions "
+        "are new contacts, counted from events, which no weight of the rewards changes.",
+    ),
+    Question(
+        "distance-from-data",
+        "How far from the data do they get?",
+        "a plain clone (`bc`) among its rows, on the reserved seeds",
+        answer_distance_from_data,
+        "What algorithms add to the mean of the data, and to a clone of the data, which learns "
+        "without rewards. How far actions are from recorded ones is not measured here.",
+    ),
+)
+"""The pages, in the order of the index."""
+
+CAVEATS = (
+    f"Intervals are 95 % intervals for {TARGET_OF_SEVERAL}, each on its own: they are not widened "
+    "for the number of comparisons on a page; where nothing differs, one in twenty looks clear by "
+    "chance. Datasets and settings are fixed."
+)
+
+
+def write_answers(studies: Path, out: Path) -> tuple[list[Path], dict[str, str]]:
+    """Writes a page for each question that has an answer, their figures, and an index.
+
+    A page of a question that has no answer any more is removed.
+
+    Args:
+        studies: folder of studies, such as `cards/studies`.
+        out: folder of the pages.
+
+    Returns:
+        The pages, the index first; and what was left out, with the reason: studies and pages.
+
+    Raises:
+        StudyError: no study in the folder has an archive.
+        MissingExtraError: matplotlib is not installed.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    with open_evidence(studies) as (evidence, unread):
+        left_out = {f"study {name}": reason for name, reason in unread.items()}
+        answers: dict[str, Answer] = {}
+        for question in QUESTIONS:
+            _remove(question, out)
+            found = question.answer(evidence, out)
+            if found is None:
+                left_out[f"{question.stem}.md"] = f"no study has {question.needs}"
+            else:
+                answers[question.stem] = found
+                write_file(out / f"{question.stem}.md", _page(question, found, out).encode())
+    write_file(out / INDEX_FILE, _index(answers).encode())
+    return [out / INDEX_FILE, *(out / f"{stem}.md" for stem in answers)], left_out
+
+
+def _remove(question: Question, out: Path) -> None:
+    """Deletes what was written for a question before; figures are named after their page."""
+    for path in (out / f"{question.stem}.md", *out.glob(f"{question.stem}*.png")):
+        path.unlink(missing_ok=True)
+
+
+def _page(question: Question, answer: Answer, out: Path) -> str:
+    sentences = "".join(f"- {sentence}\n" for sentence in answer.sentences)
+    return (
+        f"# {question.title}\n\n{question.scope}\n\n{sentences}\n## Results\n\n"
+        f"{answer.details.rstrip()}\n\n## Limits\n\n{limits(answer.evidence, out)}\n{CAVEATS}\n\n"
+        "`swarmdata study-pages` writes this page from the episodes of these studies.\n"
+    )
+
+
+def _index(answers: Mapping[str, Answer]) -> str:
+    asked = {question.stem: question for question in QUESTIONS}
+    known = "".join(
+        f"- [{asked[stem].title}]({stem}.md) {answer.sentences[0]}\n"
+        for stem, answer in answers.items()
+    )
+    open_questions = [
+        f"- {question.title} No study with {question.needs} is finished.\n"
+        for stem, question in asked.items()
+        if stem not in answers
+    ]
+    rest = f"\nNot answered yet:\n\n{''.join(open_questions)}" if open_questions else ""
+    return (
+        "# Results\n\nOne page for each question, computed from the studies in "
+        "[cards/studies](../../cards/studies). `swarmdata study-pages` writes them again.\n\n"
+        f"{known}{rest}"
+    )

@@ -1,0 +1,67 @@
+"""Differences between rows: signs, verdicts, and which budget is long enough."""
+
+from math import nan
+
+import pytest
+
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.study.pages.row_differences import (
+    RowDifference,
+    enough_updates,
+    format_difference,
+    verdict_of,
+    verdict_summary,
+)
+from swarmdata.rollouts.score_statistics import Estimate
+
+SCORE = Column("score", "score", "", 1)
+
+
+def change(low: float, high: float, dataset: str = "x") -> RowDifference:
+    return RowDifference("a-2x", "a-1x", dataset, {"score": Estimate((low + high) / 2, low, high)})
+
+
+@pytest.mark.parametrize(
+    ("ends", "verdict", "text"),
+    [
+        ((1.0, 3.0), "higher", "+2.0 [1.0, 3.0]"),
+        ((-3.0, -1.0), "lower", "−2.0 [−3.0, −1.0]"),
+        ((-1.0, 2.0), "no clear change", "+0.5 [−1.0, 2.0]"),
+        ((0.0, 0.0), "no clear change", "0.0 [0.0, 0.0]"),
+    ],
+)
+def test_a_difference_is_clear_if_its_whole_interval_is(
+    ends: tuple[float, float], verdict: str, text: str
+) -> None:
+    found = change(*ends).estimates["score"]
+    assert verdict_of(found) == verdict
+    assert format_difference(found, SCORE) == text
+
+
+def test_what_is_undefined_is_a_dash_and_never_clear() -> None:
+    found = Estimate(nan, nan, nan)
+    assert format_difference(found, SCORE) == "–"
+    assert verdict_of(found) == "no clear change"
+
+
+def test_verdicts_are_counted() -> None:
+    found = [change(1, 2), change(-1, 2), change(1, 3)]
+    assert verdict_summary(found, SCORE) == (
+        "Score, in 3 comparisons: higher in 2, no clear change in 1."
+    )
+
+
+def test_the_shortest_budget_passes_with_all_longer_ones() -> None:
+    text = enough_updates({10: [change(-1, 2)], 20: [change(-3, 1, "y")]}, SCORE, 2)
+    assert text == (
+        "10 updates. No doubling that was tried from there on changes the score clearly on any of "
+        "2 datasets; the intervals leave room for at most 3.0 (`a-2x` − `a-1x` on y)."
+    )
+    text = enough_updates({10: [change(1, 2)], 20: [change(-3, 1)]}, SCORE, 1)
+    assert text.startswith("20 updates. ")
+    assert text.endswith("Doubling 10 updates changes the score: +1.5 [1.0, 2.0] on x.")
+    text = enough_updates({10: [change(-1, 2)], 20: [change(-3, -1)]}, SCORE, 1)
+    assert text == (
+        "no budget that was tried is enough. Doubling 20 updates changes the score: −2.0 [−3.0, "
+        "−1.0] on x."
+    )
