@@ -55,9 +55,19 @@ class Peer(NamedTuple):
 
 
 PEERS = {
-    "CORL TD3+BC, team as one agent": Peer("corl", "maddpg_bc", partial(corl.joint, name="td3_bc")),
-    "CORL TD3+BC, one per robot": Peer("corl", "maddpg_bc", partial(corl.per_robot, name="td3_bc")),
-    "CORL IQL, team as one agent": Peer("corl", "iql", partial(corl.joint, name="iql")),
+    "CORL TD3+BC, team as one agent": Peer(
+        "corl", "maddpg_bc", partial(corl.joint, kind=corl.TD3_BC)
+    ),
+    "CORL TD3+BC, one per robot": Peer(
+        "corl", "maddpg_bc", partial(corl.per_robot, kind=corl.TD3_BC)
+    ),
+    f"CORL TD3+BC, team as one agent, alpha {corl.LOW_ALPHA:g}": Peer(
+        "corl", "maddpg_bc", partial(corl.joint, kind=corl.TD3_BC_LOW_ALPHA)
+    ),
+    f"CORL TD3+BC, one per robot, alpha {corl.LOW_ALPHA:g}": Peer(
+        "corl", "maddpg_bc", partial(corl.per_robot, kind=corl.TD3_BC_LOW_ALPHA)
+    ),
+    "CORL IQL, team as one agent": Peer("corl", "iql", partial(corl.joint, kind=corl.IQL)),
     "OMAR": Peer("omar", "omar", omar.omar),
     f"OMAR, rewards times {omar.PARTICLE_SCALE:g}": Peer(
         "omar", "omar", partial(omar.omar, reward_scale=omar.PARTICLE_SCALE)
@@ -267,8 +277,24 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=Budget.n_seeds)
     parser.add_argument("--episodes", type=int, default=Budget.n_episodes)
     parser.add_argument("--out", type=Path, default=Path("runs/bench_algorithms"))
+    parser.add_argument("--only-kept", action="store_true", help="train nothing: finished seeds")
     parser.add_argument("--only-print", action="store_true", help="leave docs/benchmarks.md alone")
     return parser.parse_args()
+
+
+def train(
+    arguments: argparse.Namespace,
+    checkouts: Mapping[str, Path],
+    data: TeamData,
+    budget: Budget,
+    kept: Kept,
+) -> None:
+    """Trains and plays what is not kept yet on one dataset."""
+    for name in arguments.peers:
+        if PEERS[name].repository in checkouts:
+            train_peer(name, checkouts[PEERS[name].repository], data, budget, kept)
+    for name in arguments.ours:
+        train_ours(name, data, budget, kept)
 
 
 def main() -> None:
@@ -289,11 +315,8 @@ def main() -> None:
     tables = {}
     for dataset in arguments.datasets:
         data, kept = TeamData(dataset), Kept(arguments.out / size / dataset)
-        for name in arguments.peers:
-            if PEERS[name].repository in checkouts:
-                train_peer(name, checkouts[PEERS[name].repository], data, budget, kept)
-        for name in arguments.ours:
-            train_ours(name, data, budget, kept)
+        if not arguments.only_kept:
+            train(arguments, checkouts, data, budget, kept)
         tables[dataset] = rows_of(data, kept, budget)
     sources = {key: commit_of(path) for key, path in checkouts.items()}
     body = text(budget, sources, tables)

@@ -12,8 +12,9 @@ their files import for data, simulators, settings and logs, are absent.
 
 import copy
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -50,8 +51,19 @@ def of_width(network: nn.Sequential, units: int) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-def td3_bc(corl: Any, n_states: int, n_actions: int, budget: Budget) -> Learner:
-    """Makes what its `train` makes, with the defaults of its `TrainConfig`."""
+LOW_ALPHA = 0.1
+"""Weight of the value against imitation, where the default is 2.5.
+
+TD3+BC divides by mean |Q|. Returns of these tasks cross 0, so that mean |Q| is small and imitation
+hardly counts by default: after 4,000 updates on `coop_nav-medium-replay` actions are further from
+the data than their mean is.
+"""
+
+
+def td3_bc(
+    corl: Any, n_states: int, n_actions: int, budget: Budget, *, alpha: float | None = None
+) -> Learner:
+    """Makes what its `train` makes, with the defaults of its `TrainConfig` but for `alpha`."""
     config = corl.TrainConfig(device="cpu")
     actor = corl.Actor(n_states, n_actions, 1.0)
     critics = [corl.Critic(n_states, n_actions) for _ in range(2)]
@@ -71,7 +83,7 @@ def td3_bc(corl: Any, n_states: int, n_actions: int, budget: Budget) -> Learner:
         policy_noise=config.policy_noise,
         noise_clip=config.noise_clip,
         policy_freq=config.policy_freq,
-        alpha=config.alpha,
+        alpha=config.alpha if alpha is None else alpha,
     )
     return learner.train, actor
 
@@ -99,15 +111,24 @@ def iql(corl: Any, n_states: int, n_actions: int, budget: Budget) -> Learner:
     return learner.train, actor
 
 
-MAKERS = {"td3_bc": td3_bc, "iql": iql}
+class Kind(NamedTuple):
+    """A learner of CORL."""
+
+    file: str  # of `algorithms/offline`
+    make: Callable[[Any, int, int, Budget], Learner]
 
 
-def joint(checkout: Path, data: TeamData, budget: Budget, seed: int, *, name: str) -> Policy:
+TD3_BC = Kind("td3_bc", td3_bc)
+TD3_BC_LOW_ALPHA = Kind("td3_bc", partial(td3_bc, alpha=LOW_ALPHA))
+IQL = Kind("iql", iql)
+
+
+def joint(checkout: Path, data: TeamData, budget: Budget, seed: int, *, kind: Kind) -> Policy:
     """Trains one learner for the team as one agent."""
     _seed(seed)
     n, rng = data.n_agents, np.random.default_rng(seed)
-    make = MAKERS[name]
-    update, actor = make(read(checkout, name), n * data.n_observations, n * data.n_actions, budget)
+    corl = read(checkout, kind.file)
+    update, actor = kind.make(corl, n * data.n_observations, n * data.n_actions, budget)
     for _ in range(budget.n_updates):
         batch = data.draw(rng, budget.batch_size)
         update([
@@ -121,13 +142,12 @@ def joint(checkout: Path, data: TeamData, budget: Budget, seed: int, *, name: st
     return data.policy(lambda seen: act(seen.flatten(1)).view(-1, n, data.n_actions))
 
 
-def per_robot(checkout: Path, data: TeamData, budget: Budget, seed: int, *, name: str) -> Policy:
+def per_robot(checkout: Path, data: TeamData, budget: Budget, seed: int, *, kind: Kind) -> Policy:
     """Trains one learner for each robot, on its own observations, actions and rewards."""
     _seed(seed)
-    rng, corl = np.random.default_rng(seed), read(checkout, name)
+    rng, corl = np.random.default_rng(seed), read(checkout, kind.file)
     learners = [
-        MAKERS[name](corl, data.n_observations, data.n_actions, budget)
-        for _ in range(data.n_agents)
+        kind.make(corl, data.n_observations, data.n_actions, budget) for _ in range(data.n_agents)
     ]
     for _ in range(budget.n_updates):
         batch = data.draw(rng, budget.batch_size)
