@@ -10,7 +10,7 @@ import numpy as np
 
 from swarmdata.numerics.assignment import assign
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.features import Feature, numbered, telling_goals, vector
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
 
@@ -25,7 +25,7 @@ N_GOAL_FEATURES = len(GOAL_FEATURES)
 
 def goal_features(n_goals: int) -> tuple[Feature, ...]:
     """Features of all goals, the one nearest to the robot first."""
-    return numbered("goal", n_goals, GOAL_FEATURES)
+    return telling_goals(numbered("goal", n_goals, GOAL_FEATURES))
 
 
 @kernel(inline="always")

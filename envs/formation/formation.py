@@ -58,7 +58,7 @@ from swarmdata.envs.formation.slots import (
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import FormationRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -300,6 +300,6 @@ def _features(previews: tuple[float, ...]) -> tuple[Feature, ...]:
         *vector("reference.offset", "position", "reference - own position"),
         *vector("reference.velocity", "velocity", "of the reference"),
         *vector("reference.heading", "direction", "of the reference, its direction of motion"),
-        *vector("slot.velocity", "velocity", "own slot's velocity - own velocity"),
-        *(feature for pair in later for feature in pair),
+        *telling_goals(vector("slot.velocity", "velocity", "own slot's velocity - own velocity")),
+        *telling_goals(feature for pair in later for feature in pair),
     )

@@ -70,7 +70,7 @@ from swarmdata.envs.world.spawn import SpawnPlan
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import BOX, nearest, nearest_of
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.features import Feature, numbered, telling_goals, vector
 from swarmdata.specs.rules import Payload, TransportRules
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -352,7 +352,7 @@ def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
         *vector("payload", "position", "payload's centre minus own position"),
         *vector("payload_near", "position", "payload's nearest point minus own position"),
         *vector("payload_velocity", "velocity", "velocity of the payload"),
-        *vector("payload_goal", "position", "goal minus the payload's centre"),
+        *telling_goals(vector("payload_goal", "position", "goal minus the payload's centre")),
         *numbered(
             "payload_obstacle",
             N_NEAR_OBSTACLES,
@@ -363,5 +363,5 @@ def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
         turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")
         found += (*vector("payload_axis", "direction", "direction of its local x axis"), turn)
     if is_posed:
-        found += vector("goal_axis", "direction", "wanted direction of that axis")
+        found += telling_goals(vector("goal_axis", "direction", "wanted direction of that axis"))
     return found

@@ -40,7 +40,7 @@ from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import Payload, WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -56,7 +56,9 @@ ROBOT_EXTRAS = (
 
 TASK_FEATURES: tuple[Feature, ...] = (
     Feature("carrying", "flag", "", "1 while it carries goods to a station, its target"),
-    *vector("corner", "position", "next corner of its shortest path minus own position"),
+    *telling_goals(
+        vector("corner", "position", "next corner of its shortest path minus own position")
+    ),
 )
 """Added by the task to every robot's observation."""
 

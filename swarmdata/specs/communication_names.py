@@ -32,12 +32,13 @@ def communication_model(
             other names are joined by "+", such as `goal+lossy-30+delayed-2+range-1.5`, each
             changing one thing of `perfect`:
 
-            - payload: `pose`, `goal` (pose and goal), `state`, `learned-4` (4 values);
+            - payload: `pose`, `goal` (pose and goal), `errand` (pose, and the goal of the next
+              robot, which alone reads it), `state`, `learned-4` (4 values);
             - links: `nearest-2`, `ring`, `star`; `range-1.5` (m);
             - losses: `lossy-30` (percent, independent), `bursty-30` (percent in the long run, in
               bursts of 4 steps on average), `aloha-8` (collisions in 8 time slots);
             - limits: `bandwidth-1` (messages per step), `bits-8` (of each value), `delayed-2`
-              (steps).
+              (steps), `expires-5` (steps after which a message is forgotten).
 
     Raises:
         UnknownNameError: a name is unknown, with the nearest known one.
@@ -128,6 +129,7 @@ def _bursty(percent: str) -> dict[str, Any]:
 _PLAIN: dict[str, dict[str, Any]] = {
     "pose": {"payload": "pose"},
     "goal": {"payload": "pose_and_goal"},
+    "errand": {"payload": "errand"},
     "state": {"payload": "state"},
     "ring": {"topology": "ring"},
     "star": {"topology": "star"},
@@ -142,4 +144,5 @@ _VALUED: dict[str, tuple[Callable[[str], dict[str, Any]], str]] = {
     "bandwidth": (lambda value: {"messages_per_step": _whole(value)}, "1"),
     "bits": (lambda value: {"bits": _whole(value)}, "8"),
     "delayed": (lambda value: {"delay": _whole(value)}, "2"),
+    "expires": (lambda value: {"max_age": _whole(value)}, "5"),
 }

@@ -20,6 +20,7 @@ class Feature(NamedTuple):
     kind: Kind
     axis: Literal["", "x", "y"] = ""  # a y always follows its x
     meaning: str = ""  # for cards
+    tells_goal: bool = False  # where the robot should go; see `ObservationModel.goal_steps`
 
     @property
     def slot(self) -> str:
@@ -36,6 +37,20 @@ class Feature(NamedTuple):
 def vector(name: str, kind: Kind, meaning: str = "") -> tuple[Feature, Feature]:
     """The two components of a planar vector, named `<name>_x` and `<name>_y`."""
     return Feature(f"{name}_x", kind, "x", meaning), Feature(f"{name}_y", kind, "y", meaning)
+
+
+def telling_goals(features: Iterable[Feature]) -> tuple[Feature, ...]:
+    """The same features, marked as those that tell a robot's goal."""
+    return tuple(feature._replace(tells_goal=True) for feature in features)
+
+
+def shown_for(n_steps: int, feature: Feature) -> Feature:
+    """The feature, renamed `shown_...` if it tells the goal, which is hidden after some steps."""
+    if not feature.tells_goal:
+        return feature
+    slot, dot, name = feature.name.rpartition(".")
+    meaning = f"{feature.meaning}; 0 from step {n_steps} on"
+    return feature._replace(name=f"{slot}{dot}shown_{name}", meaning=meaning)
 
 
 def numbered(prefix: str, n: int, fields: Iterable[Feature]) -> tuple[Feature, ...]:

@@ -38,6 +38,7 @@ _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
     "dropout": lambda _, probability: {"dropout": probability},
     "delay": lambda _, steps: {"delay": steps},
     "stack": lambda _, frames: {"stack": frames},
+    "goal-for": lambda _, steps: {"goal_steps": steps},
     "range": lambda kind, metres: {_RANGES[kind]: metres},
 }
 
@@ -52,8 +53,8 @@ def observation_model(
             kind, with `-<size>` if you like (`lidar-32` rays, `bearing-5` or `state-5` neighbours,
             `occupancy-11` cells), and modifiers joined by `+`: `noise-0.05` (standard deviation of
             positions and ranges, m, of velocities, m/s, and of directions, rad), `dropout-0.1`,
-            `delay-2` (steps), `stack-4` (frames), `range-1.5` (m; not of `occupancy`, whose cells
-            say it).
+            `delay-2` (steps), `stack-4` (frames), `goal-for-10` (first steps that show the own
+            goal; `goal-for-0` never does), `range-1.5` (m; not of `occupancy`, whose cells say it).
 
     Raises:
         UnknownNameError: no such kind or modifier.
@@ -75,9 +76,10 @@ def _from_name(name: str) -> AnyObservationModel:
     if has_size:
         fields[_SIZES[kind]] = _number(size, first, name)
     for part in rest:
-        modifier, _, value = part.partition("-")
+        modifier = next((m for m in _MODIFIERS if f"{part}-".startswith(f"{m}-")), "")
+        value = part.removeprefix(modifier)[1:]
         if modifier not in _MODIFIERS:
-            raise UnknownNameError("modifier of observations", modifier, _MODIFIERS)
+            raise UnknownNameError("modifier of observations", part.partition("-")[0], _MODIFIERS)
         if modifier == "range" and kind not in _RANGES:
             raise SpecError(f"{kind} has no range in {name!r}: set cells and cell_size instead")
         added = _MODIFIERS[modifier](kind, _number(value, part, name))

@@ -1,8 +1,8 @@
 """Observation models and communication models as data."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive, Probability
 
@@ -28,6 +28,9 @@ class ObservationModel(Frozen):
     steps old. The last `stack` frames are concatenated, newest first; at the beginning of an
     episode the first frame is repeated. All of it is a function of the episode's seed and the
     step.
+
+    With `goal_steps`, frames that are sensed after so many steps do not tell the robot's goal: all
+    features of `Feature.tells_goal` are 0, those of the task among them, and named `shown_...`.
     """
 
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
@@ -37,6 +40,16 @@ class ObservationModel(Frozen):
     dropout: Probability = 0.0
     delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
     stack: Annotated[int, Field(ge=1, le=10**12)] = 1  # frames
+    goal_steps: Annotated[int, Field(ge=0, le=10**12)] | None = None  # None: always shown
+
+    @model_serializer(mode="wrap")
+    def _without_absent_goal_steps(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out `goal_steps` where there is no limit: hashes of older specs stay the same."""
+        return _without_absent("goal_steps", write(self))
+
+
+def _without_absent(field: str, content: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in content.items() if key != field or value is not None}
 
 
 class StateModel(ObservationModel):
@@ -100,11 +113,15 @@ class Broadcast(Frozen):
     """Each robot broadcasts one message in every step; the channel decides who gets it, and when.
 
     The order is: quantise, pick the links by topology and range, spend the bandwidth, collide,
-    drop, delay.
+    drop, delay. A receiver keeps the newest message of each sender, until it is older than
+    `max_age`.
+
+    With payload `errand` each robot knows where the next one should go (the first is the next of
+    the last), and sends that with its pose. Receivers read it only if it is meant for them.
     """
 
     kind: Literal["broadcast"] = "broadcast"
-    payload: Literal["pose", "pose_and_goal", "state", "learned"] = "pose"
+    payload: Literal["pose", "pose_and_goal", "errand", "state", "learned"] = "pose"
     message_size: Annotated[int, Field(ge=1, le=10**12)] = 4  # values of a learned message
     topology: Literal["full", "nearest", "ring", "star"] = "full"
     n_nearest: Annotated[int, Field(ge=1, le=10**12)] = 2  # of topology "nearest"
@@ -115,6 +132,21 @@ class Broadcast(Frozen):
     messages_per_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # a robot can receive
     bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
     slots_in_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # of time; see `comms`
+    max_age: Annotated[int, Field(ge=0, le=253)] | None = None  # steps; None: kept for ever
+
+    @model_validator(mode="after")
+    def _arrives_before_it_is_forgotten(self) -> Self:
+        if self.max_age is not None and self.max_age < self.delay:
+            raise ValueError(
+                f"max_age {self.max_age} forgets messages before they arrive, {self.delay} steps "
+                f"after they were sent; expected at least delay {self.delay}"
+            )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent_max_age(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out `max_age` where there is none: hashes of older specs stay the same."""
+        return _without_absent("max_age", write(self))
 
 
 AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminator="kind")]

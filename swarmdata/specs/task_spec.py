@@ -143,6 +143,13 @@ class TaskSpec(Frozen):
                 f"control_dt must be at least 2 whole multiples of physics_dt, got {ratio:g} "
                 "(a force moves a body only from the next physics step on)"
             )
+        shows_goal = self.observation.goal_steps is None
+        if not shows_goal and getattr(self.communication, "payload", "") == "pose_and_goal":
+            problems.append(
+                "communication.payload pose_and_goal sends the goal that observation.goal_steps "
+                "hides from the sender. Let others know it, with payload errand, or leave "
+                "goal_steps out"
+            )
         if twice := repeated(role.name.casefold() for role in self.team):
             problems.append(
                 f"team has several roles named {', '.join(twice)}, expected a `name` of its own "

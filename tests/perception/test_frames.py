@@ -35,6 +35,14 @@ def turned(observations: Float, angle: float) -> Float:
     return out.astype(np.float32)
 
 
+def test_a_goal_that_is_hidden_turns_nothing() -> None:
+    hidden = make_env(with_models(preset("coop_nav"), "state+goal-for-10"), 1).features
+    assert natural_anchor(FEATURES) == "target"
+    assert natural_anchor(hidden) == "world"
+    with pytest.raises(SpecError, match=r"needs the observed vector own\.goal_dx"):
+        find_frame(hidden, "target")
+
+
 def test_the_kernel_computes_what_is_written_here() -> None:
     assert FRAME is not None
     observations = some_observations()

@@ -13,6 +13,7 @@ from swarmdata.specs.sensing_models import Broadcast, Bursts, NoCommunication
 
 PARTS: dict[str, dict[str, Any]] = {
     "goal": {"payload": "pose_and_goal"},
+    "errand": {"payload": "errand"},
     "state": {"payload": "state"},
     "learned-4": {"payload": "learned", "message_size": 4},
     "nearest-2": {"topology": "nearest", "n_nearest": 2},
@@ -25,6 +26,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "bandwidth-1": {"messages_per_step": 1},
     "bits-8": {"bits": 8},
     "delayed-2": {"delay": 2},
+    "expires-5": {"max_age": 5},
 }
 
 
@@ -84,6 +86,8 @@ def test_unknown_names(text: str, message: str) -> None:
         ("delayed-1.5", "is not a whole number, got '1.5'"),
         ("delayed--1", "is not a whole number, got '-1'"),
         ("bits-25", "bits: Input should be less than or equal to 24 (got 25)"),
+        ("expires-254", "max_age: Input should be less than or equal to 253 (got 254)"),
+        ("delayed-5+expires-4", "max_age 4 forgets messages before they arrive, 5 steps after"),
         ("range-0", "range: Input should be greater than 0 (got 0.0)"),
         ("range-inf", "range: Input should be a finite number"),
         ("ring-3", "'ring' takes no value, got 'ring-3'"),

@@ -31,6 +31,9 @@ NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05, direction=0.05)
         ("bearing+delay-2+dropout-0.1", BearingModel(delay=2, dropout=0.1)),
         ("lidar+range-1.5", LidarModel(range=1.5)),
         ("state+range-1.5", StateModel(limit=1.5)),
+        ("state-0+goal-for-10", StateModel(n_neighbors=0, goal_steps=10)),
+        ("bearing+goal-for-0+stack-2", BearingModel(goal_steps=0, stack=2)),
+        ("state+noise-5e-2", StateModel(noise=NOISE)),
         ("kind: lidar\nn_rays: 8", LidarModel(n_rays=8)),
         ('{"kind": "occupancy", "cells": 5}', OccupancyModel(cells=5)),
         ({"kind": "bearing", "noise": {"range": 0.1}}, BearingModel(noise=SensorNoise(range=0.1))),
@@ -53,6 +56,7 @@ def test_files(tmp_path: Path) -> None:
     [
         ("lidr", "unknown observation model 'lidr'. Did you mean 'lidar'"),
         ("lidar+nose-0.1", "unknown modifier of observations 'nose'. Did you mean 'noise'"),
+        ("state+goal-10", "unknown modifier of observations 'goal'. Did you mean 'goal-for'"),
         ({"kind": "lidr"}, "unknown observation model 'lidr'. Did you mean 'lidar'"),
         ("kind: [lidar]", "unknown observation model"),
         ("", "unknown observation model ''"),

@@ -137,6 +137,30 @@ def test_a_message_stays_readable_however_much_is_wrong() -> None:
     assert len(str(caught.value)) < 4000
 
 
+def test_only_models_that_hide_or_forget_say_so_and_older_specs_keep_their_hashes() -> None:
+    plain = TaskSpec.parse({"communication": {"kind": "broadcast"}})
+    assert "goal_steps" not in plain.to_json()
+    assert "max_age" not in plain.to_json()
+    for observation, communication in (({"goal_steps": 0}, {}), ({}, {"max_age": 0})):
+        changed = TaskSpec.parse(
+            {
+                "observation": {"kind": "state", **observation},
+                "communication": {"kind": "broadcast", **communication},
+            }
+        )
+        assert changed.hash() != plain.hash()
+        assert TaskSpec.from_text(changed.to_json()) == changed
+
+
+def test_a_robot_cannot_send_the_goal_that_is_hidden_from_it() -> None:
+    models = {
+        "observation": {"kind": "state", "goal_steps": 5},
+        "communication": {"kind": "broadcast", "payload": "pose_and_goal"},
+    }
+    with pytest.raises(SpecError, match="pose_and_goal sends the goal that"):
+        TaskSpec.parse(models)
+
+
 def test_only_policies_with_a_convention_write_it_so_that_older_recipes_keep_their_hashes() -> None:
     plain = PolicySource(label="a", name="scripted")
     kept = PolicySource(label="a", name="scripted", convention="keep-left")

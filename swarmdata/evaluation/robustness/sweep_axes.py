@@ -234,7 +234,7 @@ def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:
     for place in places:
         node: Any = spec.model_dump(mode="json")
         for key in place:
-            node = None if node is None else node[key]
+            node = None if node is None else node.get(key)  # absent: `goal_steps`, `max_age`
         found.add(node)
     return found.pop() if len(found) == 1 else None
 

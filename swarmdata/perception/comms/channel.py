@@ -8,15 +8,15 @@ from swarmdata.errors import SchemaError
 from swarmdata.perception.comms.links import NOT_DRAWN, TOPOLOGIES
 from swarmdata.perception.comms.payloads import (
     PAYLOAD_COLUMNS,
+    POSITIONS,
     broadcast_of,
     message_fields,
     quantizer,
     slot_features,
 )
-from swarmdata.perception.comms.transmission import Constants, Memory, transmit_all
+from swarmdata.perception.comms.transmission import MAX_AGE, Constants, Memory, transmit_all
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast
-from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import NEVER_RECEIVED, Bool, Double, Float, Int, Step
 
@@ -37,7 +37,8 @@ class Channel:
     6. Delay: the messages that remain arrive unchanged `delay` steps later.
 
     A robot sends its own measured state, with the noise and delay of its sensors, and takes
-    received positions relative to the same. It keeps the newest message of every other robot. The
+    received positions relative to the same. It keeps the newest message of every other robot, and
+    reads it until it is older than `max_age`; only the robot that it is for reads an errand. The
     messages are a function of the episode's seed, states and actions: the same alone and in any
     batch. `Step.delivered` marks the step of arrival; `Step.ages` counts from the step of sending.
 
@@ -136,7 +137,7 @@ def _constants(spec: TaskSpec) -> Constants:
     """Returns the constants of `transmit_all`, in its order."""
     model = broadcast_of(spec)
     columns = PAYLOAD_COLUMNS[model.payload]
-    is_position = [column in {X, Y, TX, TY} for column in columns]
+    is_position = [column in POSITIONS for column in columns]
     low, width = quantizer(spec)
     return (
         np.array(columns, dtype=np.int64),
@@ -158,6 +159,7 @@ def _limits(spec: TaskSpec, model: Broadcast) -> tuple[int, ...]:
         0 if model.bits is None else 1 << model.bits,
         model.bursts is not None,
         spec.observation.kind != "state",
+        MAX_AGE if model.max_age is None else model.max_age,
     )
 
 

@@ -13,15 +13,23 @@ from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import Robot, TaskSpec
-from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int
+from swarmdata.types import Bool, Counts, Double, Float, Int
+
+NEXT = N_COLUMNS
+"""Added to a column of the sender: the same column of the next robot, of the first after the last.
+"""
 
 PAYLOAD_COLUMNS = {
     "pose": (X, Y, UX, UY),
     "pose_and_goal": (X, Y, UX, UY, TX, TY),
+    "errand": (X, Y, UX, UY, NEXT + TX, NEXT + TY),
     "state": (X, Y, VX, VY, UX, UY),
     "learned": (),
 }
-"""Columns of the sender's part of the state that each payload carries, two for each vector."""
+"""Columns that each payload carries, from the sender's first one on, two for each vector."""
+
+POSITIONS = (X, Y, TX, TY, NEXT + TX, NEXT + TY)
+"""The columns that are positions in the world."""
 
 _FROM_OWN = "the sender's position when it sent, minus the own now, both as measured"
 
@@ -30,6 +38,12 @@ VECTOR_FEATURES = {
     VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
     UX: vector("heading", "direction", "the sender's heading when it sent"),
     TX: vector("target", "position", "its target when it sent, minus the own measured position"),
+    NEXT + TX: vector(
+        "errand",
+        "position",
+        "the own target when it was sent, minus the own measured position; 0 from senders that "
+        "know that of another robot",
+    ),
 }
 """Features of the vector that starts at a column."""
 
@@ -75,7 +89,11 @@ def message_fields(model: Broadcast) -> tuple[Feature, ...]:
 
 def slot_features(model: Broadcast, n_agents: int) -> tuple[Feature, ...]:
     """Returns the features of one robot's N - 1 slots, one for each other robot in agent order."""
-    return numbered("message", n_agents - 1, (*message_fields(model), *TRAILER_FEATURES))
+    age, mask, sender = TRAILER_FEATURES
+    if model.max_age is not None:
+        what = f"1 if a message of this sender is at most {model.max_age} steps old"
+        mask = mask._replace(meaning=what)
+    return numbered("message", n_agents - 1, (*message_fields(model), age, mask, sender))
 
 
 def quantizer(spec: TaskSpec) -> tuple[Double, Double]:
@@ -97,7 +115,7 @@ def _half_spans(model: Broadcast, robot: Robot, spec: TaskSpec) -> list[float]:
     spans = {X: width, Y: height, TX: width, TY: height, VX: speed, VY: speed, UX: 1.0, UY: 1.0}
     if model.payload == "learned":
         return [1.0] * model.message_size
-    return [spans[column] for column in PAYLOAD_COLUMNS[model.payload]]
+    return [spans[column % N_COLUMNS] for column in PAYLOAD_COLUMNS[model.payload]]
 
 
 @kernel(inline="always")
@@ -140,13 +158,13 @@ def compose(
         n_cells: cells of the quantiser, 0 for none.
         sent: written.
     """
-    is_learned = columns.shape[0] == 0
+    is_learned, n_values = columns.shape[0] == 0, N_COLUMNS * sent.shape[1]
     for j in range(sent.shape[1]):
         for c in range(sent.shape[2]):
             if is_learned:
                 value = 0.0 if begins else min(max(float(actions[e, j, c]), -1.0), 1.0)
             else:
-                value = float(known[e, N_COLUMNS * j + columns[c]])
+                value = float(known[e, (N_COLUMNS * j + columns[c]) % n_values])
             if n_cells > 0 and not (is_learned and begins):
                 value = quantize(value, low[j, c], width[j, c], n_cells)
             sent[e, j, c] = value
@@ -161,6 +179,7 @@ def write_slots(
     columns: Int,
     is_position: Bool,
     in_body_frame: bool,
+    max_age: int,
     out: Float,
 ) -> None:
     """Writes the slots of every robot of copy e, out [E, N, (N-1) (P+3)].
@@ -173,6 +192,7 @@ def write_slots(
         columns: of the payload; empty for learned messages, [P or 0].
         is_position: which of its columns are positions, [P or 0].
         in_body_frame: whether vectors are rotated into the receiver's body frame.
+        max_age: steps after which a message is forgotten, less than NEVER_RECEIVED.
         out: written.
     """
     n, size = held.shape[2], held.shape[3]
@@ -181,7 +201,7 @@ def write_slots(
         for j in range(n):
             if j == i:
                 continue
-            if ages[e, i, j] == NEVER_RECEIVED:
+            if ages[e, i, j] > max_age:
                 for c in range(size + 3):
                     out[e, i, o + c] = 0.0
             else:
@@ -189,7 +209,9 @@ def write_slots(
                     for c in range(size):
                         out[e, i, o + c] = held[e, i, j, c]
                 else:
-                    _write_vectors(known, e, i, j, held, is_position, in_body_frame, out, o)
+                    _write_vectors(
+                        known, e, i, j, held, columns, is_position, in_body_frame, out, o
+                    )
                 out[e, i, o + size] = min(ages[e, i, j], AGE_LIMIT) / AGE_LIMIT
                 out[e, i, o + size + 1] = 1.0
                 out[e, i, o + size + 2] = j / (n - 1)
@@ -203,15 +225,20 @@ def _write_vectors(
     i: int,
     j: int,
     held: Float,
+    columns: Int,
     is_position: Bool,
     in_body_frame: bool,
     out: Float,
     o: int,
 ) -> None:
-    """Writes robot j's message into out[e, i, o:], relative to robot i."""
+    """Writes robot j's message into out[e, i, o:], relative to robot i; no other robot's errand."""
+    is_next = (j + 1) % held.shape[2] == i
     first = N_COLUMNS * i
     ux, uy = float(known[e, first + UX]), float(known[e, first + UY])
     for c in range(0, held.shape[3], 2):
+        if columns[c] >= NEXT and not is_next:
+            out[e, i, o + c], out[e, i, o + c + 1] = 0.0, 0.0
+            continue
         vx, vy = float(held[e, i, j, c]), float(held[e, i, j, c + 1])
         if is_position[c]:
             vx -= float(known[e, first + X])

@@ -55,12 +55,13 @@ def transmit_all(
             [E, N, N].
         constants: columns of the payload, which of them are positions; lower ends and widths of
             the quantiser's cells, [N, P]; limits: topology, nearest senders, messages per step,
-            time slots, cells, bursts or not, body frame or not; chances: squared range, loss on
-            good and on bad links, probabilities to enter, leave and start in a burst.
+            time slots, cells, bursts or not, body frame or not, largest age; chances: squared
+            range, loss on good and on bad links, probabilities to enter, leave and start in a
+            burst.
     """
     messages, underway, held, newest, bad = memory
     columns, is_position, low, width, limits, chances = constants
-    n, n_cells, in_body_frame = sent.shape[1], limits[4], limits[6] != 0
+    n, n_cells, in_body_frame, max_age = sent.shape[1], limits[4], limits[6] != 0, limits[7]
     scratch = (
         np.empty((n, n), dtype=np.bool_),
         np.empty(limits[1], dtype=np.float64),
@@ -76,7 +77,7 @@ def transmit_all(
         compose(known, said, e, t == 0, columns, low, width, n_cells, sent)
         _choose(states, seeds[e], t, e, limits, chances, bad, scratch, underway[e, slot])
         _deliver(t, e, sent, messages, underway, held, newest, delivered, ages)
-        write_slots(known, e, held, newest, columns, is_position, in_body_frame, out)
+        write_slots(known, e, held, newest, columns, is_position, in_body_frame, max_age, out)
 
 
 @kernel(inline="always")

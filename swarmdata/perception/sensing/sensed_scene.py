@@ -9,7 +9,7 @@ import numpy as np
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import BOX, CIRCLE, bounding_radius
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.types import Double, Float
 
@@ -20,11 +20,17 @@ TARGET_NEAR = 0.01
 
 POLAR_FEATURES = (
     *vector("own.v", "velocity", "own velocity"),
-    Feature("target.distance", "range", "", "distance of the target / diagonal of the arena"),
-    *vector(
-        "target.bearing",
-        "direction",
-        "cosine and sine of the target's bearing; (0, 0) within 1 cm of it",
+    *telling_goals(
+        (
+            Feature(
+                "target.distance", "range", "", "distance of the target / diagonal of the arena"
+            ),
+            *vector(
+                "target.bearing",
+                "direction",
+                "cosine and sine of the target's bearing; (0, 0) within 1 cm of it",
+            ),
+        )
     ),
 )
 """The first features of every model in the body's frame."""

@@ -14,7 +14,7 @@ from swarmdata.perception.sensing.occupancy import Occupancy
 from swarmdata.perception.sensing.sensed_scene import Scene
 from swarmdata.perception.sensing.state import State
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature
+from swarmdata.specs.features import Feature, shown_for
 from swarmdata.specs.sensing_models import (
     BearingModel,
     LidarModel,
@@ -43,8 +43,8 @@ class Sensor:
 
     A frame holds the features of the model's kind and those of the task, in the same frame of
     reference, all computed from the world as each robot measured it. Noise and losses of single
-    beams and cells, delay and stacking follow; in teams with several roles the robot's role is
-    last.
+    beams and cells, hiding of the goal, delay and stacking follow; in teams with several roles the
+    robot's role is last.
 
     Args:
         task: the task; its spec contains the model.
@@ -62,6 +62,10 @@ class Sensor:
         kind, extra = self._sense.features, task.features
         frame = (*kind, *extra)
         self._n_sensed, self._size = len(kind), len(frame)
+        self._goal_steps = model.goal_steps
+        self._goal_columns = np.flatnonzero([feature.tells_goal for feature in frame])
+        if model.goal_steps is not None:
+            frame = tuple(shown_for(model.goal_steps, feature) for feature in frame)
         self._pairs = np.array(
             [len(kind) + k for k, feature in enumerate(extra) if feature.axis == "x"],
             dtype=np.int64,
@@ -125,6 +129,8 @@ class Sensor:
             turn(known, self._pairs, active, frame)
         if self._echoes is not None:
             self._echoes.degrade(step, active, frame[..., : self._n_sensed])
+        if self._goal_steps is not None:
+            hide_columns(step.times, self._goal_steps, self._goal_columns, active, frame)
         if self._history is not None:
             self._history.exchange(frame, active, frames)
         if n_roles:
@@ -173,6 +179,25 @@ def _role_codes(spec: TaskSpec) -> Float:
     n_roles = len(spec.team)
     codes = np.eye(n_roles, n_roles if n_roles > 1 else 0, dtype=np.float32)
     return np.repeat(codes, [role.count for role in spec.team], axis=0)
+
+
+@kernel
+def hide_columns(times: Int, n_steps: int, columns: Int, active: Bool, frame: Float) -> None:
+    """Sets columns to 0 from step `n_steps` of an episode on.
+
+    Args:
+        times: control steps since the reset, [E].
+        n_steps: steps that show the columns.
+        columns: to hide, [C].
+        active: copies to change, [E].
+        frame: changed, [E, N, F].
+    """
+    for b in range(frame.shape[0]):
+        if not active[b] or times[b] < n_steps:
+            continue
+        for i in range(frame.shape[1]):
+            for c in columns:
+                frame[b, i, c] = 0.0
 
 
 @kernel

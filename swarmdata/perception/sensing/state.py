@@ -13,7 +13,7 @@ from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import Scene
 from swarmdata.perception.sensing.smallest import order_keys, take_smallest
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.features import Feature, numbered, telling_goals, vector
 from swarmdata.specs.sensing_models import StateModel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, VX, VY, X, Y
 from swarmdata.types import Bool, Double, Float, Int
@@ -30,10 +30,14 @@ OWN_FEATURES = (
     Feature("own.y", "position", "y", "own position"),
     Feature("own.vx", "velocity", "x", "own velocity"),
     Feature("own.vy", "velocity", "y", "own velocity"),
-    Feature("own.goal_dx", "position", "x", _TO_TARGET),
-    Feature("own.goal_dy", "position", "y", _TO_TARGET),
-    Feature("own.goal_ux", "direction", "x", _TARGET_DIRECTION),
-    Feature("own.goal_uy", "direction", "y", _TARGET_DIRECTION),
+    *telling_goals(
+        (
+            Feature("own.goal_dx", "position", "x", _TO_TARGET),
+            Feature("own.goal_dy", "position", "y", _TO_TARGET),
+            Feature("own.goal_ux", "direction", "x", _TARGET_DIRECTION),
+            Feature("own.goal_uy", "direction", "y", _TARGET_DIRECTION),
+        )
+    ),
 )
 
 HEADING_FEATURES = vector("own.heading", "direction", "own heading")

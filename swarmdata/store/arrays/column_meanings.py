@@ -134,11 +134,20 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
         )
     rounding = f", rounded to one of {1 << model.bits} values" if model.bits else ""
     own = robot_columns(spec.half_size)
-    measured = tuple(
-        own[k]._replace(meaning=f"of the sender, measured by itself{rounding}: {own[k].meaning}")
-        for k in PAYLOAD_COLUMNS[model.payload]
+    following = tuple(
+        column._replace(
+            name=f"next_{column.name}",
+            meaning=f"of the robot after the sender{rounding}: {column.meaning}",
+        )
+        for column in own
     )
+    measured = tuple(
+        column._replace(meaning=f"of the sender, measured by itself{rounding}: {column.meaning}")
+        for column in own
+    )
+    columns = (*measured, *following)
+    sent = tuple(columns[k] for k in PAYLOAD_COLUMNS[model.payload])
     if spec.observation.noise.position == 0.0:
-        return measured
+        return sent
     # with noise, a robot may measure a position outside of the arena
-    return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in measured)
+    return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in sent)

@@ -25,6 +25,7 @@ MODELS = [
     ("bearing", "goal+nearest-2+bits-6"),
     ("occupancy+stack-2+delay-1", "bursty-20+range-1.5"),
     ("lidar", "learned-3+aloha-4"),
+    ("state-0+goal-for-5", "errand+lossy-30+expires-3"),
 ]
 
 

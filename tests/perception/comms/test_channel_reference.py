@@ -13,12 +13,17 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float
 
 DROP, BURST, TIME_SLOT = 0, 1, 2
-COLUMNS = {"pose": "x y ux uy", "pose_and_goal": "x y ux uy tx ty", "state": "x y vx vy ux uy"}
+COLUMNS = {
+    "pose": "x y ux uy",
+    "pose_and_goal": "x y ux uy tx ty",
+    "errand": "x y ux uy next_tx next_ty",
+    "state": "x y vx vy ux uy",
+}
 ROW = ("x", "y", "vx", "vy", "ux", "uy", "tx", "ty")
 
 broadcasts = st.fixed_dictionaries(
     {
-        "payload": st.sampled_from(["pose", "pose_and_goal", "state", "learned"]),
+        "payload": st.sampled_from([*COLUMNS, "learned"]),
         "message_size": st.integers(1, 3),
         "topology": st.sampled_from(["full", "nearest", "ring", "star"]),
         "n_nearest": st.integers(1, 4),
@@ -36,6 +41,7 @@ broadcasts = st.fixed_dictionaries(
         "messages_per_step": st.none() | st.integers(1, 3),
         "bits": st.none() | st.sampled_from([1, 3, 24]),
         "slots_in_step": st.none() | st.integers(1, 6),
+        "max_age": st.none() | st.integers(4, 6),
     }
 )
 
@@ -56,6 +62,8 @@ class SlowChannel:
         return float(uniform(derive(self.seed, STREAMS["channel"], t, purpose, *counters))[0])
 
     def value(self, t: int, j: int, name: str) -> float:
+        if name.startswith("next_"):
+            j, name = (j + 1) % self.n, name.removeprefix("next_")
         return float(self.rows[t, j, ROW.index(name)])
 
     def message(self, t: int, j: int) -> list[np.float32]:
@@ -137,16 +145,19 @@ class SlowChannel:
 
     def slot(self, t: int, i: int, j: int) -> list[float]:
         sent_at = self.newest(t, i, j)
-        if sent_at is None:
+        limit = self.model.max_age
+        if sent_at is None or (limit is not None and t - sent_at > limit):
             return [0.0] * (len(self.message(0, j)) + 3)
         values = [float(v) for v in self.message(sent_at, j)]
         heading = complex(self.value(t, i, "ux"), -self.value(t, i, "uy"))
         for c in range(0, len(self.names), 2):
             vector = complex(values[c], values[c + 1])
-            if self.names[c] in {"x", "tx"}:
+            if self.names[c] in {"x", "tx", "next_tx"}:
                 vector -= complex(self.value(t, i, "x"), self.value(t, i, "y"))
             if self.spec.observation.kind != "state":
                 vector *= heading
+            if self.names[c] == "next_tx" and i != (j + 1) % self.n:
+                vector = 0j
             values[c], values[c + 1] = vector.real, vector.imag
         return [*values, min(t - sent_at, 20) / 20, 1.0, j / max(self.n - 1, 1)]
 
@@ -157,7 +168,7 @@ class SlowChannel:
     st.integers(2, 6),
     st.sampled_from(["state", "lidar"]),
     st.integers(0, 2**32),
-    st.integers(2, 8),
+    st.integers(2, 10),
 )
 def test_equals_the_slow_channel(
     lab: Any, model: dict[str, Any], n: int, observation: str, draw: int, n_steps: int

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.interfaces import Task
-from swarmdata.specs.features import Feature
+from swarmdata.specs.features import Feature, telling_goals
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -26,7 +26,9 @@ class Still:
 
     def __init__(self, spec: TaskSpec, movables: Sequence[Payload], has_features: bool) -> None:
         self.spec, self.movables = spec, tuple(movables)
-        vector = (Feature("slot_x", "direction", "x"), Feature("slot_y", "direction", "y"))
+        vector = telling_goals(
+            (Feature("slot_x", "direction", "x"), Feature("slot_y", "direction", "y"))
+        )
         self.features = (*vector, Feature("number", "flag")) if has_features else ()
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:

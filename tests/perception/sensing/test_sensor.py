@@ -10,7 +10,10 @@ from hypothesis import strategies as st
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.perception.sensing import Sensor
-from swarmdata.specs.state_layout import N_COLUMNS, robots_of
+from swarmdata.registry.components import TASKS, make_env, make_task
+from swarmdata.registry.presets import preset
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
 from swarmdata.types import Float, Step
 
 KINDS = ("state", "lidar", "bearing", "occupancy")
@@ -144,6 +147,46 @@ def test_what_the_task_adds_is_in_the_models_frame(scenes: Any, kind: str) -> No
     expected = headings if kind == "state" else np.broadcast_to([1, 0], headings.shape)
     np.testing.assert_allclose(out[..., :2], expected, atol=1e-6)
     np.testing.assert_array_equal(out[..., 2], [range(4)] * 2)
+
+
+@pytest.mark.parametrize("worse", [{}, WORSE])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_goal_is_hidden_after_its_steps_and_nothing_else_changes(
+    scenes: Any, kind: str, worse: dict[str, Any]
+) -> None:
+    """A frame sensed while the goal was shown still shows it when it is late or stacked."""
+    plain, hiding = (
+        scenes.task({"kind": kind, **worse, **more}, has_features=True, team=TEAM)
+        for more in ({}, {"goal_steps": 2})
+    )
+    steps = episode(scenes, plain, 2, 7)
+    features, names = Sensor(plain, 2).features, [f.name for f in Sensor(hiding, 2).features]
+    expected, got = run(Sensor(plain, 2), 4, steps), run(Sensor(hiding, 2), 4, steps)
+    delay = plain.spec.observation.delay
+    for column, feature in enumerate(features):
+        assert ("shown_" in names[column]) == feature.tells_goal
+        age = int(feature.name.partition("[-")[2].rstrip("]") or 0)
+        for t in range(len(steps)):
+            is_hidden = feature.tells_goal and t - delay - age >= 2
+            want = 0 if is_hidden else expected[t, ..., column]
+            np.testing.assert_array_equal(got[t, ..., column], want)
+    assert sum(feature.tells_goal for feature in features) > 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["coop_nav-unassigned", *TASKS])
+def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> None:
+    spec = with_models(preset(name), f"{kind}+goal-for-0")
+    step = make_env(spec, 2).reset(np.arange(2, dtype=np.uint64))
+    task, states = make_task(spec), step.states.copy()
+    robots_of(states, spec.n_agents)[..., TX : TY + 1] *= -0.5
+    before, after = (
+        run(Sensor(task, 2), spec.n_agents, [each]) for each in (step, step._replace(states=states))
+    )
+    np.testing.assert_array_equal(before, after)
+    shown = Sensor(make_task(preset(name)), 2)
+    seen, other = run(shown, spec.n_agents, [step, step._replace(states=states)])
+    assert not np.array_equal(seen, other)
 
 
 def test_an_array_of_the_wrong_width_is_refused(scenes: Any) -> None:
