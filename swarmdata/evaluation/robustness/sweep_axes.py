@@ -234,7 +234,10 @@ def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:
     for place in places:
         node: Any = spec.model_dump(mode="json")
         for key in place:
-            node = None if node is None else node.get(key)  # absent: `goal_steps`, `max_age`
+            if isinstance(node, Mapping):
+                node = node.get(key)  # `goal_steps` and `max_age` may be left out
+            elif node is not None:
+                node = node[key]
         found.add(node)
     return found.pop() if len(found) == 1 else None
 
