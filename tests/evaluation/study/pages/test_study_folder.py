@@ -55,8 +55,8 @@ def test_everything_is_written_and_again_the_same(
     assert files[0] == tmp_path / "out" / "report.md"
     assert sorted(file.name for file in files) == [
         "cells.tar.xz", "clean.png", "collisions.png", "costs.csv", "curves.csv", "curves.png",
-        "data.csv", "estimates.csv", "losses-q.png", "report.md", "results.csv", "scores.png",
-        "sizes.png", "study.yaml",
+        "data.csv", "estimates.csv", "losses-q.png", "report.md", "results.csv",
+        "safety.png", "scores.png", "sizes.png", "study.yaml",
     ]  # fmt: skip
     page = files[0].read_text()
     assert "swarmdata study tiny.yaml" in page
