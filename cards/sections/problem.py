@@ -47,9 +47,14 @@ def task_section(task: Task) -> str:
 
 
 def _settings(prefix: str, model: Frozen) -> list[tuple[str, str]]:
-    """One row for each value of a part of the spec; nested parts are named by their path."""
-    rows = []
+    """One row for each value of a part of the spec; nested parts are named by their path.
+
+    Fields that the spec leaves out where they are absent have no row.
+    """
+    rows, written = [], model.model_dump()
     for name, value in model:
+        if name not in written:
+            continue
         path = f"{prefix}{name.replace('_', ' ')}"
         is_nested = isinstance(value, Frozen)
         rows += _settings(f"{path}: ", value) if is_nested else [(path, plain(value))]

@@ -15,7 +15,7 @@ from swarmdata.cards.sections.baselines import baselines_section, read_estimates
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER
-from swarmdata.evaluation.study.pages import study_folder
+from swarmdata.evaluation.study.pages import safety_section, study_folder
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
@@ -70,7 +70,8 @@ def test_everything_is_written_and_again_the_same(
     _, again = run_study(study, options, "swarmdata study tiny.yaml")
     assert again[0].read_text() == page
     assert Study.from_file(tmp_path / "out" / "study.yaml") == study
-    monkeypatch.setattr(study_folder, "MAX_ALGORITHMS_IN_FIGURE", 1)
+    for module in (study_folder, safety_section):
+        monkeypatch.setattr(module, "MAX_ALGORITHMS_IN_FIGURE", 1)
     _, files = run_study(study, replace(options, out=tmp_path / "few"), "swarmdata study tiny.yaml")
     assert "Return and collisions" not in files[0].read_text()
     assert not (tmp_path / "few" / "collisions.png").exists()
