@@ -7,7 +7,7 @@ from typing import NamedTuple
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.study.answers.answer_figures import plot_differences_from_zero
 from swarmdata.evaluation.study.answers.evidence import Evidence
-from swarmdata.evaluation.study.pages.differences_section import difference_table
+from swarmdata.evaluation.study.pages.differences_section import difference_table, not_compared
 from swarmdata.evaluation.study.pages.row_differences import (
     RowDifference,
     columns_of,
@@ -82,7 +82,7 @@ def tables_of(compared: Sequence[Compared]) -> str:
     """A table for each study, and what is missing."""
     parts = []
     for each in compared:
-        missing = f"\nNot compared yet: {'; '.join(each.missing)}.\n" if each.missing else ""
+        missing = f"\n{not_compared(each.missing)}\n" if each.missing else ""
         table = difference_table(each.differences, each.columns)
         parts.append(f"Study {each.evidence.name}:\n\n{table}{missing}")
     return "\n".join(parts)

@@ -17,6 +17,9 @@ from swarmdata.evaluation.study.pages.row_differences import (
     verdict_summary,
 )
 
+MAX_NAMED_PAIRS = 4
+"""Pairs without results that a sentence names."""
+
 
 def differences_sections(found: Findings, out: Path) -> dict[str, str]:
     """One section for each list of pairs, by its title.
@@ -35,13 +38,20 @@ def _section(found: Findings, name: str) -> str:
     sentences = [verdict_summary(differences, column) for column in columns if is_list]
     sentences += doubling_sentences(found, plan) if plan.doubling else []
     if missing := missing_pairs(found, plan):
-        sentences.append(f"Not compared yet: {'; '.join(missing)}.")
+        sentences.append(not_compared(missing))
     head = (
         "The first row minus the second, paired by episode. A difference is higher or lower if "
         "its whole interval is.\n\n"
     )
     table = difference_table(differences, columns) + "\n" if differences else ""
     return head + table + "".join(f"- {sentence}\n" for sentence in sentences)
+
+
+def not_compared(missing: Sequence[str]) -> str:
+    """The sentence that names the first pairs that are not measured, and counts the others."""
+    others = len(missing) - MAX_NAMED_PAIRS
+    tail = f"; and {others} more" if others > 0 else ""
+    return f"Not compared yet: {'; '.join(missing[:MAX_NAMED_PAIRS])}{tail}."
 
 
 def difference_table(differences: Sequence[RowDifference], columns: Sequence[Column]) -> str:
