@@ -33,9 +33,9 @@ Deviations:
   validation episodes, 2 or 3 seeds).
 - Learning rates decay along a cosine in each stage.
 
-On `coop_nav-ranks-two-conventions-mini`, whose data need a convention, it scores -26.4 and solves
-no episode (4,500 updates of 128 rows, 64 units, 3 seeds, 256 validation episodes); `bc_latent`
-scores 97.2 there.
+On `coop_nav-ranks-two-conventions-mini`, whose data need a convention, an earlier version, whose
+critics learned a third as fast, scored -26.4 and solved no episode (4,500 updates of 128 rows, 64
+units, 3 seeds, 256 validation episodes); `bc_latent` scores 97.2 there.
 """
 
 from dataclasses import dataclass

@@ -1,14 +1,15 @@
 """The second stage of training: the policy is extracted again, from critics that are final.
 
 An actor that climbs a critic while the critic learns decides what the critic values, and TD3+BC
-holds it to the data by an error that is the same everywhere.
-So actor-critics can train in two stages. In the first, critics learn the
-value of an actor that their own rule moves; a behavior density learns beside them. In the second,
-the last `extraction_share` of the updates, critics and density stand still, and the actor, which
-starts where it was, descends one of the losses of `extraction.objectives`. That critics stand still
-is not what helps: with `frozen_critics` off, `maddpg_bc` scored 71.3 on
-`coop_nav-medium-replay`, with it 68.9 (`cards/studies/validation`), and with 18,000
-updates 81.3 and 74.4 (`cards/studies/budgets`). Frozen is the default for data that are narrow.
+holds it to the data by an error that is the same everywhere. So actor-critics can train in two
+stages. In the first, critics learn the value of an actor that their own rule moves; a behavior
+density learns beside them. In the second, the last `extraction_share` of the updates, critics and
+density stand still, and the actor, which starts where it was, descends one of the losses of
+`extraction.objectives`.
+
+That critics stand still is not what helps. With `frozen_critics` off, `maddpg_bc` scored 71.3 on
+`coop_nav-medium-replay`, with it 68.9 (`cards/studies/validation`); with 18,000 updates 81.3 and
+74.4 (`cards/studies/budgets`). Frozen critics are the default for the sake of narrow data.
 
 The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i
 under the density divided by that of the actions, both as means over robots and rows of the first
