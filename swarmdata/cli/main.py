@@ -23,6 +23,7 @@ from swarmdata.cli import (
     sweep_commands,
     training_commands,
 )
+from swarmdata.cli.catalogue_commands import catalogue_app
 from swarmdata.cli.record_commands import record_app
 from swarmdata.cli.registry_commands import registry_app
 from swarmdata.cli.shared_options import (
@@ -69,6 +70,7 @@ app.add_typer(task_app, name="task")
 app.add_typer(registry_app, name="registry")
 app.add_typer(remote_commands.remote_app, name="remote")
 app.add_typer(record_app, name="record")
+app.add_typer(catalogue_app, name="catalogue")
 
 DatasetId = Annotated[
     str, typer.Argument(metavar="ID", help="dataset id, such as coop_nav-medium-mini")
