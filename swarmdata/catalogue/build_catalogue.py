@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.catalogue.drawings.episode_drawing import episode_drawing
+from swarmdata.catalogue.drawings.rewards_drawing import rewards_drawing
 from swarmdata.catalogue.elements import Html
 from swarmdata.catalogue.entries import Entry, find_entries
 from swarmdata.catalogue.findings import committed_findings, own_findings
@@ -84,7 +85,7 @@ def build_catalogue(
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
         drawings = _Drawings()
-        pictures = {entry.id: drawings.draw(entry) for entry in entries if entry.spec.world}
+        pictures = {entry.id: drawings.draw(entry) for entry in entries}
         _write(site, index_page(entries, pictures))
         _write(site, results_page(findings, known))
         for entry in entries:
@@ -133,20 +134,22 @@ class _Drawings:
 
     def draw(self, entry: Entry) -> Html:
         spec = entry.spec.world
-        assert spec is not None
         if entry.dataset is not None:
-            return _draw_median(entry.dataset, spec)
-        if not is_simulated(spec):
+            return _draw_median(entry.dataset)
+        if spec is None or not is_simulated(spec):
             return Html("")
         self._drawn[spec.hash()] += 1
         return _draw_start(spec, self._drawn[spec.hash()])
 
 
-def _draw_median(dataset: Dataset, spec: TaskSpec) -> Html:
+def _draw_median(dataset: Dataset) -> Html:
     returns = dataset.episodes.team_return
     middle = int(np.argsort(returns, kind="stable")[len(returns) // 2])
     episode = dataset[middle]
     label = f"Episode {middle} of {dataset.id}, of median return"
+    spec = dataset.recipe.spec.world
+    if spec is None:
+        return rewards_drawing(episode.rewards, f"{label}: rewards so far, by agent")
     return episode_drawing(spec, episode.layout, episode.states, label)
 
 

@@ -100,6 +100,7 @@ def _of_dataset(dataset: Dataset) -> Entry:
     if references is not None:
         score = float(normalized_score(figures.mean_return, references))
     is_generated = spec.world is not None and dataset.recipe.kind != "recording"
+    tells_success = spec.world is not None or figures.success > 0
     return Entry(
         id=dataset.id,
         tier=dataset.recipe.tier,
@@ -109,8 +110,8 @@ def _of_dataset(dataset: Dataset) -> Entry:
         n_episodes=manifest.n_episodes,
         n_bytes=sum(file.size for file in manifest.files.values()),
         mean_return=figures.mean_return,
-        success=figures.success,
-        clean_success=figures.clean_success,
+        success=figures.success if tells_success else None,
+        clean_success=figures.clean_success if spec.world is not None else None,
         score=score,
         digest=dataset.digest,
         card=_card_of(dataset),

@@ -136,6 +136,8 @@ def _of_study(folder: Path, place: str) -> Findings:
         if row["score"]
     }
     title = str(_plan(folder).get("title") or folder.name)
+    if not _is_shown(folder) and "validation" not in title:
+        title = f"{title} (validation seeds)"
     charts = (*_curves(folder), *_sweeps(folder))
     return Findings(title, place, outcomes, data, charts)
 

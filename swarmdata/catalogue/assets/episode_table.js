@@ -10,6 +10,7 @@ swarmdata.EpisodeTable = class {
     this.more = root.querySelector(".more");
     this.limit = 200;
     this.sort = { name: "index", direction: 1 };
+    this.columns = [...root.querySelectorAll("th[data-column]")].map((head) => head.dataset.column);
     this.rows = episodes.index.map((index, k) => ({
       index, position: k,
       policy: episodes.policies[episodes.policy[k]],
@@ -32,7 +33,8 @@ swarmdata.EpisodeTable = class {
   addHistograms() {
     const place = this.root.querySelector(".histograms");
     const kinds = [["return", "Return"], ["length", "Length, steps"], ["collisions", "Collisions"]];
-    this.histograms = kinds.map(([name, label]) => {
+    const known = kinds.filter(([name]) => this.columns.includes(name));
+    this.histograms = known.map(([name, label]) => {
       const values = this.rows.map((row) => row[name]);
       return new swarmdata.Histogram(name, label, values, () => this.update());
     });
@@ -115,10 +117,16 @@ swarmdata.EpisodeTable = class {
   renderRow(row) {
     const { el, number } = swarmdata;
     const open = el("button", { type: "button", "aria-label": `Show episode ${row.index}` }, String(row.index));
-    const node = el("tr", { "data-position": row.position, class: row.end },
-      el("td", {}, open), el("td", {}, row.policy), el("td", {}, swarmdata.outcomes[row.end]),
-      el("td", { class: "n" }, number(row.return, 2)), el("td", { class: "n" }, String(row.length)),
-      el("td", { class: "n" }, String(row.collisions)), el("td", {}, row.split));
+    const cells = {
+      index: el("td", {}, open),
+      policy: el("td", {}, row.policy),
+      end: el("td", {}, swarmdata.outcomes[row.end]),
+      return: el("td", { class: "n" }, number(row.return, 2)),
+      length: el("td", { class: "n" }, String(row.length)),
+      collisions: el("td", { class: "n" }, String(row.collisions)),
+      split: el("td", {}, row.split),
+    };
+    const node = el("tr", { "data-position": row.position }, ...this.columns.map((name) => cells[name]));
     node.addEventListener("click", () => this.onOpen(row.position));
     return node;
   }

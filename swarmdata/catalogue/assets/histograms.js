@@ -6,12 +6,13 @@ swarmdata.Histogram = class {
     this.onChange = onChange;
     const { el, svg } = swarmdata;
     this.plot = svg("svg", { viewBox: "0 0 200 60", preserveAspectRatio: "none", "aria-hidden": "true" });
-    const field = (which) =>
-      el("input", { type: "number", step: "any", "aria-label": `${label}, ${which}`, placeholder: which });
-    this.fields = [field("from"), field("to")];
+    const field = (which, end) =>
+      el("input", { type: "number", step: "any", "aria-label": `${label}, ${which}`, placeholder: end });
+    const ends = [Math.min(...values), Math.max(...values)].map((end) => String(Number(end.toPrecision(4))));
+    this.fields = [field("from", ends[0]), field("to", ends[1])];
     for (const one of this.fields) one.addEventListener("input", () => this.changed());
-    const ends = el("div", { class: "ends" }, this.fields[0], "to", this.fields[1]);
-    this.node = el("fieldset", { class: "histogram", "data-name": name }, el("legend", {}, label), this.plot, ends);
+    const range = el("div", { class: "ends" }, this.fields[0], "to", this.fields[1]);
+    this.node = el("fieldset", { class: "histogram", "data-name": name }, el("legend", {}, label), this.plot, range);
     this.bins = this.makeBins();
     this.dragFrom = null;
     this.plot.addEventListener("pointerdown", (event) => this.drag(event, true));
@@ -23,6 +24,7 @@ swarmdata.Histogram = class {
   makeBins() {
     const [low, high] = [Math.min(...this.values), Math.max(...this.values)];
     const whole = this.values.every(Number.isInteger);
+    if (low === high) return { low: low - 4, width: 1, n: 9, whole };
     const n = whole ? Math.min(24, high - low + 1) : 24;
     const width = whole ? Math.ceil((high - low + 1) / n) : (high - low) / n || 1;
     return { low, width, n: whole ? Math.ceil((high - low + 1) / width) : n, whole };

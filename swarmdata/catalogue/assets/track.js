@@ -1,4 +1,5 @@
-// The strip above the time bar: the return so far, and a tick for each event.
+// The strip above the time bar: the return so far, a tick for each event, and where time is.
+// Returns what moves the mark of the present time.
 "use strict";
 swarmdata.drawTrack = (svgNode, replay, duration) => {
   const { svg } = swarmdata;
@@ -15,5 +16,10 @@ swarmdata.drawTrack = (svgNode, replay, duration) => {
   const ticks = replay.events.map((event) =>
     svg("line", { x1: x(event.step), x2: x(event.step), y1: 0, y2: height, class: `tick ${event.kind}` }),
   );
-  svgNode.replaceChildren(zero, curve, ...ticks);
+  const now = svg("line", { y1: 0, y2: height, class: "now" });
+  svgNode.replaceChildren(zero, curve, ...ticks, now);
+  return (time) => {
+    now.setAttribute("x1", (time / duration) * width);
+    now.setAttribute("x2", (time / duration) * width);
+  };
 };

@@ -41,7 +41,8 @@ swarmdata.View = class {
   draw() {
     if (!this.replay || !this.canvas.width) return;
     const { replay, step, options } = this;
-    const pen = new swarmdata.Pen(this.canvas, replay.world, this.colors());
+    const world = { ...replay.world, colors: this.robotColors() };
+    const pen = new swarmdata.Pen(this.canvas, world, this.colors());
     swarmdata.marks.floor(pen);
     swarmdata.marks.obstacles(pen, replay);
     if (options.targets) swarmdata.marks.targets(pen, replay, step);
@@ -50,6 +51,16 @@ swarmdata.View = class {
     if (options.sensors) swarmdata.signals.sensors(pen, replay, step);
     swarmdata.robots.bodies(pen, replay, step, options);
     if (options.radio && replay.world.radio) swarmdata.signals.messages(pen, replay, step);
+  }
+
+  // The colors of robots are dark or light whatever the theme: dark ones are lit on a dark floor.
+  robotColors() {
+    const lit = Number(getComputedStyle(this.figure).getPropertyValue("--lighting"));
+    return this.replay.world.colors.map((color) => {
+      const parts = [1, 3, 5].map((k) => parseInt(color.slice(k, k + 2), 16));
+      const share = Math.max(0, lit - (0.3 * parts[0] + 0.6 * parts[1] + 0.1 * parts[2]) / 255);
+      return `rgb(${parts.map((part) => Math.round(part + share * (255 - part))).join(" ")})`;
+    });
   }
 
   colors() {

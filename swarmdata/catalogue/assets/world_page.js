@@ -18,7 +18,10 @@
   const screenOf = (view) => ({
     duration: view.replay.duration,
     dt: view.replay.world.dt,
-    at: (time) => view.at(time / view.replay.world.dt, options()),
+    at: (time) => {
+      view.at(time / view.replay.world.dt, options());
+      view.mark(time);
+    },
   });
   const player = new swarmdata.Player(viewer, () => remember());
 
@@ -66,12 +69,12 @@
   function refresh() {
     const active = views.filter((view, k) => view.replay && shown[k]);
     if (!active.length) return;
-    player.setScreens(active.map(screenOf));
-    const duration = player.duration;
+    const duration = Math.max(...active.map((view) => view.replay.duration));
     views.forEach((view, k) => {
       tracks[k].toggleAttribute("hidden", !active.includes(view));
-      if (active.includes(view)) swarmdata.drawTrack(tracks[k], view.replay, duration);
+      if (active.includes(view)) view.mark = swarmdata.drawTrack(tracks[k], view.replay, duration);
     });
+    player.setScreens(active.map(screenOf));
     listEvents(active);
   }
 
@@ -153,6 +156,12 @@
   compare.addEventListener("click", () => (shown[1] ? alone() : beside(page.key, null)));
   pickDataset.addEventListener("change", () => beside(pickDataset.value, null));
   pickEpisode.addEventListener("change", () => beside(pickDataset.value, Number(pickEpisode.value)));
+  for (const track of tracks) {
+    track.addEventListener("pointerdown", (event) => {
+      const box = track.getBoundingClientRect();
+      player.seek(((event.clientX - box.left) / box.width) * player.duration);
+    });
+  }
   for (const toggle of toggles) toggle.addEventListener("change", () => player.move(player.time));
   viewer.querySelector(".previous").addEventListener("click", () => choose(episodes.neighbor(-1)));
   viewer.querySelector(".next").addEventListener("click", () => choose(episodes.neighbor(1)));

@@ -38,8 +38,11 @@ def dataset_page(
     viewer = _absent(entry)
     if n_shown:
         scripts = WORLD_SCRIPTS if is_world else SERIES_SCRIPTS
-        shown = world_viewer(spec.world) if spec.world is not None else series_viewer()
-        viewer = element("div", shown, browser_part(_sample(entry, n_shown)), class_="dataset")
+        shown = series_viewer()
+        if spec.world is not None and entry.spec.world is not None:
+            shown = world_viewer(spec.world, entry.spec.world)
+        browser = browser_part(_sample(entry, n_shown), has_collisions=is_world)
+        viewer = element("div", shown, browser, class_="dataset")
     body = join(
         element("p", element("a", "Datasets", href="../index.html"), " / ", class_="crumbs"),
         element("h1", entry.id),

@@ -33,7 +33,9 @@ def score(value: float | None) -> str:
 
 def megabytes(n_bytes: int | None) -> str:
     """A size on disk."""
-    return UNKNOWN if n_bytes is None else f"{n_bytes / 1e6:,.0f} MB"
+    if n_bytes is None:
+        return UNKNOWN
+    return f"{n_bytes / 1e6:,.0f} MB" if n_bytes >= 1e6 else f"{n_bytes / 1e3:,.0f} kB"
 
 
 def interval(found: Estimate | None, factor: float = 1.0, decimals: int = 1) -> str:

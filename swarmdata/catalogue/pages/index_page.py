@@ -28,8 +28,7 @@ def index_page(entries: Sequence[Entry], pictures: dict[str, Html]) -> Page:
     n_shown = sum(entry.dataset is not None for entry in entries)
     intro = element(
         "p",
-        f"{count(len(entries), 'dataset')} of multi-robot tasks. Every episode shown of "
-        f"{n_shown} of them can be replayed.",
+        f"{count(len(entries), 'dataset')}. {n_shown:,} of them with episodes to replay.",
         class_="lead",
     )
     cards = [_card(entry, pictures.get(entry.id, join())) for entry in entries]

@@ -1,7 +1,9 @@
 """The results page: a chart for each dataset, the leaderboard, learning curves and robustness."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 
 from swarmdata.catalogue.drawings.estimate_chart import Bar, estimate_chart
 from swarmdata.catalogue.drawings.line_chart import line_chart
@@ -35,7 +37,11 @@ def results_page(findings: Sequence[Findings], known: frozenset[str]) -> Page:
             class_="lead",
         ),
         *([_leaderboard(found, known)] if found else [_nothing()]),
-        *(_figure(dataset, found, findings, known) for dataset in _datasets(found)),
+        element(
+            "div",
+            *(_figure(dataset, found, findings, known) for dataset in _datasets(found)),
+            class_="figures",
+        ),
         *(_charts(each) for each in findings if each.charts),
     )
     scripts = ("core.js", "sorting.js")
@@ -92,7 +98,11 @@ def _figure(
     quantity = _quantity([outcome for _, outcome in here])
     ranked = sorted(here, key=lambda each: -_height(each[1]))
     families = sorted({outcome.family for _, outcome in found})
-    bars = [_bar(source, outcome, quantity, families) for source, outcome in ranked[:MOST_ROWS]]
+    repeated = Counter(outcome.label for _, outcome in here)
+    bars = [
+        _bar(source, outcome, quantity, families, is_repeated=repeated[outcome.label] > 1)
+        for source, outcome in ranked[:MOST_ROWS]
+    ]
     data = next((each.data[dataset] for each in findings if dataset in each.data), None)
     chart = estimate_chart(
         bars,
@@ -118,9 +128,18 @@ def _figure(
     )
 
 
-def _bar(source: Findings, outcome: Outcome, quantity: str, families: Sequence[str]) -> Bar:
+def _bar(
+    source: Findings,
+    outcome: Outcome,
+    quantity: str,
+    families: Sequence[str],
+    *,
+    is_repeated: bool,
+) -> Bar:
     undefined = Estimate(math.nan, math.nan, math.nan)
     label = f"{outcome.label} *" if outcome.rewards else outcome.label
+    if is_repeated:
+        label += f" ({Path(source.place).name})"
     runs = f"{outcome.n_runs} training seeds; {source.title}"
     if outcome.rewards:
         runs += f"; learned from rewards {outcome.rewards}"

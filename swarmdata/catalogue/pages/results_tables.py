@@ -45,7 +45,7 @@ def outcomes_table(
             _number(str(outcome.n_runs or "–"), outcome.n_runs),
             _number(outcome.updates or "–", outcome.updates),
             *(_estimate(outcome, name, factor, digits) for name, _, factor, digits in QUANTITIES),
-            element("td", source.title, title=_source(source, outcome)),
+            element("td", source.title, class_="source", title=_source(source, outcome)),
         ]
         rows.append(element("tr", _label(outcome), *cells))
     head = element("tr", *(element("th", name, scope="col") for name in heads))

@@ -1,6 +1,8 @@
 """The parts of a dataset's page that scripts fill: the viewer and the table of episodes."""
 
 from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.specs.model_choice import describe
+from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.sensing_models import Broadcast, StateModel
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -24,8 +26,13 @@ KEYS = (
 )
 
 
-def world_viewer(spec: TaskSpec) -> Html:
-    """The viewer of replays, for one episode or two."""
+def world_viewer(spec: TaskSpec, recorded: TaskSpec) -> Html:
+    """The viewer of replays, for one episode or two.
+
+    Args:
+        spec: with the models that are shown.
+        recorded: with those that were recorded.
+    """
     options = [("trails", "trails", True), ("targets", "targets", True)]
     if _has_visible_sensors(spec):
         options.append(("sensors", "sensors", False))
@@ -60,6 +67,7 @@ def world_viewer(spec: TaskSpec) -> Html:
         _controls(side),
         element("fieldset", element("legend", "Show"), *toggles, class_="toggles"),
         _legend(spec),
+        *_reobserved(spec, recorded),
         events,
     )
     return _viewer(parts, "s")
@@ -77,14 +85,16 @@ def series_viewer() -> Html:
     return _viewer(parts, "steps")
 
 
-def browser_part(sample: str) -> Html:
+def browser_part(sample: str, *, has_collisions: bool) -> Html:
     """Histograms and the table of episodes.
 
     Args:
         sample: which episodes are in it, one sentence.
+        has_collisions: whether collisions were recorded.
     """
+    columns = [each for each in COLUMNS if has_collisions or each[0] != "collisions"]
     head = [
-        element("th", _sorter(key, label), scope="col", data_column=key) for key, label in COLUMNS
+        element("th", _sorter(key, label), scope="col", data_column=key) for key, label in columns
     ]
     choices = [
         element("label", label, element("select", element("option", "all", value=""), name=name))
@@ -158,6 +168,14 @@ def _has_visible_sensors(spec: TaskSpec) -> bool:
     return is_limited or any(robot.sensor_range is not None for robot in spec.robots)
 
 
+def _reobserved(spec: TaskSpec, recorded: TaskSpec) -> list[Html]:
+    """Says that the policies had other sensors and radios than those shown, if so."""
+    if spec == recorded:
+        return []
+    text = f"Shown with {describe(spec)}. The policies acted with {describe(recorded)}."
+    return [element("p", text, class_="legend")]
+
+
 def _legend(spec: TaskSpec) -> Html:
     """Says what the marks mean."""
     words = {
@@ -166,7 +184,10 @@ def _legend(spec: TaskSpec) -> Html:
         "formation": "Crosses are the robots' slots, discs slots that are held.",
         "transport": "The dashed outline is where the payload should be.",
     }
-    text = f"{words[spec.task]} A red halo is a contact. Above the time bar: the return so far, "
+    what = words[spec.task]
+    if isinstance(spec.rules, NavigationRules) and spec.rules.goals == "unassigned":
+        what = "Rings are goals, which any robot may cover."
+    text = f"{what} A red halo is a contact. Above the time bar: the return so far, "
     text += "and a tick for each event."
     if spec.observation.kind == "lidar":
         text += (
