@@ -8,7 +8,7 @@ swarmdata.Histogram = class {
     this.plot = svg("svg", { viewBox: "0 0 200 60", preserveAspectRatio: "none", "aria-hidden": "true" });
     const field = (which, end) =>
       el("input", { type: "number", step: "any", "aria-label": `${label}, ${which}`, placeholder: end });
-    const ends = [Math.min(...values), Math.max(...values)].map((end) => String(Number(end.toPrecision(4))));
+    const ends = [Math.min(...values), Math.max(...values)].map((end) => String(Number(end.toPrecision(3))));
     this.fields = [field("from", ends[0]), field("to", ends[1])];
     for (const one of this.fields) one.addEventListener("input", () => this.changed());
     const range = el("div", { class: "ends" }, this.fields[0], "to", this.fields[1]);

@@ -11,6 +11,9 @@ from swarmdata.catalogue.elements import Html, element
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 680.0, 52.0, 170.0, 28.0, 44.0
 LEAST_HEIGHT = 300.0
 LABEL_HEIGHT = 15.0
+MOST_BANDS = 8
+"""Lines up to which bands are drawn: more would hide each other."""
+
 N_DASHES = 3
 """Kinds of dashes, which change once the colors repeat."""
 
@@ -44,7 +47,8 @@ def line_chart(
     parts = [_axes(across, up, x_name, y_name)]
     heights = _spread({label: up.place(line[-1].value) for label, line in lines.items()}, up.start)
     for k, (label, line) in enumerate(lines.items()):
-        parts.append(_line(label, line, across, up, heights[label], k))
+        has_band = len(lines) <= MOST_BANDS
+        parts.append(_line(label, line, across, up, heights[label], k, has_band=has_band))
     return shapes.drawing(WIDTH, height, title, *parts, class_="chart")
 
 
@@ -63,13 +67,22 @@ def _axes(across: Axis, up: Axis, x_name: str, y_name: str) -> Html:
 
 
 def _line(
-    label: str, line: Sequence[PlottedPoint], across: Axis, up: Axis, label_y: float, k: int
+    label: str,
+    line: Sequence[PlottedPoint],
+    across: Axis,
+    up: Axis,
+    label_y: float,
+    k: int,
+    *,
+    has_band: bool,
 ) -> Html:
     means = [(across.place(point.x), up.place(point.value)) for point in line]
     low = [(across.place(point.x), up.place(point.low)) for point in line]
     high = [(across.place(point.x), up.place(point.high)) for point in line]
     name = shapes.text((WIDTH - RIGHT + 8, label_y + 4), label, class_="name")
-    band = shapes.path([*low, *reversed(high)], closed=True, class_="band")
+    band = ""
+    if has_band:
+        band = shapes.path([*low, *reversed(high)], closed=True, class_="band")
     looks = f"line series-{k % N_COLORS} dashed-{k // N_COLORS % N_DASHES}"
     return element("g", band, shapes.path(means, class_="mean"), name, class_=looks)
 

@@ -154,4 +154,6 @@ def _charts(findings: Findings) -> Html:
     for each in findings.charts:
         chart = line_chart(each.lines, each.x_name, each.y_name, f"{each.title}, {findings.title}")
         parts.append(element("figure", element("figcaption", each.title), chart))
-    return element("section", element("h2", findings.title), *parts, class_="figure")
+    return element(
+        "section", element("h2", findings.title), element("div", *parts, class_="figures")
+    )

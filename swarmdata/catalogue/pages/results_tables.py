@@ -34,8 +34,8 @@ def outcomes_table(
         has_dataset: whether the datasets are a column.
         known: ids of datasets that have a page, which rows link to.
     """
-    names = ["algorithm", *(["dataset"] if has_dataset else []), "family", "seeds", "updates"]
-    heads = [*names, *(head for _, head, *_ in QUANTITIES), "source"]
+    names = ["algorithm", *(["dataset"] if has_dataset else []), "family"]
+    numbers = ["seeds", "updates", *(head for _, head, *_ in QUANTITIES)]
     rows = []
     for source, outcome in found:
         dataset = [_dataset(outcome, root, known)] if has_dataset else []
@@ -48,7 +48,12 @@ def outcomes_table(
             element("td", source.title, class_="source", title=_source(source, outcome)),
         ]
         rows.append(element("tr", _label(outcome), *cells))
-    head = element("tr", *(element("th", name, scope="col") for name in heads))
+    head = element(
+        "tr",
+        *(element("th", name, scope="col") for name in names),
+        *(element("th", name, scope="col", class_="n") for name in numbers),
+        element("th", "source", scope="col"),
+    )
     inside = element(
         "table", element("thead", head), element("tbody", *rows), class_="sortable", id=key
     )

@@ -19,6 +19,9 @@ COLUMNS = (
 )
 """Columns of the table of episodes: key and head."""
 
+NUMBERS = frozenset({"return", "length", "collisions"})
+"""Columns that are aligned to the right."""
+
 KEYS = (
     ("Space", "play or pause"),
     ("← →", "one step; with Shift ten"),
@@ -94,7 +97,14 @@ def browser_part(sample: str, *, has_collisions: bool) -> Html:
     """
     columns = [each for each in COLUMNS if has_collisions or each[0] != "collisions"]
     head = [
-        element("th", _sorter(key, label), scope="col", data_column=key) for key, label in columns
+        element(
+            "th",
+            _sorter(key, label),
+            scope="col",
+            data_column=key,
+            class_="n" if key in NUMBERS else None,
+        )
+        for key, label in columns
     ]
     choices = [
         element("label", label, element("select", element("option", "all", value=""), name=name))
