@@ -11,7 +11,7 @@ from typing import Literal
 
 from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import DatasetError, MissingFileError, SpecError
+from swarmdata.errors import MissingFileError, SpecError, SwarmdataError
 from swarmdata.hub.catalog.catalog import known_references, list_datasets, load
 from swarmdata.registry.published import normalized_score, published
 from swarmdata.specs.origins import Spec
@@ -87,7 +87,7 @@ def _cached(note: Callable[[str], None]) -> list[Dataset]:
         if (folder / "manifest.json").is_file():
             try:
                 found.append(load(folder))
-            except DatasetError as error:
+            except SwarmdataError as error:
                 note(f"left out {folder}: {error}")
     return found
 

@@ -8,6 +8,8 @@ import pytest
 from swarmdata.catalogue.findings import committed_findings, own_findings
 from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.evaluation.results.result_files import save_result
+from tests.support.measured import MEDIUM, result
 
 HEAD = "label,family,dataset,rewards,digest,seeds,updates,frames,episodes,quantity,mean,low,high\n"
 ROW = "bc,cloning,coop_nav-medium-v1,,d1,5,4500,,1000,{},{},{},{}\n"
@@ -76,6 +78,23 @@ def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:
 
 def test_without_results_the_page_says_how_to_add_some() -> None:
     assert "swarmdata catalogue build --results FOLDER" in results_page([], frozenset()).body
+
+
+def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> None:
+    for index in (0, 1):
+        made = result(index=index, run=str(tmp_path / "runs" / "bc"), updates=3000, algorithm="bc")
+        save_result(made, tmp_path / "results")
+
+    (found,) = own_findings([tmp_path / "results"])
+
+    (outcome,) = found.outcomes
+    assert (outcome.label, outcome.dataset, outcome.n_runs) == ("bc", MEDIUM, 2)
+    assert outcome.updates == "3000"
+    assert all(run.endswith("runs/bc") for run in outcome.runs)
+    estimate = outcome.estimates["return"]
+    assert estimate.low < estimate.value < estimate.high
+    assert found.data[MEDIUM] > 0
+    assert "runs/bc" in results_page([found], frozenset({MEDIUM})).body
 
 
 def test_absent_results_are_one_sentence(tmp_path: Path) -> None:

@@ -75,35 +75,22 @@
       if (active.includes(view)) view.mark = swarmdata.drawTrack(tracks[k], view.replay, duration);
     });
     player.setScreens(active.map(screenOf));
-    listEvents(active);
-  }
-
-  function listEvents(active) {
-    const list = viewer.querySelector(".events ol");
-    const all = active.flatMap((view, k) => view.replay.events.map((event) => ({ ...event, k, dt: view.replay.world.dt })));
-    all.sort((a, b) => a.step * a.dt - b.step * b.dt);
-    const side = (k) => (active.length > 1 ? ["left: ", "right: "][k] : "");
-    const item = (event) => {
-      const time = event.step * event.dt;
-      const go = el("button", { type: "button", class: event.kind }, `${time.toFixed(1)} s`);
-      go.addEventListener("click", () => {
-        player.pause();
-        player.seek(time);
-      });
-      return el("li", {}, go, ` ${side(event.k)}${event.text}`);
+    const go = (time) => {
+      player.pause();
+      player.seek(time);
     };
-    list.replaceChildren(...all.map(item));
-    viewer.querySelector(".events summary").textContent = `Events (${all.length})`;
+    swarmdata.listEvents(viewer.querySelector(".events"), active.map((view) => view.replay), go);
   }
 
-  // Another dataset on the same seed where it has it, else its first episode.
+  // An episode of a dataset; of another one that of the same seed, where it has it.
   async function beside(key, index) {
     const table = await load(() => data.table(key));
     if (!table) return;
     let position = table.episodes.index.indexOf(index);
     const seed = own.episodes.seed[shown[0].position];
     const same = table.episodes.seed.indexOf(seed);
-    if (index === null) position = key !== page.key && same >= 0 ? same : Math.min(shown[0].position + 1, table.episodes.index.length - 1);
+    const last = table.episodes.index.length - 1;
+    if (index === null) position = key !== page.key && same >= 0 ? same : Math.min(shown[0].position + 1, last);
     if (position < 0) {
       notice.textContent = `Episode ${index} of ${key} is not among those shown.`;
       return;

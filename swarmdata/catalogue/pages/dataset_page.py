@@ -15,7 +15,7 @@ from swarmdata.specs.origins import Spec
 SHARED_SCRIPTS = ("core.js", "data.js", "link.js", "player.js", "histograms.js", "episode_table.js")
 WORLD_SCRIPTS = (
     *("core.js", "data.js", "replay.js", "rays.js", "pen.js", "marks.js", "robots.js"),
-    *("signals.js", "view.js", "track.js", "link.js", "player.js", "histograms.js"),
+    *("signals.js", "view.js", "track.js", "events.js", "link.js", "player.js", "histograms.js"),
     *("episode_table.js", "sorting.js", "world_page.js"),
 )
 SERIES_SCRIPTS = (*SHARED_SCRIPTS, "lines.js", "pictures.js", "sorting.js", "series_page.js")
@@ -44,7 +44,7 @@ def dataset_page(
         browser = browser_part(_sample(entry, n_shown), has_collisions=is_world)
         viewer = element("div", shown, browser, class_="dataset")
     body = join(
-        element("p", element("a", "Datasets", href="../index.html"), " / ", class_="crumbs"),
+        element("p", element("a", "‹ All datasets", href="../index.html"), class_="crumbs"),
         element("h1", entry.id),
         _facts(entry),
         viewer,
