@@ -54,18 +54,17 @@ class ExtractionConfig:
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
     frozen_critics: bool = True  # False: critics go on learning meanwhile
     inverse_temperature: float = 2.0  # in units of 1 / slope of Q
+    slope_limit: float = 1.0  # of `anchored`: of a robot's pull by Q, in units of the slope of Q
     density_floor: float = 0.1  # least deviation of the density
     extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
     max_extraction_weight: float = 20.0  # of `weighted`; Wang et al. 2020, section 4
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        numbers = (self.inverse_temperature, self.density_floor, self.max_extraction_weight)
-        if min(numbers) <= 0:
-            raise SchemaError(
-                f"inverse_temperature, density_floor and max_extraction_weight are {numbers}, "
-                "expected numbers above 0"
-            )
+        names = ("inverse_temperature", "slope_limit", "density_floor", "max_extraction_weight")
+        for name in names:
+            if getattr(self, name) <= 0:
+                raise SchemaError(f"{name} is {getattr(self, name)}, expected a number above 0")
         if not 0 < self.extraction_share < 1 or self.extraction_candidates < 2:
             raise SchemaError(
                 f"extraction_share is {self.extraction_share} and extraction_candidates "
@@ -165,7 +164,8 @@ class SecondStage:
         config, eta = self._config, self._config.inverse_temperature / self._slope
         if config.extraction == "anchored":
             values = valuer.of_policy(pi)
-            return anchored_loss(pi, values, *moments, eta), values
+            steepest = config.slope_limit * self._slope
+            return anchored_loss(pi, values, *moments, eta, steepest), values
         candidates = self._draw(moments)
         with torch.no_grad():
             drawn = valuer.of_candidates(candidates)  # [K, B, N, M]
