@@ -52,9 +52,9 @@ class ExtractionConfig:
 
     extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
-    frozen_critics: bool = True  # False: critics go on learning meanwhile
+    frozen_critics: bool = False  # whether critics stand still in the second stage
     inverse_temperature: float = 2.0  # in units of 1 / slope of Q
-    slope_limit: float = 1.0  # of `anchored`: of a robot's pull by Q, in units of the slope of Q
+    slope_limit: float = 1.5  # of `anchored`: of a robot's pull by Q, in units of the slope of Q
     density_floor: float = 0.1  # least deviation of the density
     extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
     max_extraction_weight: float = 20.0  # of `weighted`; Wang et al. 2020, section 4
