@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from swarmdata.drawing import markdown
-from swarmdata.errors import SchemaError
+from swarmdata.errors import PolicyFitError
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_set import group_results
@@ -73,7 +73,7 @@ def _transferred(found: Findings, cell: Cell, view: str, spec: TaskSpec) -> str:
         target = find_target(
             str(run), observation=spec.observation, communication=spec.communication
         )
-    except SchemaError:  # find_target compares what both views give with what the policy reads
+    except PolicyFitError:
         return NO_FIT
     folder = found.work / TRANSFER_FOLDER / cell.label / cell.data / view
     results = evaluate_target(
