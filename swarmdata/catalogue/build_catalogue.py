@@ -12,13 +12,13 @@ from swarmdata.catalogue.drawings.episode_drawing import episode_drawing
 from swarmdata.catalogue.drawings.rewards_drawing import rewards_drawing
 from swarmdata.catalogue.elements import Html
 from swarmdata.catalogue.entries import Entry, find_entries
-from swarmdata.catalogue.findings import committed_findings, own_findings
 from swarmdata.catalogue.pages.dataset_page import dataset_page
 from swarmdata.catalogue.pages.index_page import index_page
 from swarmdata.catalogue.pages.page_frame import Page, render
 from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.replays.data_files import write_data
 from swarmdata.catalogue.replays.episode_choice import choose_episodes
+from swarmdata.catalogue.result_sources import committed_sources, own_sources
 from swarmdata.catalogue.site_folder import check_site, copy_assets, replaced_site
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import check_messages
@@ -77,7 +77,7 @@ def build_catalogue(
         SwarmdataError: a dataset or a result cannot be read.
     """
     check_site(out)
-    findings = [*committed_findings(), *own_findings(choices.results)]
+    sources = [*committed_sources(), *own_sources(choices.results)]
     entries = find_entries(names, note, workers=choices.workers)
     specs = {entry.id: _shown_spec(entry, choices) for entry in entries}
     known = frozenset(entry.id for entry in entries)
@@ -87,7 +87,7 @@ def build_catalogue(
         drawings = _Drawings()
         pictures = {entry.id: drawings.draw(entry) for entry in entries}
         _write(site, index_page(entries, pictures))
-        _write(site, results_page(findings, known))
+        _write(site, results_page(sources, known))
         for entry in entries:
             n_shown = 0
             if entry.dataset is not None:
@@ -96,7 +96,7 @@ def build_catalogue(
                 n_shown = len(shown)
                 note(f"{entry.id}: {n_shown:,} episodes, {_size(site / 'data' / entry.key)}")
             peers = _peers(entry, entries)
-            _write(site, dataset_page(entry, specs[entry.id], n_shown, peers, findings))
+            _write(site, dataset_page(entry, specs[entry.id], n_shown, peers, sources))
     return out / "index.html"
 
 

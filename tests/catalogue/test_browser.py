@@ -57,6 +57,11 @@ class Visit:
     complaints: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
 
+    def hear(self, note: Any) -> None:
+        """Keeps errors and warnings of the console."""
+        if note.type in ("error", "warning"):
+            self.complaints.append(note.text)
+
     def open(self, path: str) -> None:
         """Opens a page of the catalogue and waits until its scripts have run."""
         self.page.goto(f"{self.site.as_uri()}/{path}")
@@ -86,10 +91,7 @@ def visit(browser: Any, site: Path) -> Iterator[Visit]:
     page = context.new_page()
     page.set_default_timeout(TIMEOUT)
     found = Visit(page, site)
-    page.on(
-        "console",
-        lambda note: note.type in ("error", "warning") and found.complaints.append(note.text),
-    )
+    page.on("console", found.hear)
     page.on("pageerror", lambda error: found.complaints.append(str(error)))
     page.on("request", lambda request: found.requests.append(request.url))
     yield found

@@ -16,7 +16,12 @@ RUNNER = CliRunner()
 def test_build_and_open(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "site"
     opened: list[str] = []
-    monkeypatch.setattr(webbrowser, "open", lambda address: not opened.append(address))
+
+    def show(address: str) -> bool:
+        opened.append(address)
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", show)
 
     built = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(out)])
     shown = RUNNER.invoke(app, ["catalogue", "open", "--out", str(out)])

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.catalogue.drawings import shapes
-from swarmdata.catalogue.drawings.shapes import Point
+from swarmdata.catalogue.drawings import svg_shapes
+from swarmdata.catalogue.drawings.svg_shapes import Point
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.envs.physics.public_backend import bars
 from swarmdata.envs.render.colors import robot_color
@@ -53,20 +53,20 @@ def episode_drawing(spec: TaskSpec, layout: Float, states: Float, label: str) ->
         color = "#{:02x}{:02x}{:02x}".format(*robot_color(i))
         at, target = place(*robots[i, [X, Y]].tolist()), place(*robots[i, [TX, TY]].tolist())
         mark = _target(spec, target, scale)
-        way = shapes.path(places(ways[:, i][:, [X, Y]]), class_="way") if len(some) > 1 else ""
-        body = shapes.disc(at, robot.radius * scale, class_="robot")
+        way = svg_shapes.path(places(ways[:, i][:, [X, Y]]), class_="way") if len(some) > 1 else ""
+        body = svg_shapes.disc(at, robot.radius * scale, class_="robot")
         parts.append(element("g", mark, way, body, color=color))
-    return shapes.drawing(width, height, label, *parts, class_="world")
+    return svg_shapes.drawing(width, height, label, *parts, class_="world")
 
 
 def _obstacle(row: Float, places: Places, scale: float) -> Html:
     if row[0] == CIRCLE:
         (center,) = places(row[None, 1:3])
-        return shapes.disc(center, float(row[5]) * scale, class_="obstacle")
+        return svg_shapes.disc(center, float(row[5]) * scale, class_="obstacle")
     corners = np.empty((MOST_BARS, 4, 2))
     found = corners[: bars(row, corners)]
     return element(
-        "g", *(shapes.path(places(bar), closed=True) for bar in found), class_="obstacle"
+        "g", *(svg_shapes.path(places(bar), closed=True) for bar in found), class_="obstacle"
     )
 
 
@@ -80,8 +80,8 @@ def _payload(spec: TaskSpec, state: Float, places: Places) -> list[Html]:
     wanted = payload_outline(spec.rules.payload, goal, np.asarray(towards, float))
     now = payload_outline(spec.rules.payload, body[:2], body[4:6])
     return [
-        shapes.path(places(wanted), closed=True, class_="wanted"),
-        shapes.path(places(now), closed=True, class_="payload"),
+        svg_shapes.path(places(wanted), closed=True, class_="wanted"),
+        svg_shapes.path(places(now), closed=True, class_="payload"),
     ]
 
 
@@ -89,10 +89,10 @@ def _target(spec: TaskSpec, at: Point, scale: float) -> Html:
     """The mark of where a robot should be, in its own color."""
     x, y = at
     if isinstance(spec.rules, NavigationRules | WarehouseRules):
-        return shapes.disc(at, spec.rules.goal_radius * scale, class_="goal")
+        return svg_shapes.disc(at, spec.rules.goal_radius * scale, class_="goal")
     if isinstance(spec.rules, TransportRules):
         return join()
     arm = 0.07 * scale
-    cross = [shapes.line((x - arm, y - arm), (x + arm, y + arm))]
-    cross.append(shapes.line((x - arm, y + arm), (x + arm, y - arm)))
+    cross = [svg_shapes.line((x - arm, y - arm), (x + arm, y + arm))]
+    cross.append(svg_shapes.line((x - arm, y + arm), (x + arm, y - arm)))
     return element("g", *cross, class_="slot")

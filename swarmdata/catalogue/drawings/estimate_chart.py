@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from swarmdata.catalogue.drawings import shapes
+from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.drawings.axes import Axis, nice_axis
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.rollouts.score_statistics import Estimate
@@ -41,20 +41,20 @@ def estimate_chart(bars: Sequence[Bar], quantity: str, title: str, data: float |
     parts = [_ticks(axis, base, quantity)]
     if data is not None:
         x = axis.place(data)
-        parts.append(shapes.line((x, TOP), (x, base), class_="data"))
-        parts.append(shapes.text((x, base + 38), "data", class_="data", text_anchor="middle"))
+        parts.append(svg_shapes.line((x, TOP), (x, base), class_="data"))
+        parts.append(svg_shapes.text((x, base + 38), "data", class_="data", text_anchor="middle"))
     parts += [_row(bar, TOP + ROW_HEIGHT * (k + 0.5), axis) for k, bar in enumerate(rows)]
-    return shapes.drawing(WIDTH, height, title, *parts, class_="chart")
+    return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart")
 
 
 def _ticks(axis: Axis, base: float, quantity: str) -> Html:
     parts = []
     for tick in axis.ticks:
         x = axis.place(tick)
-        parts.append(shapes.line((x, TOP), (x, base), class_="grid"))
-        parts.append(shapes.text((x, base + 15), axis.label(tick), text_anchor="middle"))
+        parts.append(svg_shapes.line((x, TOP), (x, base), class_="grid"))
+        parts.append(svg_shapes.text((x, base + 15), axis.label(tick), text_anchor="middle"))
     parts.append(
-        shapes.text((WIDTH - RIGHT, base + 38), quantity, text_anchor="end", class_="quantity")
+        svg_shapes.text((WIDTH - RIGHT, base + 38), quantity, text_anchor="end", class_="quantity")
     )
     return element("g", *parts, class_="axis")
 
@@ -63,9 +63,9 @@ def _row(bar: Bar, y: float, axis: Axis) -> Html:
     value, low, high = bar.estimate
     inside = []
     if not math.isnan(low):
-        inside.append(shapes.line((axis.place(low), y), (axis.place(high), y)))
-    inside.append(shapes.disc((axis.place(value), y), 4.5))
+        inside.append(svg_shapes.line((axis.place(low), y), (axis.place(high), y)))
+    inside.append(svg_shapes.disc((axis.place(value), y), 4.5))
     mark = element("g", *inside, class_=f"mark series-{bar.series % N_COLORS}")
-    name = shapes.text((LABEL_WIDTH - 12, y + 4), bar.label, text_anchor="end")
-    shown = shapes.text((WIDTH - RIGHT + 14, y + 4), axis.label(value, extra=1), class_="value")
+    name = svg_shapes.text((LABEL_WIDTH - 12, y + 4), bar.label, text_anchor="end")
+    shown = svg_shapes.text((WIDTH - RIGHT + 14, y + 4), axis.label(value, extra=1), class_="value")
     return element("g", element("title", f"{bar.label}: {bar.note}"), name, mark, shown)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from swarmdata.catalogue.drawings import shapes
+from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.drawings.axes import Axis, nice_axis
 from swarmdata.catalogue.drawings.estimate_chart import N_COLORS
 from swarmdata.catalogue.elements import Html, element
@@ -49,20 +49,20 @@ def line_chart(
     for k, (label, line) in enumerate(lines.items()):
         has_band = len(lines) <= MOST_BANDS
         parts.append(_line(label, line, across, up, heights[label], k, has_band=has_band))
-    return shapes.drawing(WIDTH, height, title, *parts, class_="chart")
+    return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart")
 
 
 def _axes(across: Axis, up: Axis, x_name: str, y_name: str) -> Html:
     base, parts = up.start, []
     for tick in up.ticks:
         y = up.place(tick)
-        parts.append(shapes.line((LEFT, y), (WIDTH - RIGHT, y), class_="grid"))
-        parts.append(shapes.text((LEFT - 8, y + 4), up.label(tick), text_anchor="end"))
+        parts.append(svg_shapes.line((LEFT, y), (WIDTH - RIGHT, y), class_="grid"))
+        parts.append(svg_shapes.text((LEFT - 8, y + 4), up.label(tick), text_anchor="end"))
     for tick in across.ticks:
         x = across.place(tick)
-        parts.append(shapes.text((x, base + 16), across.label(tick), text_anchor="middle"))
-    parts.append(shapes.text((WIDTH - RIGHT, base + 36), x_name, text_anchor="end"))
-    parts.append(shapes.text((LEFT, TOP - 12), y_name, class_="quantity"))
+        parts.append(svg_shapes.text((x, base + 16), across.label(tick), text_anchor="middle"))
+    parts.append(svg_shapes.text((WIDTH - RIGHT, base + 36), x_name, text_anchor="end"))
+    parts.append(svg_shapes.text((LEFT, TOP - 12), y_name, class_="quantity"))
     return element("g", *parts, class_="axis")
 
 
@@ -79,12 +79,12 @@ def _line(
     means = [(across.place(point.x), up.place(point.value)) for point in line]
     low = [(across.place(point.x), up.place(point.low)) for point in line]
     high = [(across.place(point.x), up.place(point.high)) for point in line]
-    name = shapes.text((WIDTH - RIGHT + 8, label_y + 4), label, class_="name")
+    name = svg_shapes.text((WIDTH - RIGHT + 8, label_y + 4), label, class_="name")
     band = ""
     if has_band:
-        band = shapes.path([*low, *reversed(high)], closed=True, class_="band")
+        band = svg_shapes.path([*low, *reversed(high)], closed=True, class_="band")
     looks = f"line series-{k % N_COLORS} dashed-{k // N_COLORS % N_DASHES}"
-    return element("g", band, shapes.path(means, class_="mean"), name, class_=looks)
+    return element("g", band, svg_shapes.path(means, class_="mean"), name, class_=looks)
 
 
 def _spread(heights: Mapping[str, float], base: float) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarmdata.catalogue.drawings import shapes
+from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.drawings.estimate_chart import N_COLORS
 from swarmdata.catalogue.elements import Html
 from swarmdata.types import Double, Float
@@ -30,11 +30,11 @@ def rewards_drawing(rewards: Float, label: str) -> Html:
 
     zero = float(up(np.zeros(1))[0])
     lines = [
-        shapes.path(
+        svg_shapes.path(
             list(zip(across.tolist(), up(sums[rows, i]).tolist(), strict=True)),
             class_=f"series-{i % N_COLORS}",
         )
         for i in range(sums.shape[1])
     ]
-    axis = shapes.line((MARGIN, zero), (WIDTH - MARGIN, zero))
-    return shapes.drawing(WIDTH, HEIGHT, label, axis, *lines, class_="rewards")
+    axis = svg_shapes.line((MARGIN, zero), (WIDTH - MARGIN, zero))
+    return svg_shapes.drawing(WIDTH, HEIGHT, label, axis, *lines, class_="rewards")

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.entries import Entry
-from swarmdata.catalogue.findings import Findings
 from swarmdata.catalogue.pages.card_html import card_html
 from swarmdata.catalogue.pages.figures_shown import count, megabytes, percent, score
 from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import outcomes_table
 from swarmdata.catalogue.pages.viewer_parts import browser_part, series_viewer, world_viewer
+from swarmdata.catalogue.result_sources import ResultSource
 from swarmdata.specs.origins import Spec
 
 SHARED_SCRIPTS = ("core.js", "data.js", "link.js", "player.js", "histograms.js", "episode_table.js")
@@ -22,7 +22,7 @@ SERIES_SCRIPTS = (*SHARED_SCRIPTS, "lines.js", "pictures.js", "sorting.js", "ser
 
 
 def dataset_page(
-    entry: Entry, spec: Spec, n_shown: int, peers: Sequence[str], findings: Sequence[Findings]
+    entry: Entry, spec: Spec, n_shown: int, peers: Sequence[str], sources: Sequence[ResultSource]
 ) -> Page:
     """Returns the page of a dataset.
 
@@ -31,7 +31,7 @@ def dataset_page(
         spec: through whose models its episodes are shown.
         n_shown: episodes that are shown; 0: none.
         peers: ids of other datasets in the same world, to show beside it.
-        findings: all results; those on this dataset are listed.
+        sources: all results; those on this dataset are listed.
     """
     is_world = spec.world is not None
     scripts: tuple[str, ...] = ("core.js", "sorting.js")
@@ -49,7 +49,7 @@ def dataset_page(
         _facts(entry),
         viewer,
         _loading(entry, spec),
-        _results(entry, findings),
+        _results(entry, sources),
         _card(entry),
     )
     data = {"key": entry.key, "peers": list(peers), "root": "../"}
@@ -118,10 +118,10 @@ def _loading(entry: Entry, spec: Spec) -> Html:
     return element("section", *parts, aria_labelledby="load")
 
 
-def _results(entry: Entry, findings: Sequence[Findings]) -> Html:
+def _results(entry: Entry, sources: Sequence[ResultSource]) -> Html:
     found = [
         (each, outcome)
-        for each in findings
+        for each in sources
         for outcome in each.outcomes
         if outcome.dataset.partition("@")[0] == entry.id
     ]

@@ -87,19 +87,11 @@ def _card(entry: Entry, picture: Html) -> Html:
         ("size", megabytes(entry.n_bytes)),
     ]
     figures = [element("div", element("dt", name), element("dd", value)) for name, value in facts]
-    tags = [
-        element("span", entry.spec.task, class_="tag task"),
-        element("span", entry.tier, class_="tag"),
-    ]
-    if entry.kind == "recorded":
-        tags.append(element("span", "recorded", class_="tag"))
-    if entry.dataset is not None:
-        tags.append(element("span", "▶ replays", class_="tag replays"))
     link = element("a", entry.id, href=f"datasets/{entry.key}.html")
     inside = (
         element("div", picture, class_="picture"),
         element("h2", link),
-        element("p", *tags, class_="tags"),
+        _tags(entry),
         element("dl", *figures),
     )
     return element(
@@ -118,3 +110,15 @@ def _card(entry: Entry, picture: Html) -> Html:
         data_replays="yes" if entry.dataset is not None else "no",
         data_shown=int(entry.dataset is not None),
     )
+
+
+def _tags(entry: Entry) -> Html:
+    tags = [
+        element("span", entry.spec.task, class_="tag task"),
+        element("span", entry.tier, class_="tag"),
+    ]
+    if entry.kind == "recorded" and entry.tier != "recorded":
+        tags.append(element("span", "recorded", class_="tag"))
+    if entry.dataset is not None:
+        tags.append(element("span", "▶ replays", class_="tag replays"))
+    return element("p", *tags, class_="tags")

@@ -8,25 +8,25 @@ from pathlib import Path
 from swarmdata.catalogue.drawings.estimate_chart import Bar, estimate_chart
 from swarmdata.catalogue.drawings.line_chart import line_chart
 from swarmdata.catalogue.elements import Html, element, join
-from swarmdata.catalogue.findings import Findings, Outcome
 from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import outcomes_table
+from swarmdata.catalogue.result_sources import Outcome, ResultSource
 from swarmdata.rollouts.score_statistics import Estimate
 
 MOST_ROWS = 24
 """Rows of a chart; the table has all."""
 
-Found = tuple[Findings, Outcome]
+Found = tuple[ResultSource, Outcome]
 
 
-def results_page(findings: Sequence[Findings], known: frozenset[str]) -> Page:
+def results_page(sources: Sequence[ResultSource], known: frozenset[str]) -> Page:
     """Returns the page of results.
 
     Args:
-        findings: of studies and of one's own.
+        sources: of studies and of one's own.
         known: ids of datasets that have a page.
     """
-    found = [(each, outcome) for each in findings for outcome in each.outcomes]
+    found = [(each, outcome) for each in sources for outcome in each.outcomes]
     body = join(
         element("h1", "Results"),
         element(
@@ -39,10 +39,10 @@ def results_page(findings: Sequence[Findings], known: frozenset[str]) -> Page:
         *([_leaderboard(found, known)] if found else [_nothing()]),
         element(
             "div",
-            *(_figure(dataset, found, findings, known) for dataset in _datasets(found)),
+            *(_figure(dataset, found, sources, known) for dataset in _datasets(found)),
             class_="figures",
         ),
-        *(_charts(each) for each in findings if each.charts),
+        *(_charts(each) for each in sources if each.charts),
     )
     scripts = ("core.js", "sorting.js")
     return Page("results.html", "swarmdata: results", body, scripts, {})
@@ -92,7 +92,7 @@ def _height(outcome: Outcome) -> float:
 
 
 def _figure(
-    dataset: str, found: Sequence[Found], findings: Sequence[Findings], known: frozenset[str]
+    dataset: str, found: Sequence[Found], sources: Sequence[ResultSource], known: frozenset[str]
 ) -> Html:
     here = [each for each in found if each[1].dataset == dataset]
     quantity = _quantity([outcome for _, outcome in here])
@@ -103,7 +103,7 @@ def _figure(
         _bar(source, outcome, quantity, families, is_repeated=repeated[outcome.label] > 1)
         for source, outcome in ranked[:MOST_ROWS]
     ]
-    data = next((each.data[dataset] for each in findings if dataset in each.data), None)
+    data = next((each.data[dataset] for each in sources if dataset in each.data), None)
     chart = estimate_chart(
         bars,
         quantity,
@@ -129,7 +129,7 @@ def _figure(
 
 
 def _bar(
-    source: Findings,
+    source: ResultSource,
     outcome: Outcome,
     quantity: str,
     families: Sequence[str],
@@ -149,11 +149,11 @@ def _bar(
     return Bar(label, estimate, families.index(outcome.family), runs)
 
 
-def _charts(findings: Findings) -> Html:
+def _charts(sources: ResultSource) -> Html:
     parts = []
-    for each in findings.charts:
-        chart = line_chart(each.lines, each.x_name, each.y_name, f"{each.title}, {findings.title}")
+    for each in sources.charts:
+        chart = line_chart(each.lines, each.x_name, each.y_name, f"{each.title}, {sources.title}")
         parts.append(element("figure", element("figcaption", each.title), chart))
     return element(
-        "section", element("h2", findings.title), element("div", *parts, class_="figures")
+        "section", element("h2", sources.title), element("div", *parts, class_="figures")
     )

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from swarmdata.catalogue.elements import Html, element
-from swarmdata.catalogue.findings import Findings, Outcome
 from swarmdata.catalogue.pages.figures_shown import interval
+from swarmdata.catalogue.result_sources import Outcome, ResultSource
 
 QUANTITIES = (
     ("score", "score", 1.0, 1),
@@ -19,7 +19,7 @@ QUANTITIES = (
 
 def outcomes_table(
     key: str,
-    found: Sequence[tuple[Findings, Outcome]],
+    found: Sequence[tuple[ResultSource, Outcome]],
     *,
     root: str,
     has_dataset: bool,
@@ -84,6 +84,6 @@ def _estimate(outcome: Outcome, name: str, factor: float, decimals: int) -> Html
     return element("td", text, class_="n", data_value=f"{value:.8g}")
 
 
-def _source(source: Findings, outcome: Outcome) -> str:
+def _source(source: ResultSource, outcome: Outcome) -> str:
     runs = f"; runs {', '.join(outcome.runs)}" if outcome.runs else ""
     return f"{source.place}{runs}"

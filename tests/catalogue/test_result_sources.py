@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.catalogue.findings import committed_findings, own_findings
 from swarmdata.catalogue.pages.results_page import results_page
+from swarmdata.catalogue.result_sources import committed_sources, own_sources
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import save_result
 from tests.support.measured import MEDIUM, result
@@ -37,7 +37,7 @@ def study(tmp_path: Path) -> Path:
 
 
 def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
-    (found,) = own_findings([study])
+    (found,) = own_sources([study])
 
     (outcome,) = found.outcomes
     assert (outcome.label, outcome.n_runs, outcome.dataset) == ("bc", 5, "coop_nav-medium-v1")
@@ -50,7 +50,7 @@ def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
 
 
 def test_the_page_shows_and_links_them(study: Path) -> None:
-    text = results_page(own_findings([study]), frozenset({"coop_nav-medium-v1"})).body
+    text = results_page(own_sources([study]), frozenset({"coop_nav-medium-v1"})).body
 
     assert 'href="datasets/coop_nav-medium-v1.html"' in text
     assert "50.0 [45.0, 55.0]" in text
@@ -60,11 +60,11 @@ def test_the_page_shows_and_links_them(study: Path) -> None:
 
 
 def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
-    assert "datasets/" not in results_page(own_findings([study]), frozenset()).body
+    assert "datasets/" not in results_page(own_sources([study]), frozenset()).body
 
 
 def test_studies_on_validation_seeds_are_no_committed_results() -> None:
-    places = {found.place for found in committed_findings()}
+    places = {found.place for found in committed_sources()}
 
     assert "cards/studies/goals" in places
     assert "cards/studies/validation" not in places
@@ -73,7 +73,7 @@ def test_studies_on_validation_seeds_are_no_committed_results() -> None:
 def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:
     (study / "study.yaml").write_text("title: Mine\nblock: validation\n")
 
-    assert own_findings([study])[0].title == "Mine (validation seeds)"
+    assert own_sources([study])[0].title == "Mine (validation seeds)"
 
 
 def test_without_results_the_page_says_how_to_add_some() -> None:
@@ -85,7 +85,7 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
         made = result(index=index, run=str(tmp_path / "runs" / "bc"), updates=3000, algorithm="bc")
         save_result(made, tmp_path / "results")
 
-    (found,) = own_findings([tmp_path / "results"])
+    (found,) = own_sources([tmp_path / "results"])
 
     (outcome,) = found.outcomes
     assert (outcome.label, outcome.dataset, outcome.n_runs) == ("bc", MEDIUM, 2)
@@ -99,7 +99,7 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
 
 def test_absent_results_are_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(DatasetNotFoundError, match=r"no results at .*absent.*swarmdata evaluate"):
-        own_findings([tmp_path / "absent"])
+        own_sources([tmp_path / "absent"])
 
 
 @pytest.mark.parametrize(
@@ -110,4 +110,4 @@ def test_broken_estimates_are_refused(study: Path, text: str, message: str) -> N
     (study / "estimates.csv").write_text(text)
 
     with pytest.raises(SchemaError, match=message):
-        own_findings([study])
+        own_sources([study])

@@ -1,4 +1,4 @@
-"""Findings: what the results page shows, read from studies and from result files of one's own.
+"""Sources of results: studies, and result files of one's own, as the results page shows them.
 
 A study's folder has `estimates.csv`, as `swarmdata study` writes it, and may have learning curves
 (`curves.csv`), figures of its data (`data.csv`) and sweeps (`sweep.csv`). Studies on validation
@@ -48,7 +48,7 @@ class LineSet:
 
 
 @dataclass(frozen=True)
-class Findings:
+class ResultSource:
     """The results of one source.
 
     Attributes:
@@ -66,14 +66,14 @@ class Findings:
     charts: tuple[LineSet, ...] = ()
 
 
-def committed_findings() -> list[Findings]:
+def committed_sources() -> list[ResultSource]:
     """The studies that are part of this installation."""
     with as_file(files("swarmdata.cards").joinpath("studies")) as folder:
         found = [path.parent for path in sorted(folder.glob(f"*/{ESTIMATES_FILE}"))]
         return [_of_study(path, f"cards/studies/{path.name}") for path in found if _is_shown(path)]
 
 
-def own_findings(places: Iterable[Path]) -> list[Findings]:
+def own_sources(places: Iterable[Path]) -> list[ResultSource]:
     """Reads results of one's own.
 
     Args:
@@ -87,7 +87,7 @@ def own_findings(places: Iterable[Path]) -> list[Findings]:
     return [_of_place(Path(place)) for place in places]
 
 
-def _of_place(place: Path) -> Findings:
+def _of_place(place: Path) -> ResultSource:
     if (place / ESTIMATES_FILE).is_file():
         return _of_study(place, str(place))
     if not place.exists():
@@ -107,7 +107,7 @@ def _of_place(place: Path) -> Findings:
             updates = "" if origin.updates is None else str(origin.updates)
             family = origin.algorithm or "policy without training"
             outcomes.append(Outcome(label, family, case.name, found, len(runs), updates, "", names))
-    return Findings(place.name, str(place), tuple(outcomes), data)
+    return ResultSource(place.name, str(place), tuple(outcomes), data)
 
 
 def _is_shown(folder: Path) -> bool:
@@ -121,7 +121,7 @@ def _plan(folder: Path) -> dict[str, object]:
     return plan if isinstance(plan, dict) else {}
 
 
-def _of_study(folder: Path, place: str) -> Findings:
+def _of_study(folder: Path, place: str) -> ResultSource:
     groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
     for row in _read(
         folder / ESTIMATES_FILE, ("label", "dataset", "quantity", "mean", "low", "high")
@@ -139,7 +139,7 @@ def _of_study(folder: Path, place: str) -> Findings:
     if not _is_shown(folder) and "validation" not in title:
         title = f"{title} (validation seeds)"
     charts = (*_curves(folder), *_sweeps(folder))
-    return Findings(title, place, outcomes, data, charts)
+    return ResultSource(title, place, outcomes, data, charts)
 
 
 def _outcome(rows: Rows, file: Path) -> Outcome:
