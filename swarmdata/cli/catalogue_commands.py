@@ -25,13 +25,15 @@ def build_command(
     ] = None,
     out: Site = Path("site"),
     episodes: Annotated[
-        int,
+        int | None,
         typer.Option(
-            min=1, help="most episodes of a dataset, a sample of every policy and outcome"
+            min=1,
+            help="most episodes of a dataset, a sample of every policy and outcome",
+            show_default="1000",
         ),
-    ] = 1000,
+    ] = None,
     all_episodes: Annotated[
-        bool, typer.Option("--all", help="show every episode, whatever --episodes says")
+        bool, typer.Option("--all", help="show every episode instead of a sample")
     ] = False,
     results: Annotated[
         list[Path] | None,
@@ -46,10 +48,16 @@ def build_command(
     They need no server and no network. An earlier catalogue in the folder is replaced when the new
     one is complete.
     """
-    from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
+    from swarmdata.catalogue.build_catalogue import (
+        DEFAULT_EPISODES,
+        CatalogueChoices,
+        build_catalogue,
+    )
 
+    if all_episodes and episodes is not None:
+        raise typer.BadParameter("cannot be combined with --episodes", param_hint="--all")
     choices = CatalogueChoices(
-        episodes=None if all_episodes else episodes,
+        episodes=None if all_episodes else episodes or DEFAULT_EPISODES,
         results=tuple(results or ()),
         observation=observation,
         communication=communication,

@@ -396,3 +396,17 @@ def test_everything_that_can_be_used_has_a_name(visit: Visit) -> None:
             ".map((each) => each.outerHTML.slice(0, 120))"
         )
         assert nameless == []
+
+
+def test_values_that_are_not_finite_are_no_bars_and_in_no_range(visit: Visit) -> None:
+    visit.open("datasets/painting_v1-mine-v0.html")
+
+    found = visit.run(
+        "(() => { const one = new swarmdata.Histogram('a', 'A', [NaN, 1, 2], () => {});"
+        " one.draw(new Set([0, 1, 2])); const before = one.accepts(0);"
+        " one.fields[0].value = '1';"
+        " return [before, one.accepts(0), one.accepts(1),"
+        " one.plot.querySelectorAll('[height=\"58\"].all').length] })()"
+    )
+
+    assert found == [True, False, True, 2]

@@ -63,6 +63,15 @@ def test_a_folder_of_something_else_is_refused(tiny: Path, tmp_path: Path) -> No
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+def test_all_episodes_and_a_number_of_them_exclude_each_other(tmp_path: Path) -> None:
+    options = ["--out", str(tmp_path / "site"), "--all", "--episodes", "3"]
+
+    result = RUNNER.invoke(app, ["catalogue", "build", *options])
+
+    assert result.exit_code == 2
+    assert "cannot be combined with --episodes" in result.output
+
+
 def test_every_option_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[object] = []
 

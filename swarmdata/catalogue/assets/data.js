@@ -20,7 +20,11 @@
     waiting.delete(path);
     if (resolve) resolve(content);
   };
-  swarmdata.episodes = (key, table) => arrived(`${key}/episodes.js`, table);
+  swarmdata.episodes = (key, table) => {
+    // JSON has no NaN: returns that are not finite arrive as null
+    table.episodes.return = table.episodes.return.map((value) => (value === null ? NaN : value));
+    arrived(`${key}/episodes.js`, table);
+  };
   swarmdata.chunk = (key, number, text) => arrived(`${key}/${number}.js`, text);
   swarmdata.images = (key, number, text) => arrived(`${key}/images-${number}.js`, text);
 

@@ -8,7 +8,8 @@ swarmdata.Histogram = class {
     this.plot = svg("svg", { viewBox: "0 0 200 60", preserveAspectRatio: "none", "aria-hidden": "true" });
     const field = (which, end) =>
       el("input", { type: "number", step: "any", "aria-label": `${label}, ${which}`, placeholder: end });
-    const ends = [Math.min(...values), Math.max(...values)].map((end) => String(Number(end.toPrecision(3))));
+    this.finite = values.filter(Number.isFinite);
+    const ends = [Math.min(...this.finite), Math.max(...this.finite)].map((end) => (Number.isFinite(end) ? String(Number(end.toPrecision(3))) : "–"));
     this.fields = [field("from", ends[0]), field("to", ends[1])];
     for (const one of this.fields) one.addEventListener("input", () => this.changed());
     const range = el("div", { class: "ends" }, this.fields[0], "to", this.fields[1]);
@@ -22,8 +23,9 @@ swarmdata.Histogram = class {
 
   // Bins with round ends: whole numbers get bins of whole width.
   makeBins() {
-    const [low, high] = [Math.min(...this.values), Math.max(...this.values)];
-    const whole = this.values.every(Number.isInteger);
+    const [low, high] = [Math.min(...this.finite), Math.max(...this.finite)];
+    const whole = this.finite.every(Number.isInteger);
+    if (!this.finite.length) return { low: 0, width: 1, n: 1, whole };
     if (low === high) return { low: low - 4, width: 1, n: 9, whole };
     const n = whole ? Math.min(24, high - low + 1) : 24;
     const width = whole ? Math.ceil((high - low + 1) / n) : (high - low) / n || 1;
@@ -42,6 +44,7 @@ swarmdata.Histogram = class {
 
   accepts(k) {
     const [from, to] = this.range();
+    if (from === -Infinity && to === Infinity) return true; // also what is not finite
     return this.values[k] >= from && this.values[k] <= to;
   }
 
@@ -58,10 +61,11 @@ swarmdata.Histogram = class {
     const { n } = this.bins;
     const [all, some] = [new Array(n).fill(0), new Array(n).fill(0)];
     this.values.forEach((value, k) => {
+      if (!Number.isFinite(value)) return;
       all[this.binOf(value)] += 1;
       if (kept.has(k)) some[this.binOf(value)] += 1;
     });
-    const most = Math.max(...all);
+    const most = Math.max(1, ...all);
     const bar = (count, k, name) =>
       swarmdata.svg("rect", {
         x: (k * 200) / n + 0.5, width: 200 / n - 1, class: name,

@@ -19,7 +19,8 @@ def rewards_drawing(rewards: Float, label: str) -> Html:
         rewards: of an episode, [T, N].
         label: for screen readers.
     """
-    sums = np.cumsum(np.nan_to_num(rewards[:, :MOST_AGENTS].astype(np.float64)), axis=0)
+    shown = rewards[:, :MOST_AGENTS].astype(np.float64)
+    sums = np.cumsum(np.where(np.isfinite(shown), shown, 0.0), axis=0)
     sums = np.concatenate([np.zeros_like(sums[:1]), sums])
     low, high = float(sums.min()), float(sums.max())
     rows = np.unique(np.linspace(0, len(sums) - 1, MOST_POINTS).astype(int))

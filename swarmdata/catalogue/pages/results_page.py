@@ -149,11 +149,9 @@ def _bar(
     return Bar(label, estimate, families.index(outcome.family), runs)
 
 
-def _charts(sources: ResultSource) -> Html:
+def _charts(source: ResultSource) -> Html:
     parts = []
-    for each in sources.charts:
-        chart = line_chart(each.lines, each.x_name, each.y_name, f"{each.title}, {sources.title}")
+    for each in source.charts:
+        chart = line_chart(each.lines, each.x_name, each.y_name, f"{each.title}, {source.title}")
         parts.append(element("figure", element("figcaption", each.title), chart))
-    return element(
-        "section", element("h2", sources.title), element("div", *parts, class_="figures")
-    )
+    return element("section", element("h2", source.title), element("div", *parts, class_="figures"))

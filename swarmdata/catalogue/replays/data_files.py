@@ -5,6 +5,7 @@ hundred kilobytes, so that a page loads at once and a replay in a moment.
 """
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -129,7 +130,10 @@ def _table(dataset: Dataset, shown: Int) -> dict[str, Any]:
     return {
         "index": shown.tolist(),
         "length": table.lengths.tolist(),
-        "return": [float(f"{value:.6g}") for value in table.team_return.tolist()],
+        "return": [
+            float(f"{value:.6g}") if math.isfinite(value) else None
+            for value in table.team_return.tolist()
+        ],
         "end": table.end_reason.tolist(),
         "policy": table.policy.tolist(),
         "split": table.split.tolist(),

@@ -57,16 +57,18 @@ class SeriesColumns:
             Panel(name, min(size, MOST_LINES), size) for name, size in sizes.items() if size
         ]
         ends = [_ends(self._values(episode)) for episode in episodes]
-        self._low = np.nanmin([low for low, _ in ends], axis=0)
-        self._high = np.nanmax([high for _, high in ends], axis=0)
-        flat = ~(self._high > self._low)
-        self._high = np.where(flat, self._low + 1.0, self._high)
+        self._low = np.fmin.reduce([low for low, _ in ends])
+        self._high = np.fmax.reduce([high for _, high in ends])
+        self._low = np.where(np.isfinite(self._low), self._low, 0.0)  # nothing is finite: no line
+        self._high = np.where(self._high > self._low, self._high, self._low + 1.0)
 
     def moving(self, episode: Episode) -> Int:
         """Codes of all lines, panel by panel and agent by agent, [T+1, lines]."""
         values = self._values(episode)
-        codes = np.rint((values - self._low) / (self._high - self._low) * N_LEVELS)
-        return np.where(np.isfinite(values), codes, UNDEFINED).astype(np.int64)
+        is_finite = np.isfinite(values)
+        shares = (np.where(is_finite, values, 0.0) - self._low) / (self._high - self._low)
+        codes = np.rint(shares * N_LEVELS)
+        return np.where(is_finite, codes, UNDEFINED).astype(np.int64)
 
     def images(self, episode: Episode) -> tuple[Int, Columns]:
         """Which states are shown as images, [K], and their pixels, [K, agents * H * W * 3]."""
@@ -146,4 +148,4 @@ def _ends(values: Double) -> tuple[Double, Double]:
 
 
 def _rounded(values: Double) -> list[float]:
-    return [float(f"{value:.4g}") if np.isfinite(value) else 0.0 for value in values]
+    return [float(f"{value:.4g}") for value in values]

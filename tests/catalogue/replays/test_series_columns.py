@@ -1,5 +1,6 @@
 """Arrays of other environments as lines, and images as images."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,9 +46,16 @@ def test_images_are_shown_as_images(tmp_path: Path) -> None:
 
 def test_values_that_are_not_finite_have_a_code_of_their_own(tmp_path: Path) -> None:
     dataset = record_images(tmp_path / "ds", 1)
-    columns = SeriesColumns(dataset.spec, list(dataset))
+    rewards = dataset[0].rewards.copy()
+    rewards[2, 0], rewards[3, 0], rewards[:, 1] = np.nan, np.inf, np.nan
+    episode = replace(dataset[0], rewards=rewards)
+    columns = SeriesColumns(dataset.spec, [episode])
 
-    assert (columns.moving(dataset[0])[0] == -1).all()
+    codes = columns.moving(episode)
+
+    assert codes[:, 0].tolist() == [-1, 0, 500, -1, -1, 500, 1000, 0, 500, 1000]
+    assert (codes[:, 1] == -1).all()
+    assert columns.describe()["low"][1] == 0.0
 
 
 @pytest.mark.parametrize(("side", "shown"), [(20, 20), (96, IMAGE_SIDE)])
