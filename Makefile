@@ -82,7 +82,7 @@ learns: $(STAMPS)/test
 	$(BIN)/python -m pytest -m 'learns and not gpu' $(ARGS)
 
 bench: $(STAMPS)/test
-	set -e; for file in $(filter-out %/bench_digests.py %/bench_continuation.py,$(wildcard tests/benchmarks/bench_*.py)); do \
+	set -e; for file in $(filter-out %/bench_digests.py %/bench_continuation.py %/bench_memory.py,$(wildcard tests/benchmarks/bench_*.py)); do \
 	echo "== $$file"; $(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
 
 digests: $(STAMPS)/test
