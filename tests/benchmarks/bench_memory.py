@@ -49,43 +49,35 @@ class View(NamedTuple):
     dataset: str
     observation: str
     communication: str
+    four_steps: str | None = None  # the communication whose messages count for three steps more
+    burn_in: int = 10  # steps that a gated unit sees before a segment
 
 
 VIEWS = {
     "scripted": View("coop_nav-scripted", "state", "none"),
     "lidar-16": View("coop_nav-expert", "lidar-16", "none"),
     "bearing": View("coop_nav-expert", "bearing", "none"),
+    "goal-for-10": View("coop_nav-expert", "state+goal-for-10", "none", burn_in=60),
     "errand-lossy-60": View(
-        "coop_nav-expert", "state+goal-for-0", "errand+lossy-60+expires-0"
+        "coop_nav-expert", "state+goal-for-0", "errand+lossy-60+expires-0",
+        four_steps="errand+lossy-60+expires-3",
     ),
     "errand-delayed-2": View(
-        "coop_nav-expert", "state+goal-for-0", "errand+delayed-2+expires-2"
+        "coop_nav-expert", "state+goal-for-0", "errand+delayed-2+expires-2",
+        four_steps="errand+delayed-2+expires-5",
     ),
-    "goal-for-10": View("coop_nav-expert", "state+goal-for-10", "none"),
 }  # fmt: skip
 """By the name of their column. The first is as recorded; the others are of experts that observed
-everything, so that what is missing is what robots of the view cannot know."""
+everything, so that what is missing is what robots of the view cannot know. A goal that is shown in
+the first 10 steps is known in a segment only if the burn-in reaches back to them."""
 
-
-class Memory(NamedTuple):
-    """What a policy acts on."""
-
-    observation: str  # what the observation model gets besides
-    settings: Mapping[str, str]
-
-
-MEMORIES = {
-    "present": Memory("", {}),
-    "stack-4": Memory("+stack-4", {}),
-    "gru": Memory("", {"memory": "gru"}),
-}
-"""By the name of their row; the first is what the others are compared with."""
-
-PRESENT = "present"
+PRESENT, STACK, GRU = MEMORIES = ("present", "stack-4", "gru")
+"""What a policy acts on: the present, which the others are compared with; the last four steps; all
+of the episode. `stack-4` stacks what robots sense, and messages are kept as long."""
 
 
 class Row(NamedTuple):
-    """An algorithm with a memory."""
+    """An algorithm, and what its policies act on."""
 
     algorithm: str
     memory: str  # of `MEMORIES`
@@ -96,13 +88,22 @@ class Row(NamedTuple):
         return f"{self.algorithm}-{self.memory}"
 
 
-def config_of(row: Row, budget: Budget) -> object:
-    """The defaults at a budget, with the memory."""
+def config_of(row: Row, view: View, budget: Budget) -> object:
+    """The defaults at a budget, with the memory that the view needs."""
     config = resolve("algorithm", OFFLINE_ALGORITHMS, row.algorithm).Config()
     units = f"{budget.units},{budget.units}"
     changes = {"n_updates": str(budget.n_updates), "batch_size": str(budget.batch_size)}
     changes |= {name: units for name in NETWORKS if hasattr(config, name)}
-    return override(config, {**changes, **MEMORIES[row.memory].settings})
+    if row.memory == GRU:
+        changes |= {"memory": "gru", "burn_in": str(view.burn_in)}
+    return override(config, changes)
+
+
+def models_of(view: View, memory: str) -> tuple[str, str]:
+    """The models of sensors and radio with which policies of a memory observe a view."""
+    if memory != STACK:
+        return view.observation, view.communication
+    return f"{view.observation}+{STACK}", view.four_steps or view.communication
 
 
 def smaller(dataset_id: str, n_steps: int, folder: Path) -> Dataset:
@@ -115,11 +116,12 @@ def smaller(dataset_id: str, n_steps: int, folder: Path) -> Dataset:
     return subsample_dataset(whole, out, id=name, n_steps=n_steps)
 
 
-def train_row(row: Row, data: Dataset, budget: Budget, kept: Kept) -> None:
+def train_row(row: Row, view: View, data: Dataset, budget: Budget, kept: Kept) -> None:
     """Trains and plays all seeds of a row, unless they are kept.
 
     Args:
         row: what to train.
+        view: what it is trained in.
         data: as robots with this memory observe them.
         budget: how much.
         kept: of the view.
@@ -135,7 +137,7 @@ def train_row(row: Row, data: Dataset, budget: Budget, kept: Kept) -> None:
             data.split("train"),
             folder,
             seeds=range(budget.n_seeds),
-            config=config_of(row, budget),
+            config=config_of(row, view, budget),
             schedule=Schedule(
                 checkpoint_every=budget.n_updates, log_every=min(100, budget.n_updates)
             ),
@@ -155,15 +157,13 @@ def train_row(row: Row, data: Dataset, budget: Budget, kept: Kept) -> None:
 def train_view(view: View, rows: Sequence[Row], n_steps: int, budget: Budget, kept: Kept) -> None:
     """Trains and plays the rows of a view that are not kept yet."""
     recorded = smaller(view.dataset, n_steps, kept.folder.parents[1] / "data")
-    for memory, model in MEMORIES.items():
+    for memory in MEMORIES:
         missing = [row for row in rows if row.memory == memory]
         if all(kept.read(row.file_name, budget) is not None for row in missing):
             continue
-        data = recorded.reobserve(
-            view.observation + model.observation, view.communication, progress=False
-        )
+        data = recorded.reobserve(*models_of(view, memory), progress=False)
         for row in missing:
-            train_row(row, data, budget, kept)
+            train_row(row, view, data, budget, kept)
 
 
 Found = Mapping[str, Mapping[Row, Played]]
@@ -247,16 +247,25 @@ def seconds(row: Row, found: Found) -> str:
     return low if low == high else f"{low}–{high}"
 
 
+def described(name: str) -> str:
+    """Says what robots of a view sense and hear."""
+    view = VIEWS[name]
+    parts = [f"`{name}`: `{view.dataset}` seen with `{view.observation}`"]
+    if view.communication != "none":
+        parts.append(f", heard with `{view.communication}`")
+    if view.four_steps is not None:
+        parts.append(f" (beside `{STACK}`: `{view.four_steps}`)")
+    if view.burn_in != View._field_defaults["burn_in"]:
+        parts.append(f", `burn_in={view.burn_in}`")
+    return "".join(parts)
+
+
 def text(budget: Budget, n_steps: int, found: Found) -> str:
     """The section of docs/benchmarks.md."""
-    views = "; ".join(
-        f"`{name}`: `{VIEWS[name].dataset}` seen with `{VIEWS[name].observation}` and heard with "
-        f"`{VIEWS[name].communication}`"
-        for name in found
-    )
+    views = "; ".join(described(name) for name in found)
     intro = (
         "Policies of the present observation, of the last four (`stack-4`), and with a gated unit "
-        f"(`memory=gru`), in views of data: {views}. {budget.n_updates:,} updates of "
+        f"(`memory=gru`), in views of data. {views}. {budget.n_updates:,} updates of "
         f"{budget.batch_size} joint transitions from {n_steps:,} recorded steps, hidden layers of "
         f"{budget.units} units, {budget.n_seeds} seeds, {budget.n_episodes} validation episodes; "
         "everything else as in the defaults. A score of 100 is the expert that observes "
@@ -275,7 +284,7 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     parser.add_argument("--views", nargs="+", default=tuple(VIEWS), choices=tuple(VIEWS))
     parser.add_argument("--algorithms", nargs="+", default=ALGORITHMS, choices=ALGORITHMS)
-    parser.add_argument("--memories", nargs="+", default=tuple(MEMORIES), choices=tuple(MEMORIES))
+    parser.add_argument("--memories", nargs="+", default=MEMORIES, choices=MEMORIES)
     parser.add_argument("--steps", type=int, default=200_000, help="recorded joint steps")
     parser.add_argument("--updates", type=int, default=3_000)
     parser.add_argument("--batch", type=int, default=Budget.batch_size)

@@ -17,9 +17,9 @@ from tests.benchmarks.bench_memory import (
     MEMORIES,
     VIEWS,
     Row,
-    View,
     config_of,
     main,
+    models_of,
     read,
     smaller,
     text,
@@ -49,15 +49,22 @@ def played(returns: float, seconds: float = 3.0) -> Played:
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_rows_differ_in_memory_alone(algorithm: str) -> None:
-    configs = {memory: config_of(Row(algorithm, memory), BUDGET) for memory in MEMORIES}
-    present, gru = configs["present"], configs["gru"]
-    assert configs["stack-4"] == present  # it is in the observations
+    view = VIEWS["goal-for-10"]
+    present, stacked, gru = (config_of(Row(algorithm, memory), view, BUDGET) for memory in MEMORIES)
+    assert stacked == present  # it is in the observations
     assert isinstance(gru, MemorySettings)
-    assert gru.has_memory
-    assert replace(gru, memory="none") == present
+    assert (gru.memory, gru.burn_in) == ("gru", 60)
+    assert replace(gru, memory="none", burn_in=10) == present
     assert present.n_updates == 10  # type: ignore[attr-defined]
     for name in ("hidden", "actor_hidden", "critic_hidden", "flow_hidden"):
         assert getattr(present, name, (8, 8)) == (8, 8)
+
+
+def test_four_steps_are_sensed_and_heard() -> None:
+    assert models_of(VIEWS["lidar-16"], "gru") == ("lidar-16", "none")
+    assert models_of(VIEWS["lidar-16"], "stack-4") == ("lidar-16+stack-4", "none")
+    expected = "state+goal-for-0+stack-4", "errand+delayed-2+expires-5"
+    assert models_of(VIEWS["errand-delayed-2"], "stack-4") == expected
 
 
 @pytest.mark.usefixtures("known")
@@ -77,7 +84,7 @@ def test_a_memory_is_compared_with_the_present_of_its_algorithm() -> None:
         "| `iql` | `stack-4` |  | 100 / 100 | 3 |",
     ]
     assert "from 200 recorded steps" in page
-    assert "`bearing`: `coop_nav-expert` seen with `bearing` and heard with `none`" in page
+    assert "`lidar-16`: `coop_nav-expert` seen with `lidar-16`; `bearing`:" in page
 
 
 def test_only_complete_rows_are_read(tmp_path: Path) -> None:
@@ -102,7 +109,7 @@ def test_every_memory_is_trained_once_in_a_view(
     tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     use_one_process(monkeypatch)
-    view = View(str(tiny), "state+goal-for-0", "errand+lossy-60+expires-0")
+    view = VIEWS["errand-lossy-60"]._replace(dataset=str(tiny))
     monkeypatch.setitem(VIEWS, "bearing", view)
     small = "--updates 4 --batch 40 --units 8 --seeds 2 --episodes 2 --steps 300"
     arguments = ["--views", "bearing", "--algorithms", "bc", "mac_flow", *small.split()]
