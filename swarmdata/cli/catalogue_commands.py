@@ -12,33 +12,35 @@ catalogue_app = typer.Typer(
 )
 
 Site = Annotated[Path, typer.Option(help="folder of the catalogue")]
+Datasets = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[ID_OR_PATH]...",
+        help="datasets whose episodes are shown; default: those in the cache",
+    ),
+]
+MostEpisodes = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="most episodes of a dataset, a sample of every policy and outcome",
+        show_default="1000",
+    ),
+]
+AllEpisodes = Annotated[bool, typer.Option("--all", help="show every episode instead of a sample")]
+Results = Annotated[
+    list[Path] | None,
+    typer.Option(help="results to show: a study's folder, or one of `evaluate`; repeatable"),
+]
 
 
 @catalogue_app.command("build")
 def build_command(
-    datasets: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[ID_OR_PATH]...",
-            help="datasets whose episodes are shown; default: those in the cache",
-        ),
-    ] = None,
+    datasets: Datasets = None,
     out: Site = Path("site"),
-    episodes: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="most episodes of a dataset, a sample of every policy and outcome",
-            show_default="1000",
-        ),
-    ] = None,
-    all_episodes: Annotated[
-        bool, typer.Option("--all", help="show every episode instead of a sample")
-    ] = False,
-    results: Annotated[
-        list[Path] | None,
-        typer.Option(help="results to show: a study's folder, or one of `evaluate`; repeatable"),
-    ] = None,
+    episodes: MostEpisodes = None,
+    all_episodes: AllEpisodes = False,
+    results: Results = None,
     observation: Observation = None,
     communication: Communication = None,
     workers: Workers = None,
