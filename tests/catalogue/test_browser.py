@@ -212,6 +212,9 @@ def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
     index = visit.texts(".rows tbody tr[aria-current] td:nth-child(1)")[0]
     visit.wait(f"location.hash.includes('episode={index}')")
     assert f"episode {index} " in visit.texts(".outcome")[0]
+    visit.wait("document.activeElement === swarmdata.player.button")
+    page.keyboard.press("Space")
+    visit.wait("swarmdata.player.time > 0")
     page.click(".next")
     visit.wait(f"!location.hash.includes('episode={index}')")
 

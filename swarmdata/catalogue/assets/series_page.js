@@ -61,7 +61,10 @@
     player.seek(wanted.time || 0);
   }
 
-  const episodes = new swarmdata.EpisodeTable(document.getElementById("browse"), table, choose);
+  const episodes = new swarmdata.EpisodeTable(document.getElementById("browse"), table, async (position) => {
+    await choose(position);
+    player.button.focus({ preventScroll: true }); // so that Space plays what was chosen
+  });
   viewer.querySelector(".previous").addEventListener("click", () => choose(episodes.neighbor(-1)));
   viewer.querySelector(".next").addEventListener("click", () => choose(episodes.neighbor(1)));
   viewer.querySelector(".share").addEventListener("click", (event) => {

@@ -138,7 +138,10 @@
     player.seek(0);
   }
 
-  episodes = new swarmdata.EpisodeTable(document.getElementById("browse"), own, choose);
+  episodes = new swarmdata.EpisodeTable(document.getElementById("browse"), own, async (position) => {
+    await choose(position);
+    player.button.focus({ preventScroll: true }); // so that Space plays what was chosen
+  });
   for (const key of [page.key, ...page.peers]) pickDataset.append(el("option", { value: key }, key));
   compare.addEventListener("click", () => (shown[1] ? alone() : beside(page.key, null)));
   pickDataset.addEventListener("change", () => beside(pickDataset.value, null));
