@@ -213,7 +213,10 @@ def mlp_of_products(layers: Sequence[Layer], products: Tensor) -> Tensor:
 def _activate(layer: Layer, x: Tensor) -> Tensor:
     """Returns what a hidden layer gives of its products; overwrites them."""
     if layer.scale is not None and layer.shift is not None:
-        x = layer_norm(x, x.shape[-1:]).mul(layer.scale).add_(layer.shift)
+        size = x.shape[-1]
+        # torch is twice as fast where layer_norm has weights, here ones that no seed changes
+        standard = layer_norm(x, (size,), x.new_ones(size), x.new_zeros(size))
+        x = torch.addcmul(layer.shift, standard, layer.scale)
     return x.relu_()
 
 
