@@ -13,6 +13,7 @@ from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.flow_policy import FlowPolicy
 from swarmdata.learn.policies.latent_policy import LatentPolicy
+from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -22,7 +23,15 @@ from swarmdata.perception.frames import Frame
 
 KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind
-    for kind in (TorchPolicy, BinPolicy, RecurrentPolicy, SetPolicy, FlowPolicy, LatentPolicy)
+    for kind in (
+        TorchPolicy,
+        BinPolicy,
+        RecurrentPolicy,
+        SetPolicy,
+        FlowPolicy,
+        RecurrentFlowPolicy,
+        LatentPolicy,
+    )
 }
 """Policies that can be kept: dataclasses of layers, tensors, a frame, slots and JSON values."""
 
