@@ -14,35 +14,48 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
 
 from swarmdata import load
 from swarmdata.learn.networks.compilation import compiling, uncompiled
+from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.robot_views import RobotViews
 from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.products.stacked_products import tiled_product
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
+from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.runtime.freed_memory import keep_freed_memory
 from swarmdata.types import Batch
 from tests.benchmarks.measuring import Rate, table, write_section
 from tests.benchmarks.og_marl import SYSTEMS, og_marl
-from tests.benchmarks.plain_td3_bc import PlainTD3BC
+from tests.benchmarks.plain_loops import PlainBC, PlainTD3BC
 
-DATASET, HIDDEN, N_SEEDS, ROUNDS = "coop_nav-medium-mini", (64, 128), 5, 5
+DATASET, HIDDEN, N_SEEDS, ROUNDS, BATCH = "coop_nav-medium-mini", (64, 128), 5, 5, 128
 
 INTRODUCTION = f"""\
-`maddpg_bc` on `{DATASET}` (4 robots, batches of 256 joint transitions), without evaluation and
-files, on one core: seed-updates per second of processor time. Five sequential runs have the rate
-of one. The plain loop is TD3+BC written as in single-file implementations, with networks of the
-same width and batches of the same size (`tests/benchmarks/plain_td3_bc.py`). Its critics give one
-value of the team, those of `maddpg_bc` one for each robot: four times as many rows. OG-MARL's torch
-systems run from its source with the defaults of their constructors: a GRU of 64 units over windows
-of 20 steps, batches of 32 windows.
+`bc` and `maddpg_bc` on `{DATASET}` (4 robots, batches of {BATCH} joint transitions), without
+evaluation and files, on one core: seed-updates per second of processor time. Five sequential runs
+have the rate of one. The plain loops are written as in single-file implementations, with the same
+networks, batches and losses (`tests/benchmarks/plain_loops.py`); `maddpg_bc` has one stage here.
+The last column is the share of the limit: floating-point operations of the matrix products of an
+update, times updates a second, over the fastest rate that a product of two 1024 x 1024 matrices
+reached on this core in the same run. Everything else that an update does, and products of narrow
+matrices, which no code makes at that rate, keep it below 1.
+"""
+
+OG_MARL = """\
+OG-MARL's torch systems run from its source with the defaults of their constructors: a GRU of 64
+units over windows of 20 steps, batches of 32 windows. They have no limit here.
 """
 
 Update = Callable[[], object]
@@ -67,20 +80,63 @@ def everything(data: Any) -> tuple[Batch, Statistics]:
     ), statistics
 
 
-def ours(data: Any, statistics: Statistics, hidden: int, n_seeds: int, device: str) -> Update:
-    """`maddpg_bc` as the trainer runs it: draw, gather, update."""
-    samplers = [data.sampler(256, seed=seed) for seed in range(n_seeds)]
-    sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
-    config = MADDPGBCConfig(
-        actor_hidden=(hidden, hidden), critic_hidden=(hidden, hidden), bc_warmup_updates=0
+def tensors_of(data: Any) -> dict[str, Tensor]:
+    """What plain loops learn from: all transitions, as their networks see them."""
+    sampler = data.sampler(BATCH, seed=0)
+    raw = sampler.gather(np.sort(sampler.rows.valid)[None])
+    sizes, batch = Sizes.of(sampler.gather(np.zeros(1, dtype=np.int64))), raw.to_torch()
+    known = Normalizer(Statistics.measure(data, 0.95), "cpu")
+    views = RobotViews(sizes, known, "centralized", "cpu")
+    observations, following = (
+        with_agent_id(known.observations(seen))[0]
+        for seen in (batch.observations, batch.next_observations)
     )
-    algorithm = MADDPGBC(Setup(sizes, range(n_seeds), statistics, device), config)
+    return {
+        "observations": observations,
+        "next_observations": following,
+        "actions": batch.actions[0],
+        "x": views.view(batch.states, batch.observations).features[0],
+        "next_x": views.view(batch.next_states, batch.next_observations).features[0],
+        "rewards": batch.rewards[0] * known.reward_scale,
+        "terminations": batch.terminations[0].float()[:, None],
+    }
+
+
+def ours(name: str, data: Any, hidden: int, n_seeds: int, device: str) -> Update:
+    """An algorithm as the trainer runs it: draw, gather, update."""
+    samplers = [data.sampler(BATCH, seed=seed) for seed in range(n_seeds)]
+    sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
+    both = (hidden, hidden)
+    setup = Setup(sizes, range(n_seeds), Statistics.measure(data, 0.95), device)
+    algorithm: BC | MADDPGBC
+    if name == "bc":
+        algorithm = BC(setup, BCConfig(hidden=both))
+    else:
+        config = MADDPGBCConfig(
+            actor_hidden=both, critic_hidden=both, bc_warmup_updates=0, extraction="joint"
+        )
+        algorithm = MADDPGBC(setup, config)
 
     def update() -> object:
         index = np.stack([sampler.draw() for sampler in samplers])
         return algorithm.update(samplers[0].gather(index).to_torch(device))
 
     return update
+
+
+def operations(update: Update) -> float:
+    """Floating-point operations of the products of one update, of two in a row."""
+    with FlopCounterMode(display=False) as counter:
+        update(), update()
+    return counter.get_total_flops() / 2
+
+
+def fastest_rate(seconds: float) -> float:
+    """Floating-point operations a second of the best product of square matrices, [1024, 1024]."""
+    one = torch.ones(1, 1024, 1024)
+    products = [partial(function, one, one) for function in (torch.bmm, tiled_product)]
+    rates = [_rate(make, seconds, time.process_time) for make in products for _ in range(ROUNDS)]
+    return max(rates) * 2 * 1024**3
 
 
 def compiled(update: Update) -> Update:
@@ -132,33 +188,40 @@ def rows_of(
 
 
 def networks_table(
-    data: Any, whole: Batch, statistics: Statistics, hidden: int, arguments: argparse.Namespace
+    name: str, data: Any, whole: Batch, hidden: int, arguments: argparse.Namespace
 ) -> str:
     """Measures networks of one size; OG-MARL's systems, whose sizes are fixed, beside the first."""
+    plain = (PlainBC if name == "bc" else PlainTD3BC)(tensors_of(data), hidden, BATCH)
+    work = operations(plain.train)
     runs: dict[str, Update] = {
-        PLAIN: PlainTD3BC(whole, hidden).train,
-        ONE: ours(data, statistics, hidden, 1, "cpu"),
-        STACK: ours(data, statistics, hidden, N_SEEDS, "cpu"),
+        PLAIN: plain.train,
+        ONE: ours(name, data, hidden, 1, "cpu"),
+        STACK: ours(name, data, hidden, N_SEEDS, "cpu"),
     }
     if not arguments.eager:
-        runs[ONE_COMPILED] = compiled(ours(data, statistics, hidden, 1, "cpu"))
-        runs[STACK_COMPILED] = compiled(ours(data, statistics, hidden, N_SEEDS, "cpu"))
-    if arguments.og_marl is not None and hidden == HIDDEN[0]:
-        for name in SYSTEMS:
-            runs[f"OG-MARL `{name}`"] = og_marl(arguments.og_marl, name, whole)
-    is_compiled = [name for name in (ONE_COMPILED, STACK_COMPILED) if name in runs]
+        runs[ONE_COMPILED] = compiled(ours(name, data, hidden, 1, "cpu"))
+        runs[STACK_COMPILED] = compiled(ours(name, data, hidden, N_SEEDS, "cpu"))
+    if arguments.og_marl is not None and name == "maddpg_bc" and hidden == HIDDEN[0]:
+        for system in SYSTEMS:
+            runs[f"OG-MARL `{system}`"] = og_marl(arguments.og_marl, system, whole)
+    is_compiled = [run for run in (ONE_COMPILED, STACK_COMPILED) if run in runs]
+    limit = fastest_rate(arguments.seconds) / work
     rates = measure(runs, is_compiled, arguments.seconds, time.process_time)
-    n_seeds = {name: N_SEEDS if name in (STACK, STACK_COMPILED) else 1 for name in runs}
+    n_seeds = {run: N_SEEDS if run in (STACK, STACK_COMPILED) else 1 for run in runs}
     rows = rows_of(rates, n_seeds, PLAIN)
     own = [row[2] for row in rows_of(rates, n_seeds, ONE)]
-    head = ("run", "seed-updates a second", "/ plain loop", "/ ours, 1 seed")
-    lines = [(*row, ratio) for row, ratio in zip(rows, own, strict=True)]
-    return f"Two hidden layers of {hidden}:\n\n{table(head, lines)}"
+    shares = [
+        "—" if "OG-MARL" in run else f"{np.median(rates[run]) * n_seeds[run] / limit:.2f}"
+        for run in runs
+    ]
+    head = ("run", "seed-updates a second", "/ plain loop", "/ ours, 1 seed", "/ limit")
+    lines = [(*row, ratio, share) for row, ratio, share in zip(rows, own, shares, strict=True)]
+    title = f"`{name}`, two hidden layers of {hidden}"
+    return f"{title} ({work / 1e6:.0f} million operations an update):\n\n{table(head, lines)}"
 
 
 def on_device(data: Any, device: str, seconds: float) -> None:
     """Prints seed-updates a second of 20 seeds against one; a GPU is timed by the clock."""
-    _, statistics = everything(data)
     many = 20
 
     def clock() -> float:
@@ -166,7 +229,7 @@ def on_device(data: Any, device: str, seconds: float) -> None:
         return time.perf_counter()
 
     for hidden in HIDDEN:
-        runs = {f"{k} seeds": ours(data, statistics, hidden, k, device) for k in (1, many)}
+        runs = {f"{k} seeds": ours("maddpg_bc", data, hidden, k, device) for k in (1, many)}
         rates = measure(runs, (), seconds, clock)
         rows = rows_of(rates, {"1 seeds": 1, f"{many} seeds": many}, "1 seeds")
         print(f"hidden {hidden}\n{table(('run', 'seed-updates a second', '/ 1 seed'), rows)}")
@@ -188,11 +251,12 @@ def main() -> None:
     if arguments.device != "cpu":
         on_device(data, arguments.device, arguments.seconds)
         return
-    body = [INTRODUCTION]
-    whole, statistics = everything(data)
-    for hidden in HIDDEN:
-        print(f"hidden {hidden}", flush=True)
-        body.append(networks_table(data, whole, statistics, hidden, arguments))
+    body = [INTRODUCTION, *([] if arguments.og_marl is None else [OG_MARL])]
+    whole, _ = everything(data)
+    for name in ("bc", "maddpg_bc"):
+        for hidden in HIDDEN:
+            print(f"{name}, hidden {hidden}", flush=True)
+            body.append(networks_table(name, data, whole, hidden, arguments))
     write_section("Offline training", "\n".join(body))
     print("\n".join(body))
 

@@ -25,6 +25,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp_of_products,
 )
 from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.products.stacked_products import affine, product
 
 FLOW_STREAM = 4
 """Of a seed's initial parameters, beside those of `networks.actor` and `networks.factored_critics`.
@@ -90,11 +91,10 @@ class JointFlow:
         """
         layers, n_known = self.network.constants(), x.shape[2]
         weight = layers[0].weight
-        known = torch.bmm(x, weight[:, :n_known]).add_(layers[0].bias)
+        known = affine(x, weight[:, :n_known], layers[0].bias)
         moving, path = weight[:, n_known:-1], noise.flatten(2)
         for step in range(self.n_steps):
-            products = torch.baddbmm(known, path, moving).add_(
-                weight[:, -1:] * (step / self.n_steps)
-            )
+            now = weight[:, -1:] * (step / self.n_steps)
+            products = product(path, moving).add_(known).add_(now)
             path = path + mlp_of_products(layers, products) / self.n_steps
         return path.clamp(-1, 1).view_as(noise)

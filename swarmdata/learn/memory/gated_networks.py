@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedLayers, mlp
+from swarmdata.learn.products.stacked_products import affine
 
 N_GATE_LAYERS = 2
 
@@ -87,7 +88,7 @@ def memories(
     """
     n_rows, n_steps, n_batch = starts.shape
     gates = layers[0]
-    driven = torch.bmm(inputs.flatten(1, 2), gates.weight).add_(gates.bias)
+    driven = affine(inputs.flatten(1, 2), gates.weight, gates.bias)
     driven = driven.view(n_rows, n_steps, n_batch, -1)
     kept = (~starts)[..., None].to(inputs.dtype).unbind(1)
     memory = inputs.new_zeros(n_rows, n_batch, driven.shape[-1] // 3) if first is None else first
@@ -101,7 +102,7 @@ def memories(
 def next_memory(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tensor:
     """Returns the memories after one step, [R, B, M], of inputs [R, B, F] and memories before."""
     gates = layers[0]
-    return _gated(layers[1], torch.bmm(inputs, gates.weight).add_(gates.bias), memory)
+    return _gated(layers[1], affine(inputs, gates.weight, gates.bias), memory)
 
 
 def read(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tensor:
@@ -118,7 +119,7 @@ def read(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tensor:
 def _gated(recurrent: Layer, driven: Tensor, memory: Tensor) -> Tensor:
     """Returns h', [R, B, M]: `driven` are the products of the inputs, [R, B, 3 M]."""
     size = memory.shape[-1]
-    own = torch.baddbmm(recurrent.bias, memory, recurrent.weight)
+    own = affine(memory, recurrent.weight, recurrent.bias)
     reset, update = (driven[..., : 2 * size] + own[..., : 2 * size]).sigmoid().chunk(2, -1)
     new = torch.addcmul(driven[..., 2 * size :], reset, own[..., 2 * size :]).tanh()
     return new + update * (memory - new)
