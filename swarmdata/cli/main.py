@@ -13,8 +13,6 @@ from typer.core import TyperGroup
 from swarmdata import __version__
 from swarmdata.cli import (
     audit_commands,
-    convert_commands,
-    editing_commands,
     integrity_commands,
     ranking_commands,
     remote_commands,
@@ -23,7 +21,9 @@ from swarmdata.cli import (
     sweep_commands,
     training_commands,
 )
-from swarmdata.cli.record_commands import record_app
+from swarmdata.cli.making import convert_commands, editing_commands, generate_commands
+from swarmdata.cli.making.record_commands import record_app
+from swarmdata.cli.option_use import refuse
 from swarmdata.cli.registry_commands import registry_app
 from swarmdata.cli.shared_options import (
     Clip,
@@ -32,7 +32,6 @@ from swarmdata.cli.shared_options import (
     IdOrPath,
     Observation,
     Task,
-    Workers,
 )
 from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError
@@ -170,47 +169,13 @@ def info(dataset: DatasetId) -> None:
     typer.echo(recipe.to_yaml(), nl=False)
 
 
-@app.command()
-def generate(
-    dataset: Annotated[
-        str, typer.Argument(metavar="ID_OR_RECIPE", help="dataset id or recipe file")
-    ],
-    steps: Annotated[
-        int | None, typer.Option(min=1, help="number of joint steps; default: as in the recipe")
-    ] = None,
-    workers: Workers = None,
-    out: Annotated[
-        Path | None, typer.Option(help="folder of the dataset; default: in the cache")
-    ] = None,
-) -> None:
-    """Build a dataset from its recipe.
-
-    An interrupted build resumes: run the same command again.
-    """
-    from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.building.build import build
-    from swarmdata.hub.catalog.catalog import dataset_folder
-    from swarmdata.specs.recipe import Recipe
-    from swarmdata.store import read_manifest
-
-    is_file = Path(dataset).suffix in (".json", ".yaml", ".yml")
-    if out is None and (is_file or steps is not None):
-        raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
-    if is_file and not Path(dataset).exists():
-        raise typer.BadParameter(f"there is no file {dataset}")
-    recipe = Recipe.from_file(Path(dataset)) if is_file else find_recipe(dataset)
-    if steps is not None:
-        recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
-    folder = build(recipe, out or dataset_folder(recipe), workers=workers)
-    manifest = read_manifest(folder)
-    typer.echo(f"{folder}\n{manifest.n_steps:,} joint steps, digest {manifest.digest}")
-
-
+app.command()(generate_commands.generate)
 app.command()(integrity_commands.verify)
 
 
 @app.command()
 def card(
+    context: typer.Context,
     dataset: IdOrPath,
     write: Annotated[
         bool, typer.Option(help="also replace the card in the dataset's folder")
@@ -221,6 +186,8 @@ def card(
     pictures: Annotated[bool, typer.Option(help="with --out: also draw the picture")] = True,
 ) -> None:
     """Print a dataset's card, or write it with its picture (--out)."""
+    if out is None:
+        refuse(context, ("pictures",), "without --out")
     from swarmdata.cards.card import card_of, write_card
     from swarmdata.cards.publish import publish_card
     from swarmdata.hub.catalog.catalog import find_folder
@@ -255,6 +222,7 @@ app.command()(sweep_commands.sweep)
 
 @app.command()
 def curves(
+    context: typer.Context,
     files: Annotated[
         list[Path], typer.Argument(metavar="CSV...", help="learning curves of online runs")
     ],
@@ -274,8 +242,10 @@ def curves(
     from swarmdata.evaluation.results.curve_plots import draw_learning, draw_training
 
     if by is None:
+        refuse(context, ("log",), "without --by")
         draw_training(files, metric, out)
     else:
+        refuse(context, ("metric",), "with --by")
         draw_learning(files, by, out, log=log)
     typer.echo(out)
 

@@ -14,6 +14,7 @@ from swarmdata import __version__
 from swarmdata.building.build import build_folder
 from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset, preset_names
+from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -174,6 +175,15 @@ def test_tasks_are_presets_or_files(tmp_path: Path) -> None:
     assert "unsolved episode as 1.2 s" in run("evaluate", "idle", "--episodes", "2", "--task", file)
     assert list(json.loads(run("references", file, "--episodes", "2"))) == ["short"]
     assert "unknown task 'coop_nv'" in run("evaluate", "idle", "--task", "coop_nv", code=1)
+
+
+def test_task_show_has_the_models_that_are_named() -> None:
+    text = run(
+        "task", "show", "coop_nav", "--observation", "lidar-8", "--communication", "lossy-30"
+    )
+    spec = TaskSpec.from_text(text)
+    assert spec == with_models(preset("coop_nav"), "lidar-8", "lossy-30")
+    assert "n_rays: 8" in text
 
 
 def test_task_list_shows_every_preset() -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
 from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -168,3 +169,27 @@ def test_only_policies_with_a_convention_write_it_so_that_older_recipes_keep_the
     assert kept.model_dump(mode="json") == {**plain.model_dump(), "convention": "keep-left"}
     assert plain.hash() != kept.hash()
     assert [PolicySource.from_text(each.to_json()) for each in (plain, kept)] == [plain, kept]
+
+
+def test_models_may_be_named_as_on_the_command_line() -> None:
+    text = "observation: lidar-32+noise-0.05\ncommunication: lossy-30\n"
+    spec = TaskSpec.from_text(text)
+    assert spec == with_models(TaskSpec(), "lidar-32+noise-0.05", "lossy-30")
+    assert TaskSpec.from_text(spec.to_yaml()).hash() == spec.hash()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "observation: lidr",
+            "observation: unknown observation model 'lidr'. Did you mean 'lidar'",
+        ),
+        ("observation: lidar-x", "observation: 'lidar-x' in 'lidar-x' needs a number"),
+        ("communication: losy-30", "communication: unknown .* Did you mean 'lossy-30'"),
+        ("observation: /etc/secret.yaml", "observation: expected a name such as lidar-32"),
+    ],
+)
+def test_wrong_names_of_models_are_named_in_place(text: str, message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        TaskSpec.from_text(text)
