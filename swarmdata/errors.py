@@ -9,6 +9,7 @@ SwarmdataError
 │   └── ReplacedDatasetError            a newer version has replaced the dataset of this id
 ├── SpecError (ValueError)              a spec or recipe is malformed or asks for the impossible
 ├── SchemaError (ValueError)            an array has the wrong shape, dtype or range
+│   └── PolicyFitError                  a trained policy cannot act in a task or with models
 ├── SpawnError (RuntimeError)           no collision-free layout was found for a spec
 ├── CheckpointError (ValueError)        a checkpoint is malformed or not the one the recipe names
 ├── MissingExtraError (ImportError)     an optional dependency is not installed
@@ -81,6 +82,10 @@ class SpecError(SwarmdataError, ValueError):
 
 class SchemaError(SwarmdataError, ValueError):
     """An array or argument does not have the expected shape, dtype or range."""
+
+
+class PolicyFitError(SchemaError):
+    """A trained policy reads or commands something else than a task and its models offer."""
 
 
 class SpawnError(SwarmdataError, RuntimeError):

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import PolicyFitError, SchemaError
 from swarmdata.perception.frames import Frame
 from swarmdata.types import Double, Int
 
@@ -128,7 +128,7 @@ class Slots:
             known: what a policy was trained with; the numbers of slots may differ.
 
         Raises:
-            SchemaError: the own features, the kinds, or the fields of a kind differ.
+            PolicyFitError: the own features, the kinds, or the fields of a kind differ.
         """
         here = {kind.name: kind for kind in self.kinds}
         absent = (SlotKind(kind.name, kind.fields, (), ()) for kind in known.kinds)
@@ -139,7 +139,7 @@ class Slots:
         offered = (*found.fields, *(f"slots of {name}" for name in here))
         lost = [name for name in known.fields if name not in offered]
         new = [name for name in offered if name not in known.fields]
-        raise SchemaError(
+        raise PolicyFitError(
             "the policy over sets was trained with other features; "
             f"{', '.join(lost) or 'none'} are missing here, and {', '.join(new) or 'none'} are new "
             "to it. Evaluate it in tasks and with models that differ in the numbers of slots only."

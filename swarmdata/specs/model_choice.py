@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import PolicyFitError
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
@@ -80,12 +80,12 @@ def check_senses(
         features: of one robot's observation, trained and offered.
 
     Raises:
-        SchemaError: the features or the lengths of actions differ.
+        PolicyFitError: the features or the lengths of actions differ.
     """
     known, seen = ([feature.name for feature in side] for side in features)
     if (known, trained.action_size) == (seen, offered.action_size):
         return
-    raise SchemaError(
+    raise PolicyFitError(
         f"{policy} was trained with {describe(trained)}: {len(known)} numbers per robot, actions "
         f"of {trained.action_size}. It cannot act with {describe(offered)}: {len(seen)} numbers, "
         f"actions of {offered.action_size}{_first_difference(known, seen)}. Evaluate it with "

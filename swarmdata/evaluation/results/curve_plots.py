@@ -61,28 +61,12 @@ def plot_curves(
                 curve.progress, values.min(0), values.max(0), color=color, alpha=0.18, lw=0
             )
         for label, height in (references or {}).items():
-            _draw_reference(axes, label, factor * height)
+            axes.axhline(factor * height, color=GRAY, lw=1, ls=(0, (4, 3)), zorder=1, label=label)
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.xaxis.set_major_formatter(thousands)
         axes.margins(x=0)
         draw_grid(axes, "y")
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(curves)))
-
-
-def _draw_reference(axes: Any, label: str, height: float) -> None:
-    """Draws a dashed line with its label at the right end."""
-    axes.axhline(height, color=GRAY, lw=1, ls=(0, (4, 3)), zorder=1)
-    axes.annotate(
-        label,
-        (1.0, height),
-        xycoords=("axes fraction", "data"),
-        xytext=(5, 0),
-        textcoords="offset points",
-        va="center",
-        color="#5A616B",
-        fontsize=9,
-        annotation_clip=False,
-    )
+        _label_ends(axes)
 
 
 METRIC_ROWS = (("success", "team success (%)", 100.0), ("return", "team return", 1.0))

@@ -69,7 +69,7 @@ class Models:
             is_fixed: whether it reads observations and so needs the features of its training.
 
         Raises:
-            SchemaError: the models do not provide the features that it needs.
+            PolicyFitError: the models do not provide the features that it needs.
         """
         spec = with_models(trained, self.observation, self.communication)
         if is_fixed and spec != trained:
@@ -99,7 +99,7 @@ def find_target(
     Raises:
         UnknownNameError: nothing has that name.
         ReplacedDatasetError: it is the id of a dataset that a newer version has replaced.
-        SchemaError: the task or the models do not provide what a trained policy needs.
+        PolicyFitError: the task or the models do not provide what a trained policy needs.
         SpecError: the run was trained on a recording of another environment; or a task is given
             with a dataset.
         MissingExtraError: a run folder needs torch.

@@ -62,7 +62,7 @@ def behaviors_of(
 
     Raises:
         UnknownNameError: nothing has that name.
-        SchemaError: the task does not provide what a trained policy needs.
+        PolicyFitError: the task does not provide what a trained policy needs.
         SpecError: the run was trained on a recording of another environment.
         MissingExtraError: a run folder needs torch.
     """

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import PolicyFitError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.perception.observer import features_of
@@ -26,7 +26,7 @@ def fit_policies(
         offered: spec to act in.
 
     Raises:
-        SchemaError: the robots, their number, the features or the actions do not fit.
+        PolicyFitError: the robots, their number, the features or the actions do not fit.
         SpecError: the vector that the policies' frame turns with is not observed.
     """
     if offered == trained:
@@ -39,7 +39,7 @@ def fit_policies(
             fitted.append(policy.fitted(seen))
             continue
         if trained.n_agents != offered.n_agents and not isinstance(policy, SetPolicy):
-            raise SchemaError(
+            raise PolicyFitError(
                 f"{name} was trained with {trained.n_agents} robots and cannot act with "
                 f"{offered.n_agents}: its network sees the robot's number. Evaluate it with "
                 f"{trained.n_agents} robots, or train with --set policy_network=deep_sets."
@@ -50,13 +50,13 @@ def fit_policies(
 
 
 def _check_robots(name: str, trained: TaskSpec, offered: TaskSpec) -> None:
-    """Raises SchemaError if actions would mean something else."""
+    """Raises PolicyFitError if actions would mean something else."""
     known, found = (
         sorted({f"{robot.dynamics} with {robot.command} commands" for robot in spec.robots})
         for spec in (trained, offered)
     )
     if known != found:
-        raise SchemaError(
+        raise PolicyFitError(
             f"{name} was trained on robots that are {' and '.join(known)}, and cannot drive robots "
             f"that are {' and '.join(found)}. Evaluate it in a task with robots as in its training."
         )

@@ -78,7 +78,7 @@ def generate(
     Raises:
         UnknownNameError: no such task, policy or model.
         SpecError: the id is taken or malformed, or something in the recipe is.
-        SchemaError: the task does not provide what a trained policy needs.
+        PolicyFitError: the task does not provide what a trained policy needs.
         RecipeConflictError: a dataset of another recipe is in the folder.
         MissingExtraError: a run folder needs torch.
     """

@@ -89,6 +89,15 @@ class ViewsPlan(Frozen):
     transfer_episodes: Episodes = 200
 
 
+class TasksPlan(Frozen):
+    """Place and size: finished rows are also evaluated in other tasks, without training there."""
+
+    datasets: Names
+    algorithms: Names  # labels
+    tasks: Annotated[Names, Field(min_length=1)]  # presets or specs' files
+    episodes: Episodes = 200
+
+
 class SweepPlan(Frozen):
     """Robustness: the best variant of each family under worse communication or sensing.
 
@@ -166,6 +175,7 @@ class Study(Frozen):
     online: dict[Label, Baseline] = Field(default_factory=dict)
     sizes: SizesPlan | None = None
     information: ViewsPlan | None = None
+    tasks: TasksPlan | None = None
     sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)
     losses: dict[Label, LossesPlan] = Field(default_factory=dict)  # by the figure's name
     differences: dict[Label, DifferencesPlan] = Field(default_factory=dict)
@@ -186,6 +196,8 @@ class Study(Frozen):
             seen = self.information
             parts.append(("information", seen.datasets, seen.algorithms))
             _check_known("information.transfer", seen.transfer, seen.algorithms)
+        if self.tasks:
+            parts.append(("tasks", self.tasks.datasets, self.tasks.algorithms))
         parts += [(f"losses.{k}", v.datasets, v.algorithms) for k, v in self.losses.items()]
         parts += [(f"sweeps.{k}", (v.dataset,), ()) for k, v in self.sweeps.items()]
         if self.curves:

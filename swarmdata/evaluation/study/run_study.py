@@ -11,9 +11,10 @@ from swarmdata.evaluation.study.cells.cells import Cell, cells_of
 from swarmdata.evaluation.study.cells.reproduction import Comparison, reproduce_cell
 from swarmdata.evaluation.study.cells.run_cells import run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
-from swarmdata.evaluation.study.pages.collect_results import collect_findings
+from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
 from swarmdata.evaluation.study.pages.study_folder import write_pages
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.registry.presets import find_spec
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,9 @@ def run_study(
         StudyError: no cell is done, so there is nothing to write.
         UnknownNameError: no such algorithm, setting, dataset or cell.
     """
+    if study.tasks:
+        for task in study.tasks.tasks:
+            find_spec(task)  # an unknown one is refused before the training
     cells = all_cells(study, progress=options.progress)
     work = options.work_of(study)
     failures = _run(select_cells(cells, options.only), work, options)
@@ -66,7 +70,7 @@ def run_study(
     sections: dict[str, str] = {}
     if study.sweeps and options.only is None:
         # imported late: a sweep draws figures and compiles kernels of channels and sensors
-        from swarmdata.evaluation.study.pages.robustness_sections import plan_sweeps, run_sweeps  # noqa: PLC0415  (torch)
+        from swarmdata.evaluation.study.shifts.robustness_sections import plan_sweeps, run_sweeps  # noqa: PLC0415  (torch)
 
         planned = plan_sweeps(found, digest_of)
         extra = {cell.name: cell for sweep in planned for cell in sweep.cells}
@@ -79,11 +83,23 @@ def run_study(
         sections = run_sweeps(ready, work, options.out, progress=options.progress)
         by_name = {cell.name: cell for cell in cells} | extra  # a swept cell may be in the grid
         found = collect_findings(study, list(by_name.values()), work, failures)
-    if study.information and options.only is None:
-        from swarmdata.evaluation.study.pages.transfer_section import run_transfers  # noqa: PLC0415  (torch)
+    if options.only is None:
+        sections |= _used_elsewhere(found)
+    return failures, write_pages(found, options.out, command, sections)
+
+
+def _used_elsewhere(found: Findings) -> dict[str, str]:
+    """Evaluates policies in the other views and tasks of the plan; returns sections by title."""
+    sections: dict[str, str] = {}
+    if found.study.information:
+        from swarmdata.evaluation.study.shifts.transfer_section import run_transfers  # noqa: PLC0415  (torch)
 
         sections |= run_transfers(found)
-    return failures, write_pages(found, options.out, command, sections)
+    if found.study.tasks:
+        from swarmdata.evaluation.study.shifts.task_section import run_tasks  # noqa: PLC0415  (torch)
+
+        sections |= run_tasks(found)
+    return sections
 
 
 def _run(cells: Sequence[Cell], work: Path, options: StudyOptions) -> dict[str, str]:

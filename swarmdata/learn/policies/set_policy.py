@@ -75,7 +75,7 @@ class SetPolicy(Memoryless):
             features: of one robot's observation.
 
         Raises:
-            SchemaError: the own features, the kinds of slots or their fields differ.
+            PolicyFitError: the own features, the kinds of slots or their fields differ.
             SpecError: the vector that the frame turns with is not observed.
         """
         frame = find_frame(features, self.anchor)

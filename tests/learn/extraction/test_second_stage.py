@@ -33,8 +33,8 @@ def test_every_actor_critic_has_it() -> None:
 
 @pytest.mark.parametrize("extraction", SECOND)
 @pytest.mark.parametrize("name", TWO_STAGE)
-def test_only_actors_move_in_it(name: str, extraction: str) -> None:
-    algorithm = trained(name, 4, extraction=extraction)
+def test_with_frozen_critics_only_actors_move_in_it(name: str, extraction: str) -> None:
+    algorithm = trained(name, 4, extraction=extraction, frozen_critics=True)
     before = {k: v.clone() for k, v in algorithm.state_dict().items()}
     losses = algorithm.update(random_batch(2))
     assert set(losses) == {"extraction_loss", "extracted_q"}
@@ -45,8 +45,24 @@ def test_only_actors_move_in_it(name: str, extraction: str) -> None:
 
 
 @pytest.mark.parametrize("name", TWO_STAGE)
+def test_actors_and_critics_move_in_it(name: str) -> None:
+    algorithm = trained(name, 4, extraction="anchored")
+    before = {k: v.clone() for k, v in algorithm.state_dict().items()}
+    losses = algorithm.update(random_batch(2))
+    assert {"extraction_loss", "extracted_q", "critic_loss"} <= set(losses)
+    after = algorithm.state_dict()
+    moved = {k for k, v in before.items() if not torch.equal(v, after[k])}
+    assert "actor" in moved
+    assert any("critic" in k or "utilit" in k for k in moved)
+    assert not any("density" in k for k in moved)
+
+
+@pytest.mark.parametrize("name", TWO_STAGE)
 def test_values_climb_in_it(name: str) -> None:
-    settings = {"n_updates": 80, "inverse_temperature": 50.0, "actor_learning_rate": 1e-2}
+    settings = {
+        "n_updates": 80, "inverse_temperature": 50.0, "actor_learning_rate": 1e-2,
+        "slope_limit": 1e3, "frozen_critics": True,
+    }  # fmt: skip
     algorithm = trained(name, 41, extraction="anchored", **settings)
     first = algorithm.update(random_batch(2))["extracted_q"]
     for _ in range(30):
@@ -69,6 +85,7 @@ def test_it_goes_on_where_it_stopped(extraction: str) -> None:
     "settings",
     [
         {"inverse_temperature": 0.0},
+        {"slope_limit": 0.0},
         {"density_floor": 0.0},
         {"extraction_share": 1.0},
         {"extraction_candidates": 1},

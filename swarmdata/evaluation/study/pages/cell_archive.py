@@ -46,7 +46,7 @@ class Notes(Frozen):
 
     command: str  # that runs the study again
     missing: dict[str, str]  # why other cells have no results, by name
-    sweeps: dict[str, str]  # sections on robustness and transfer, by title
+    sweeps: dict[str, str]  # sections on policies in other conditions, by title
 
 
 def write_archive(found: Findings, notes: Notes, file: Path) -> None:

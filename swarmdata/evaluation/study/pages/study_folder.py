@@ -86,7 +86,7 @@ def write_pages(
         found: what was measured.
         out: folder; existing files are replaced.
         command: that runs the study again, for the page.
-        sweeps: sections on robustness and transfer by title, whose files are in `out` already.
+        sweeps: sections on policies in other conditions by title, whose files are in `out` already.
 
     Returns:
         The files, the page first.
@@ -114,7 +114,7 @@ def write_pages(
 def rewrite_pages(out: Path) -> list[Path]:
     """Writes estimates, page and figures of a finished study again, from its folder alone.
 
-    Sections on robustness and transfer stay as they are: the archive has their text, not their
+    Sections on policies in other conditions stay as they are: the archive has their text, not their
     episodes.
 
     Args:

@@ -3,25 +3,16 @@
 from collections.abc import Mapping
 
 from swarmdata.drawing import markdown
-from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
-from swarmdata.evaluation.results.policy_names import find_target
-from swarmdata.evaluation.results.result_set import group_results
-from swarmdata.evaluation.results.result_tables import estimate
-from swarmdata.evaluation.results.target_evaluation import evaluate_target
-from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, results_of
 from swarmdata.evaluation.study.pages.information_section import label_of, view_cells
 from swarmdata.evaluation.study.pages.scoreboard import quantity_of
+from swarmdata.evaluation.study.shifts.shifted_estimate import shifted_estimates
 from swarmdata.specs.task_spec import TaskSpec
 
 TRANSFER_FOLDER = "transfer"
 """Holds results in the study's folder of cells: LABEL/DATA/VIEW."""
-
-NO_FIT = "other inputs"
-"""Stands where a policy cannot read what another view gives."""
 
 
 def run_transfers(found: Findings) -> dict[str, str]:
@@ -68,19 +59,12 @@ def _transferred(found: Findings, cell: Cell, view: str, spec: TaskSpec) -> str:
     """The estimate of a cell's policies in another view, as text."""
     plan = found.study.information
     assert plan is not None
-    run = cell_run_folder(cell, cell_folder(found.work, cell))
-    try:
-        target = find_target(
-            str(run), observation=spec.observation, communication=spec.communication
-        )
-    except SchemaError:  # find_target compares what both views give with what the policy reads
-        return NO_FIT
-    folder = found.work / TRANSFER_FOLDER / cell.label / cell.data / view
-    results = evaluate_target(
-        target, plan.transfer_episodes, folder, block=found.study.block, progress=False
+    (text,) = shifted_estimates(
+        found,
+        cell,
+        {"observation": spec.observation, "communication": spec.communication},
+        found.work / TRANSFER_FOLDER / cell.label / cell.data / view,
+        (quantity_of(found.results),),
+        plan.transfer_episodes,
     )
-    (case,) = group_results(results).cases
-    quantity = quantity_of(found.results)
-    if quantity.column.key == "score" and case.reference is None:
-        return UNDEFINED
-    return format_estimate(estimate(quantity, case, cell.label), quantity.column)
+    return text

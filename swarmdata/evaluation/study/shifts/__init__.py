@@ -1,0 +1,1 @@
+"""Policies of a study in other conditions than those of their training."""

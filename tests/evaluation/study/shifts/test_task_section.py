@@ -1,0 +1,65 @@
+"""Policies of a study in tasks that they were not trained in: larger teams, other places."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+from tests.evaluation.study.conftest import BC
+
+pytestmark = pytest.mark.usefixtures("here")
+
+SETS = {**BC, "settings": {"policy_network": "deep_sets"}}
+
+
+def rows_below(page: str, title: str) -> list[list[str]]:
+    """Cells of the first table below a title."""
+    table = page.partition(title)[2].partition("\n\n")[0]
+    return [line.strip("| ").split(" | ") for line in f"{title}{table}".splitlines()]
+
+
+def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
+    data: Path, make_study: Callable[..., Study], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    tasks = ["coop_nav-easy", "coop_nav-n8"]
+    plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
+    study = make_study(algorithms={"bc": BC, "sets": SETS}, tasks=plan)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, files = run_study(study, options, "x")
+    assert failures == {}
+    page = files[0].read_text()
+    head, _, bc, sets = rows_below(page, "| coop_nav-tiny-v0: success (%)")
+    assert head[1:] == tasks
+    assert bc[0] == "`bc`"
+    assert bc[2] == "other inputs"
+    assert "other inputs" not in sets
+    kept = {path.relative_to(tmp_path / "work/tasks") for path in tmp_path.glob("work/tasks/*/*/*")}
+    assert kept == {
+        Path("bc/coop_nav-tiny-v0/coop_nav-easy"),
+        Path("sets/coop_nav-tiny-v0/coop_nav-easy"),
+        Path("sets/coop_nav-tiny-v0/coop_nav-n8"),
+    }
+    again, _ = run_study(study, options, "x")
+    assert again == {}
+    assert files[0].read_text() == page
+
+
+def test_unknown_tasks_are_refused_before_the_training(
+    data: Path, make_study: Callable[..., Study], tmp_path: Path
+) -> None:
+    plan = {"datasets": [str(data)], "algorithms": ["bc"], "tasks": ["coop_nev"]}
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    with pytest.raises(UnknownNameError, match="coop_nev"):
+        run_study(make_study(tasks=plan), options, "x")
+    assert not (tmp_path / "work").exists()
+
+
+def test_the_plan_names_its_rows(data: Path, make_study: Callable[..., Study]) -> None:
+    plan = {"datasets": [str(data)], "algorithms": ["sets"], "tasks": ["coop_nav-n8"]}
+    with pytest.raises((SpecError, ValidationError), match=r"tasks\.algorithms has 'sets'"):
+        make_study(tasks=plan)
