@@ -36,9 +36,31 @@ from swarmdata.cli.shared_options import (
 from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError
 
+SECTIONS = {
+    "First": ("list", "info", "train", "evaluate", "report", "render", "generate"),
+    "Data": ("record", "convert", "filter", "combine", "subsample", "audit", "verify", "card"),
+    "Worlds": ("task", "references"),
+    "Learning": ("study", "study-pages", "sweep", "rank", "learning", "curves"),
+    "Hub": ("pull", "push", "remote", "catalogue"),
+    "Maintenance": ("registry", "ship"),
+}
+"""Commands in the order of `swarmdata --help`, the common path first."""
+
 
 class _Group(TyperGroup):
     """Turns expected errors into one-line messages, and Ctrl-C into exit code 130."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Lists the commands in sections."""
+        limit = formatter.width - 6 - max(map(len, self.commands))
+        for title, names in SECTIONS.items():
+            rows = [
+                (name, self.commands[name].get_short_help_str(limit))
+                for name in names
+                if name in self.commands
+            ]
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -68,10 +90,6 @@ app.add_typer(task_app, name="task")
 app.add_typer(registry_app, name="registry")
 app.add_typer(remote_commands.remote_app, name="remote")
 app.add_typer(record_app, name="record")
-
-DatasetId = Annotated[
-    str, typer.Argument(metavar="ID", help="dataset id, such as coop_nav-medium-mini")
-]
 
 CLOSED_PIPE_EXIT_CODE = 128 + 13
 """Exit code of programs that SIGPIPE ends: nothing reads the output any more."""
@@ -155,11 +173,22 @@ def list_command() -> None:
 
 
 @app.command()
-def info(dataset: DatasetId) -> None:
-    """Show a dataset's folder, published digest and recipe."""
-    from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.hub.catalog.catalog import dataset_folder, list_datasets
+def info(dataset: IdOrPath) -> None:
+    """Show a dataset's folder, digest and recipe.
 
+    Takes the ids of published datasets, those in the cache, and folders.
+    """
+    from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
+    from swarmdata.hub.catalog.catalog import dataset_folder, find_folder, list_datasets
+    from swarmdata.hub.catalog.identity import judge
+    from swarmdata.hub.remotes.outside_names import is_folder
+    from swarmdata.store import open_store
+
+    if is_folder(dataset) or not is_dataset(dataset):
+        stored = open_store(find_folder(dataset), "none")
+        typer.echo(f"folder: {stored.path}\ndigest: {stored.manifest.digest}")
+        typer.echo(f"{judge(stored.manifest).sentence}\n{stored.recipe.to_yaml()}", nl=False)
+        return
     recipe = find_recipe(dataset)
     entry = next(entry for entry in list_datasets() if entry.id == recipe.id)
     typer.echo(

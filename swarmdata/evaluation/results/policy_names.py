@@ -13,7 +13,7 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.runs.provenance import Provenance
-from swarmdata.hub.remotes.outside_names import is_folder
+from swarmdata.hub.remotes.outside_names import is_folder, looks_like_path
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
@@ -143,6 +143,9 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
 
 def _dataset_target(name: str, task: str, models: Models) -> Target:
     refuse_replaced(name)
+    if looks_like_path(name):
+        is_there = "holds no training run: there is no config.json in it"
+        raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
     if not is_dataset(name):
         trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
         known = {*POLICIES, *trained, *shipped_recipes()} - {*CHECKPOINT_POLICIES}

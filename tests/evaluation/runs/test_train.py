@@ -19,7 +19,7 @@ from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameErro
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
-from swarmdata.evaluation.runs.train import read_settings, train_online
+from swarmdata.evaluation.runs.train import read_settings, train, train_online
 from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import read_run
@@ -300,3 +300,9 @@ def test_online_training_begins_with_an_offline_run_and_mixes_data(tmp_path: Pat
         assert description.recorded is not None
         assert description.recorded.share == 0.25
         assert description.config["actor_hidden"] == [8]
+
+
+def test_a_device_that_is_not_here_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="torch has no device 'cuda:99' here, expected cpu, or"):
+        train("bc", "coop_nav-random-mini", tmp_path / "run", device="cuda:99")
+    assert not list(tmp_path.iterdir())
