@@ -28,7 +28,7 @@ TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
 
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: quickstart test check fix slow learns bench digests wheel clean
+.PHONY: quickstart clips test check fix slow learns bench digests wheel clean
 .DELETE_ON_ERROR:
 
 $(STAMPS)/venv:
@@ -60,6 +60,12 @@ quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 
+clips: $(STAMPS)/package
+	for task in coop_nav formation transport warehouse; do \
+	  $(BIN)/swarmdata task play $$task --size 240 --out cards/worlds/$$task-scripted.gif; done
+	$(BIN)/swarmdata task play coop_nav --observation lidar --communication lossy-30 --size 320 \
+	  --out cards/worlds/coop_nav-lidar-lossy.gif
+
 test: $(STAMPS)/test
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
@@ -82,7 +88,7 @@ learns: $(STAMPS)/test
 	$(BIN)/python -m pytest -m 'learns and not gpu' $(ARGS)
 
 bench: $(STAMPS)/test
-	set -e; for file in $(filter-out %/bench_digests.py %/bench_continuation.py,$(wildcard tests/benchmarks/bench_*.py)); do \
+	set -e; for file in $(filter-out %/bench_digests.py %/bench_continuation.py %/bench_memory.py,$(wildcard tests/benchmarks/bench_*.py)); do \
 	echo "== $$file"; $(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
 
 digests: $(STAMPS)/test

@@ -27,6 +27,9 @@ steps, noise of an episode drives robots into obstacles (return -25, by step -2.
 Why it is far from the 100 % of the data: z is drawn independently of the mode that c already tells.
 After a few steps the flow reads the mode from all observations, and a robot that sees less than all
 can read it neither there nor from z. `bc_latent` ties its latent to whole episodes.
+
+With `memory` gru the actors see all their observations of the episode so far (`learn.memory`); the
+flow sees the present state and observations of all, as in `mac_flow`.
 """
 
 from dataclasses import dataclass
@@ -34,6 +37,7 @@ from typing import Any
 
 from swarmdata.learn.flows.distillation import Distillation
 from swarmdata.learn.flows.flow_learner import policy_of, restore_state, state_of
+from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.policies.flow_policy import Noise, Redraw
@@ -43,7 +47,7 @@ from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class BCFlowConfig:
+class BCFlowConfig(MemorySettings):
     """A joint flow and its students; one setting for all datasets."""
 
     n_updates: int = 10_000
@@ -80,13 +84,14 @@ class BCFlow:
         self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step of both on tensors [K, B, ...]; returns their losses, [K]."""
-        config = self.config
+        """One step of both on tensors [K, B, ...], windows with a memory; returns losses, [K]."""
+        config, view = self.config, self.copy.actor.see(batch)
+        batch = view.batch
         scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
         x = self.normalizer.information(batch.states, batch.observations)
         flow_loss = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
-        distillation_loss = self.copy.loss(self.copy.actor(batch.observations, z), x, z)
+        distillation_loss = self.copy.loss(self.copy.actor(view.features, z), x, z)
         self.copy.step(distillation_loss, scale)
         self.n_updates += 1
         losses = {"flow_loss": flow_loss, "distillation_loss": distillation_loss}

@@ -32,6 +32,13 @@ Deviations:
   two stages returned 0.3 and one with one 1.2 (3,000 updates of 64 units, batches of 128, 128
   validation episodes, 2 or 3 seeds).
 - Learning rates decay along a cosine in each stage.
+- With `memory` gru the actors remember, also in y, where they act one step later. Flow and critics
+  see the present alone, as the critics of `iql` do. The flow is used in training only, and sees the
+  state, goals included, and what all robots observe: a memory of one robot's observations adds
+  nothing where the data's actions follow from these. Where they follow from the past alone, such as
+  a convention that nothing present tells, the flow draws anew in every step, and actors that
+  remember copy that. Critics are of single robots and know less than an actor that remembers: what
+  a robot was told once does not move their gradient; only the copied flow knows it.
 
 On `coop_nav-ranks-two-conventions-mini`, whose data need a convention, an earlier version, whose
 critics learned a third as fast, scored -26.4 and solved no episode (4,500 updates of 128 rows, 64
@@ -47,6 +54,8 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.flows.distillation import Distillation
 from swarmdata.learn.flows.flow_learner import policy_of, restore_state, state_of
+from swarmdata.learn.flows.one_step_actor import StudentView
+from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import information
@@ -62,11 +71,12 @@ from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class MACFlowConfig(ActorCriticConfig):
+class MACFlowConfig(MemorySettings, ActorCriticConfig):
     """A joint flow, its students and factored critics; one setting for all datasets.
 
     Raises:
-        SchemaError: own rewards are to be mixed, or no part of the updates is left for actors.
+        SchemaError: own rewards are to be mixed, no part of the updates is left for actors, or
+            networks over sets are asked for.
     """
 
     flow_hidden: tuple[int, ...] = (128, 128)  # 256 cost 2.0 times `facmac_bc`, 128 1.5 times
@@ -86,6 +96,11 @@ class MACFlowConfig(ActorCriticConfig):
 
     def __post_init__(self) -> None:
         """Checks what settings mean together."""
+        if self.policy_network != "mlp":
+            raise SchemaError(
+                f"policy_network is {self.policy_network!r}, expected 'mlp': one-step actors see "
+                "noise beside their observations, and have no networks over sets."
+            )
         if not 0 <= self.critic_share < 1:
             raise SchemaError(
                 f"critic_share is {self.critic_share}, expected a part of the updates, from 0 (one "
@@ -127,19 +142,21 @@ class MACFlow:
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns the losses [K] of what moved."""
+        """One step on tensors [K, B, ...], windows with a memory; returns losses of what moved."""
         first, scale = self.config.first_stage, self._scale()
+        view = self.copy.actor.see(batch)
+        batch = view.batch
         s = self.normalizer.states(batch.states)
         o = self.normalizer.observations(batch.observations)
         x = information(s, o)
         reported: dict[str, Tensor] = {}
         if first == 0 or self.n_updates < first:
-            critic_loss, reported = self.critic_loss(batch, s, o)
+            critic_loss, reported = self.critic_loss(view, s, o)
             self.critics.step(critic_loss, scale)
             self.critics.follow(self.config.tau)
             reported["flow_loss"] = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
-        pi = self.copy.actor(batch.observations, z)  # [K, B, N, A]
+        pi = self.copy.actor(view.features, z)  # [K, B, N, A]
         total = reported["distillation_loss"] = self.copy.loss(pi, x, z)
         if self.n_updates >= first:
             climb_loss, reported_of_climb = self.climb_loss(s, o, pi)
@@ -154,15 +171,15 @@ class MACFlow:
         begin, end = (0, first) if self.n_updates < first else (first, config.n_updates)
         return cosine(self.n_updates - begin, end - begin, config.final_learning_rate_factor)
 
-    def critic_loss(self, batch: Batch, s: Tensor, o: Tensor) -> Loss:
+    def critic_loss(self, view: StudentView, s: Tensor, o: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the noise of the next actions.
 
         Args:
-            batch: of tensors [K, B, ...].
+            view: transitions, and what the actors see of them.
             s: normalized states, [K, B, S].
             o: normalized observations, [K, B, N, O].
         """
-        y = self.targets(batch)  # without a gradient
+        y, batch = self.targets(view), view.batch  # y without a gradient
         if self.config.reward == "own":
             q = self.critics.agent_values(o, batch.actions).flatten(2)  # [K, 2, B N]
         else:
@@ -171,11 +188,11 @@ class MACFlow:
         return Loss(loss, {"critic_loss": loss, "q": q.mean((1, 2))})
 
     @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
+    def targets(self, view: StudentView) -> Tensor:
         """Returns y of every robot, [K, B N], or of the team, [K, B]; draws the noise z'."""
-        known, discount = self.normalizer, self.config.discount
+        known, discount, batch = self.normalizer, self.config.discount, view.batch
         z = normal_like(self.generators, batch.actions)
-        a_next = self.copy.actor(batch.next_observations, z)
+        a_next = self.copy.actor(self.copy.actor.see_next(view), z)
         s_next = known.states(batch.next_states)
         o_next = known.observations(batch.next_observations)
         r, ends, critics = self.rewards(batch.rewards), batch.terminations, self.critics

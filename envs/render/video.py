@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from swarmdata.types import Bool, Episode, Float
 VIDEO_SUFFIXES = (".gif", ".mp4")
 
 _REST_SECONDS = 2.0  # s on the last state
+_STILL = 255  # index of pixels that stay as they are, which the palette does not use
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Clip:
     """The options of an animation; see the arguments of `animate`."""
 
     size: int = 384
-    stride: int = 2
+    stride: int = 1
     trail_steps: int = 30
     scans: Float | None = None
     scan_range: float | None = None
@@ -59,7 +61,7 @@ def animate(
     path: Path,
     *,
     size: int = 384,
-    stride: int = 2,
+    stride: int = 1,
     trail_steps: int = 30,
     scans: Float | None = None,
     scan_range: float | None = None,
@@ -145,15 +147,21 @@ def _outcome(episode: Episode) -> str:
 def write_gif(frames: list[Any], path: Path, seconds: float) -> None:
     """Writes Pillow images, each shown for `seconds`, as a GIF.
 
-    All frames share one palette without dithering, so that still parts take no space.
+    All frames share one palette without dithering, and pixels that stay as they are are
+    transparent, so that still parts take no space.
     """
-    palette = _palette(frames)
-    dither = pillow().Dither.NONE
+    palette, dither = _palette(frames), pillow().Dither.NONE
     indexed = [frame.quantize(palette=palette, dither=dither) for frame in frames]
+    pixels = [np.asarray(image) for image in indexed]
+    changed = [np.where(b == a, _STILL, b).astype(np.uint8) for a, b in pairwise(pixels)]
+    later = [pillow().fromarray(each) for each in changed]
+    for image in later:
+        image.putpalette(palette.getpalette())
     durations = [round(1000 * seconds)] * (len(frames) - 1) + [round(1000 * _REST_SECONDS)]
     indexed[0].save(
-        path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=False
-    )
+        path, save_all=True, append_images=later, duration=durations, loop=0, optimize=False,
+        transparency=_STILL, disposal=1,
+    )  # fmt: skip
 
 
 def _palette(frames: list[Any]) -> Any:

@@ -90,7 +90,7 @@ def play(
     observation: Observation = None,
     communication: Communication = None,
     size: Annotated[int, typer.Option(min=64, help="pixels of the arena's longer side")] = 384,
-    stride: Annotated[int, typer.Option(min=1, help="control steps per animation frame")] = 2,
+    stride: Annotated[int, typer.Option(min=1, help="control steps per animation frame")] = 1,
 ) -> None:
     """Run a policy for one episode and draw it.
 

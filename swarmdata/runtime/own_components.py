@@ -7,6 +7,7 @@ workers of this process, too: its place is in `REGISTERED_VARIABLE` of their env
 
 import json
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
@@ -124,5 +125,5 @@ def _place_of(component: Any) -> str | None:
     module, name = getattr(component, "__module__", ""), getattr(component, "__qualname__", "")
     if module in ("", "__main__") or "." in name:
         return None
-    found = getattr(import_module(module), name, None)
+    found = getattr(sys.modules.get(module), name, None)
     return f"{module}:{name}" if found is component else None

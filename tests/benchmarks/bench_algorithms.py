@@ -39,6 +39,9 @@ from tests.benchmarks.peers.team_data import Budget, TeamData
 
 DATASETS = ("coop_nav-medium-replay", "coop_nav-medium")
 METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
+NETWORKS = ("hidden", "actor_hidden", "critic_hidden")
+"""Settings of the sizes of networks."""
+
 REPOSITORIES = {
     "corl": "tinkoff-ai/CORL",
     "omar": "ling-pan/OMAR",
@@ -171,7 +174,7 @@ def our_config(name: str, budget: Budget) -> object:
     config = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config()
     changes = {"n_updates": str(budget.n_updates), "batch_size": str(budget.batch_size)}
     units = f"{budget.units},{budget.units}"
-    changes |= {key: units for key in ("actor_hidden", "critic_hidden") if hasattr(config, key)}
+    changes |= {key: units for key in NETWORKS if hasattr(config, key)}
     if hasattr(config, "bc_warmup_updates"):
         share = config.bc_warmup_updates / config.n_updates
         changes["bc_warmup_updates"] = str(round(share * budget.n_updates))

@@ -20,10 +20,11 @@ FILE = Path(__file__).parents[2] / "docs/benchmarks.md"
 HEAD = """# Benchmarks
 
 This page has the speed of worlds, training and loading, beside other libraries where they offer
-the same, and figures of contacts and rewards. `make bench` measures every section but the summary
-again and rewrites it. The engines of a table take turns in the same run, on one core. Rates are
-medians over the rounds, with the smallest and the largest in brackets. The rates of a virtual
-machine vary by up to a factor of two between runs, so compare the ratios within one table.
+the same, and figures of contacts, rewards and memory. `make bench` measures every section but the
+summary and memory, which takes hours, again and rewrites it. The engines of a table take turns in
+the same run, on one core. Rates are medians over the rounds, with the smallest and the largest in
+brackets. The rates of a virtual machine vary by up to a factor of two between runs, so compare the
+ratios within one table.
 
 """
 

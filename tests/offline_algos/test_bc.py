@@ -1,6 +1,5 @@
 """Behavior cloning: its loss, its schedule, and that it imitates."""
 
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,14 @@ from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from swarmdata.types import Batch, Step, no_messages  # noqa: E402
-from tests.offline_algos.conftest import drive, play  # noqa: E402
-from tests.offline_algos.toys import actions_of, batches  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
+from tests.offline_algos.conftest import drive  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    actions_of,
+    batches,
+    share_by_the_sign,
+    sign_at_the_start,
+)
 
 
 def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list[Batch]]:
@@ -76,20 +80,6 @@ def test_it_imitates_each_agent(good_only: MemoryDataset, output: str) -> None:
         assert np.sqrt(np.square(error).mean()) < 0.1
 
 
-def sign_at_the_start(n_episodes: int, seed: int) -> MemoryDataset:
-    """Robots see a sign in the first step only, and drive by it in all 12 steps."""
-    rng = np.random.default_rng(seed)
-    episodes = []
-    for _ in range(n_episodes):
-        episode = play(rng, good=True, cut=True)
-        signs = rng.choice([-1.0, 1.0], size=(2, 1))
-        observations = rng.normal(size=episode.observations.shape).astype(np.float32)
-        observations[:, :, 0], observations[0, :, 0] = 0.0, signs[:, 0]
-        actions = np.broadcast_to(0.8 * signs, episode.actions.shape).astype(np.float32)
-        episodes.append(replace(episode, observations=observations, actions=actions))
-    return MemoryDataset(episodes)
-
-
 @pytest.mark.learns
 @pytest.mark.parametrize(("memory", "least"), [("gru", 0.9), ("none", 0.0)])
 def test_it_imitates_what_only_a_memory_knows(memory: Any, least: float, tmp_path: Path) -> None:
@@ -100,21 +90,5 @@ def test_it_imitates_what_only_a_memory_knows(memory: Any, least: float, tmp_pat
     )  # fmt: skip
     data = sign_at_the_start(200, 0)
     policy = train_seeds("bc", data, tmp_path, seeds=(0,), config=config, progress=False)[0]
-    fresh = sign_at_the_start(50, 1)
-    observations = np.stack([episode.observations for episode in fresh], 1)  # [T + 1, E, N, O]
-    actions = acted(policy, observations[:12])[-1]
-    right = (np.sign(actions[..., 0]) == observations[0, ..., 0]).mean()
+    right = share_by_the_sign(policy)
     assert (right > least) if memory == "gru" else (0.3 < right < 0.7)
-
-
-def acted(policy: Any, observations: Any) -> list[Any]:
-    """What a policy does in each step of E episodes, given observations [T, E, N, O]."""
-    n_copies, n_agents = observations.shape[1:3]
-    flags, rewards = np.zeros(n_copies, np.bool_), np.zeros((n_copies, n_agents), np.float32)
-    blank = Step(
-        observations[0], rewards, rewards, rewards[..., None], flags, flags, flags,
-        rewards[..., None].astype("u1"), np.arange(n_copies, dtype="u8"), np.zeros(n_copies, "i8"),
-        rewards[..., None], **no_messages(n_copies, n_agents),
-    )  # fmt: skip
-    policy.reset(blank, np.arange(n_copies))
-    return [policy.act(blank._replace(observations=row)) for row in observations]

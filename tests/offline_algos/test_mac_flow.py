@@ -1,5 +1,6 @@
 """MAC-Flow: targets, what climbs which values, the stages, and that it improves on its data."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,16 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.mac_flow import MACFlow, MACFlowConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
     made,
     progress_of,
     random_batch,
+    share_by_the_sign,
+    sign_at_the_start,
     step_of,
     trained,
     two_episodes,
@@ -29,6 +34,10 @@ def value(states: Tensor) -> Tensor:
     return 100 * states[..., 0] + 10 * states[..., 1]
 
 
+def targets(algorithm: MACFlow, batch: Batch) -> Tensor:
+    return algorithm.targets(algorithm.copy.actor.see(batch))
+
+
 def test_the_teams_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     algorithm = made(MACFlow, discount=0.5, reward="team", **TINY)
 
@@ -39,7 +48,7 @@ def test_the_teams_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyP
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
     # episode 1: 2 + V(1, 1) / 2, then 6 without a bootstrap; episode 2: the cut does not stop it
     expected = torch.tensor([[2 + 55.0, 6.0, 2 + 105.0, 6 + 110.0]])
-    torch.testing.assert_close(algorithm.targets(batch), expected)
+    torch.testing.assert_close(targets(algorithm, batch), expected)
 
 
 def test_each_robots_target_has_its_own_reward(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,7 +61,7 @@ def test_each_robots_target_has_its_own_reward(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(algorithm.critics, "agent_values", agent_values)
     batch = two_episodes().sampler().gather(np.arange(4)[None]).to_torch()
     expected = [1 + 5.0, 3 + 10.0, 5.0, 7.0, 1 + 5.0, 3 + 10.0, 5 + 5.0, 7 + 10.0]
-    torch.testing.assert_close(algorithm.targets(batch), torch.tensor([expected]))
+    torch.testing.assert_close(targets(algorithm, batch), torch.tensor([expected]))
 
 
 @pytest.mark.parametrize(("clip", "worth"), [(True, 1.5), (False, 5.0)])  # R* / scale is 1.5
@@ -65,7 +74,7 @@ def test_values_of_the_team_are_bounded(
     )
     monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.full((1, 2, 32), 5.0))
     expected = batch.rewards.mean(-1) / 2 + 0.9 * worth * ~batch.terminations
-    torch.testing.assert_close(algorithm.targets(batch), expected)
+    torch.testing.assert_close(targets(algorithm, batch), expected)
 
 
 @pytest.mark.parametrize(("clip", "worth"), [(True, 1.5), (False, 5.0)])
@@ -77,7 +86,7 @@ def test_own_values_are_bounded_in_units_of_own_returns(
     fives = torch.full((1, 2, 32, 2), 5.0)
     monkeypatch.setattr(algorithm.critics, "agent_values", lambda *_: fives)
     expected = batch.rewards / 4 + 0.9 * worth * ~batch.terminations[..., None]
-    torch.testing.assert_close(algorithm.targets(batch), expected.flatten(1))
+    torch.testing.assert_close(targets(algorithm, batch), expected.flatten(1))
 
 
 def test_actors_climb_the_mean_of_the_robots_values_and_critics_stay() -> None:
@@ -85,7 +94,8 @@ def test_actors_climb_the_mean_of_the_robots_values_and_critics_stay() -> None:
     with torch.no_grad():
         algorithm.critics.utilities.layers[-1].weight.mul_(200.0)
     before = algorithm.critics.utilities.flat.clone()
-    pi = algorithm.copy.actor(batch.observations, torch.randn(1, 32, 2, 2))
+    actor = algorithm.copy.actor
+    pi = actor(actor.see(batch).features, torch.randn(1, 32, 2, 2))
     s, o = batch.states, batch.observations  # moments are 0 and 1
     q = algorithm.critics.agent_values(o, pi)[:, 0]  # [K, B, N]
     weight = 2.0 / max(q.mean(2).abs().mean().item(), 1.0)
@@ -137,6 +147,11 @@ def test_actors_need_updates_of_their_own() -> None:
             MACFlowConfig(critic_share=share)
 
 
+def test_networks_over_sets_are_refused() -> None:
+    with pytest.raises(SchemaError, match="expected 'mlp'"):
+        MACFlowConfig(policy_network="deep_sets")
+
+
 def test_own_rewards_are_not_mixed() -> None:
     with pytest.raises(SchemaError, match="expected reward 'team'"):
         MACFlowConfig(mixer="free")
@@ -170,3 +185,17 @@ def test_it_improves_on_a_mixture(
             assert progress < 0.07, progress
         else:
             assert progress > least, progress  # straight at the goal: 0.16
+
+
+@pytest.mark.learns
+@pytest.mark.parametrize("memory", ["gru", "none"])
+def test_its_students_do_what_only_a_memory_knows(memory: Any, tmp_path: Path) -> None:
+    """The flow reads it from the state. Without a memory, students guess."""
+    config = MACFlowConfig(
+        n_updates=600, batch_size=128, actor_hidden=(32,), critic_hidden=(32,), flow_hidden=(32,),
+        memory=memory, memory_size=16, burn_in=10, window=12,
+    )  # fmt: skip
+    data = sign_at_the_start(200, 0)
+    policy = train_seeds("mac_flow", data, tmp_path, seeds=(0,), config=config, progress=False)[0]
+    right = share_by_the_sign(policy)
+    assert (right > 0.9) if memory == "gru" else (0.3 < right < 0.7)

@@ -1,7 +1,7 @@
 """Tiny networks, batches and training loops for tests of algorithms."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -16,6 +16,7 @@ from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, Step, no_messages
+from tests.offline_algos.conftest import play
 
 Algorithm = TypeVar("Algorithm")
 
@@ -233,3 +234,44 @@ def progress_of(actions: Float, observations: Float) -> float:
     offsets = observations[..., 2:4]
     before = np.linalg.norm(offsets, axis=-1)
     return float((before - np.linalg.norm(offsets - 0.2 * actions, axis=-1)).mean())
+
+
+def sign_at_the_start(n_episodes: int, seed: int) -> MemoryDataset:
+    """Robots see a sign in the first step only, and drive by it in all 12 steps; states tell it."""
+    rng = np.random.default_rng(seed)
+    episodes = []
+    for _ in range(n_episodes):
+        episode = play(rng, good=True, cut=True)
+        signs = rng.choice([-1.0, 1.0], size=(2, 1))
+        observations = rng.normal(size=episode.observations.shape).astype(np.float32)
+        observations[:, :, 0], observations[0, :, 0] = 0.0, signs[:, 0]
+        states = rng.normal(size=episode.states.shape).astype(np.float32)
+        states[:, :2] = signs[:, 0]
+        actions = np.broadcast_to(0.8 * signs, episode.actions.shape).astype(np.float32)
+        episodes.append(
+            replace(
+                episode,
+                observations=observations,
+                states=states,
+                actions=actions,
+                rewards=np.ones_like(episode.rewards),
+            )
+        )
+    return MemoryDataset(episodes)
+
+
+def share_by_the_sign(policy: Policy) -> float:
+    """Share of robots that still drive by the sign 11 steps later; guessing makes a half."""
+    fresh = sign_at_the_start(50, 1)
+    observations = np.stack([episode.observations for episode in fresh], 1)  # [T + 1, E, N, O]
+    n_copies, n_agents = observations.shape[1:3]
+    flags, rewards = np.zeros(n_copies, np.bool_), np.zeros((n_copies, n_agents), np.float32)
+    blank = Step(
+        observations[0], rewards, rewards, rewards[..., None], flags, flags, flags,
+        rewards[..., None].astype("u1"), np.arange(n_copies, dtype="u8"), np.zeros(n_copies, "i8"),
+        rewards[..., None], **no_messages(n_copies, n_agents),
+    )  # fmt: skip
+    policy.reset(blank, np.arange(n_copies))
+    for time, row in enumerate(observations[:12]):
+        actions = policy.act(blank._replace(observations=row, times=np.full(n_copies, time)))
+    return float((np.sign(actions[..., 0]) == observations[0, ..., 0]).mean())

@@ -41,7 +41,7 @@ def check_clip(out: Path) -> None:
 
 
 def write_clip(
-    episode: Episode, spec: TaskSpec, out: Path, *, size: int = 384, stride: int = 2
+    episode: Episode, spec: TaskSpec, out: Path, *, size: int = 384, stride: int = 1
 ) -> None:
     """Draws an episode: an animation, or as PNG its last state with all paths.
 
@@ -94,7 +94,7 @@ def draw_target(
     communication: Source | None = None,
     *,
     size: int = 384,
-    stride: int = 2,
+    stride: int = 1,
 ) -> Episode:
     """Draws a recorded episode, or simulates one and draws it; returns the episode.
 

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from swarmdata.learn.flows.joint_flow import JointFlow
 from swarmdata.learn.flows.one_step_actor import OneStepActor
+from swarmdata.learn.flows.recurrent_one_step_actor import RecurrentOneStepActor
 from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
 from swarmdata.learn.objectives.in_sample import cloning_loss
 from swarmdata.learn.policies.flow_policy import Noise, Redraw
@@ -16,7 +17,7 @@ from swarmdata.learn.training.setup import Setup
 
 
 class FlowConfig(Protocol):
-    """Settings of a flow and of the actors that copy it."""
+    """Settings of a flow and of the actors that copy it; the last three as `MemorySettings`."""
 
     @property
     def flow_hidden(self) -> tuple[int, ...]: ...
@@ -32,6 +33,12 @@ class FlowConfig(Protocol):
     def redraw(self) -> Redraw: ...
     @property
     def noise_scale(self) -> float: ...
+    @property
+    def has_memory(self) -> bool: ...
+    @property
+    def memory_size(self) -> int: ...
+    @property
+    def window(self) -> int: ...
 
 
 class Distillation:
@@ -39,7 +46,7 @@ class Distillation:
 
     Args:
         setup: sizes, seeds and the moments of observations.
-        config: of the flow, and of what the actors know of noise.
+        config: of the flow, and of what the actors know of noise and of the past.
         hidden: sizes of the actors' hidden layers.
         learning_rate: of the actors.
     """
@@ -55,9 +62,7 @@ class Distillation:
         self.flow = JointFlow(
             setup.sizes, setup.seeds, config.flow_hidden, config.n_flow_steps, setup.device
         )
-        self.actor = OneStepActor(
-            setup, hidden, noise=config.noise, redraw=config.redraw, scale=config.noise_scale
-        )
+        self.actor = _one_step_actor(setup, config, hidden)
         rates = {
             "flow": (self.flow.network, config.flow_learning_rate),
             "actor": (self.actor.network, learning_rate),
@@ -104,3 +109,16 @@ class Distillation:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned; other entries are left alone."""
         restore_networks(self._adams, state)
+
+
+def _one_step_actor(
+    setup: Setup, config: FlowConfig, hidden: tuple[int, ...]
+) -> OneStepActor | RecurrentOneStepActor:
+    """Makes the actors of K seeds, which remember if the settings say so."""
+    noise, redraw, scale = config.noise, config.redraw, config.noise_scale
+    if config.has_memory:
+        return RecurrentOneStepActor(
+            setup, hidden, memory_size=config.memory_size, window=config.window,
+            noise=noise, redraw=redraw, scale=scale,
+        )  # fmt: skip
+    return OneStepActor(setup, hidden, noise=noise, redraw=redraw, scale=scale)

@@ -13,6 +13,7 @@ import torch
 from swarmdata.learn.flows.distillation import Distillation
 from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
 from swarmdata.learn.policies.flow_policy import FlowPolicy
+from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy
 
 
 class Learned(Protocol):
@@ -35,7 +36,7 @@ class FlowLearner(Protocol):
         ...
 
 
-def policy_of(self: FlowLearner, index: int) -> FlowPolicy:
+def policy_of(self: FlowLearner, index: int) -> FlowPolicy | RecurrentFlowPolicy:
     """The policy of seed number `index`, as it is now."""
     return self.copy.actor.policy(index)
 

@@ -1,5 +1,7 @@
 """OneStepActor: each robot maps its own observation and noise to an action, in one step."""
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -14,6 +16,14 @@ from swarmdata.learn.policies.flow_policy import (
     noise_size,
 )
 from swarmdata.learn.training.setup import Setup
+from swarmdata.types import Batch
+
+
+class StudentView(NamedTuple):
+    """Transitions, and what one-step actors see of them besides noise."""
+
+    batch: Batch  # fields [K, B, ...]
+    features: Tensor  # normalized observations, with the memory if there is one, [K, B, N, F]
 
 
 class OneStepActor:
@@ -47,17 +57,27 @@ class OneStepActor:
         self._mean_here = self._mean.to(setup.device, torch.float32)
         self._std_here = self._std.to(setup.device, torch.float32)
 
-    def __call__(self, observations: Tensor, noise: Tensor) -> Tensor:
+    def see(self, batch: Batch) -> StudentView:
+        """Returns transitions [K, B, ...], and what the actors see of them."""
+        return StudentView(batch, self._standard(batch.observations))
+
+    def see_next(self, view: StudentView) -> Tensor:
+        """Returns what the actors see one step later, [K, B, N, O]."""
+        return self._standard(view.batch.next_observations)
+
+    def __call__(self, features: Tensor, noise: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], in (-1, 1).
 
         Args:
-            observations: as recorded, [K, B, N, O].
+            features: what the actors see, [K, B, N, O].
             noise: z of the whole team, standard normal, [K, B, N, A].
         """
-        standard = standardize(observations, self._mean_here, self._std_here)
-        features = torch.cat([standard, known_noise(noise, self.noise)], -1)
-        outputs = self.network(with_agent_id(features).flatten(1, 2))
+        known = torch.cat([features, known_noise(noise, self.noise)], -1)
+        outputs = self.network(with_agent_id(known).flatten(1, 2))
         return outputs.tanh().view_as(noise)
+
+    def _standard(self, observations: Tensor) -> Tensor:
+        return standardize(observations, self._mean_here, self._std_here)
 
     def policy(self, index: int) -> FlowPolicy:
         """Returns the policy of seed number `index`, a copy of its parameters as they are now."""

@@ -28,7 +28,7 @@ class GatedShape:
 
     inputs: int  # F
     memory: int  # M
-    reader: MLPShape | None = None  # of F + M inputs; None: the memory is the output
+    reader: MLPShape | None = None  # of F + M inputs or more; None: the memory is the output
 
     @classmethod
     def reading(cls, shape: MLPShape, memory: int) -> "GatedShape":

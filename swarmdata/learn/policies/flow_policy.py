@@ -38,6 +38,19 @@ def known_noise(values: Tensor, noise: Noise) -> Tensor:
     return torch.cat([values, team], -1)
 
 
+def drawn_noise(step: Step, n_agents: int, action_size: int, redraw: Redraw) -> Double:
+    """Returns the noise of all robots, standard normal, [E, N, A], a function of episode and time.
+
+    Args:
+        step: of E copies.
+        n_agents: N.
+        action_size: A.
+        redraw: when it is drawn anew.
+    """
+    times = np.zeros_like(step.times) if redraw == "episode" else step.times
+    return normal(counters(step._replace(times=times), "policy", n_agents, action_size))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FlowPolicy(DrawnPolicy):
     """A `DrawnPolicy` of noise, which robots turn into actions in one step.
@@ -59,11 +72,8 @@ class FlowPolicy(DrawnPolicy):
 
     def draw(self, step: Step) -> Double:
         """Returns the noise of all robots, normal of deviation `noise_scale`, [E, N, A]."""
-        times = np.zeros_like(step.times) if self.redraw == "episode" else step.times
         size = self.layers[-1].weight.shape[-1]
-        return self.noise_scale * normal(
-            counters(step._replace(times=times), "policy", self.n_agents, size)
-        )
+        return self.noise_scale * drawn_noise(step, self.n_agents, size, self.redraw)
 
     def drawn_features(self, step: Step) -> Tensor:
         """Returns what each robot knows of the team's noise, float64 [E, N, `noise_size`]."""

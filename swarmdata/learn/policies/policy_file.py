@@ -21,6 +21,7 @@ from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.flow_policy import FlowPolicy
 from swarmdata.learn.policies.latent_policy import LatentPolicy
+from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -32,7 +33,7 @@ KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind
     for kind in (
         TorchPolicy, BinPolicy, ChoicePolicy, RecurrentPolicy, RecurrentChoicePolicy, SetPolicy,
-        FlowPolicy, LatentPolicy,
+        FlowPolicy, RecurrentFlowPolicy, LatentPolicy,
     )
 }  # fmt: skip
 """Policies that can be kept."""

@@ -40,7 +40,7 @@ def test_gif_moves(tmp_path: Path) -> None:
     spec = with_models(TaskSpec(horizon=12), "lidar+stack-2", "perfect")
     write_clip(play(spec), spec, tmp_path / "x.GIF")
     with pil.open(tmp_path / "x.GIF") as image:
-        assert image.n_frames == 7
+        assert image.n_frames == 13
 
 
 def test_a_recorded_episode_is_drawn_as_other_robots_would_have_seen_it(
