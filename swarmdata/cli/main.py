@@ -21,6 +21,7 @@ from swarmdata.cli import (
     sweep_commands,
     training_commands,
 )
+from swarmdata.cli.catalogue_commands import catalogue_app
 from swarmdata.cli.making import convert_commands, editing_commands, generate_commands
 from swarmdata.cli.making.record_commands import record_app
 from swarmdata.cli.option_use import refuse
@@ -90,6 +91,7 @@ app.add_typer(task_app, name="task")
 app.add_typer(registry_app, name="registry")
 app.add_typer(remote_commands.remote_app, name="remote")
 app.add_typer(record_app, name="record")
+app.add_typer(catalogue_app, name="catalogue")
 
 CLOSED_PIPE_EXIT_CODE = 128 + 13
 """Exit code of programs that SIGPIPE ends: nothing reads the output any more."""

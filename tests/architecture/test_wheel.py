@@ -39,8 +39,11 @@ def test_every_source_of_the_five_folders_is_inside(wheel_names: set[str]) -> No
 def test_data_files_of_the_package_are_inside(wheel_names: set[str]) -> None:
     patterns = ("online_algos/configs/*.yaml", "behavior_policies/checkpoints/*", "cards/*.json")
     expected = {f"swarmdata/{p.relative_to(ROOT)}" for each in patterns for p in ROOT.glob(each)}
+    assets = (ROOT / "swarmdata/catalogue/assets").iterdir()
+    expected |= {str(path.relative_to(ROOT)) for path in assets}
 
     assert "swarmdata/online_algos/configs/coop_nav-expert.yaml" in expected
+    assert "swarmdata/catalogue/assets/catalogue.css" in expected
     assert expected <= wheel_names
 
 

@@ -175,6 +175,11 @@ CASES = (
          {f"{RESULTS}.target_evaluation:measure_references":
               SimpleNamespace(model_dump=lambda mode: {})},
          idle={"--episodes": "nothing is measured here"}),
+    Case("catalogue build coop_nav-medium",
+         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
+    Case("catalogue build coop_nav-medium --all",
+         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
+    Case("catalogue open", ("swarmdata.catalogue.site_folder:is_site",)),
     Case("task list"),
     Case("task show coop_nav"),
     Case("task validate coop_nav", ("swarmdata.rollouts.spec_check:probe",)),

@@ -1,0 +1,1 @@
+"""The catalogue: static pages on which every dataset, episode and result can be looked at."""

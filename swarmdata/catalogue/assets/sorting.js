@@ -1,0 +1,37 @@
+// Tables that are sorted by a click on their heads, and filtered by the field above them.
+"use strict";
+(() => {
+  const { el } = swarmdata;
+
+  function sortBy(table, column, head) {
+    const rising = head.getAttribute("aria-sort") !== "ascending";
+    const value = (row) => row.cells[column].dataset.value || row.cells[column].textContent;
+    const number = (text) => (text === "" || Number.isNaN(Number(text)) ? null : Number(text));
+    const rows = [...table.tBodies[0].rows].sort((a, b) => {
+      const [x, y] = [value(a), value(b)];
+      const [m, n] = [number(x), number(y)];
+      const order = m !== null && n !== null ? m - n : x.localeCompare(y, "en");
+      return rising ? order : -order;
+    });
+    table.tBodies[0].append(...rows);
+    for (const each of table.tHead.rows[0].cells) each.setAttribute("aria-sort", "none");
+    head.setAttribute("aria-sort", rising ? "ascending" : "descending");
+  }
+
+  for (const table of document.querySelectorAll("table.sortable")) {
+    [...table.tHead.rows[0].cells].forEach((head, column) => {
+      const button = el("button", { type: "button" }, head.textContent);
+      button.addEventListener("click", () => sortBy(table, column, head));
+      head.replaceChildren(button);
+    });
+    const field = document.querySelector(`input[data-filters=${table.id}]`);
+    if (!field) continue;
+    field.addEventListener("input", () => {
+      const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
+      for (const row of table.tBodies[0].rows) {
+        row.hidden = !words.every((word) => row.textContent.toLowerCase().includes(word));
+      }
+    });
+  }
+  document.body.dataset.ready = "yes";
+})();

@@ -1,0 +1,213 @@
+"""The parts of a dataset's page that scripts fill: the viewer and the table of episodes."""
+
+from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.specs.model_choice import describe
+from swarmdata.specs.rules import NavigationRules
+from swarmdata.specs.sensing_models import Broadcast, StateModel
+from swarmdata.specs.task_spec import TaskSpec
+
+SPEEDS = ("0.25", "0.5", "1", "2", "4", "8")
+
+COLUMNS = (
+    ("index", "episode"),
+    ("policy", "policy"),
+    ("end", "outcome"),
+    ("return", "return"),
+    ("length", "steps"),
+    ("collisions", "collisions"),
+    ("split", "split"),
+)
+"""Columns of the table of episodes: key and head."""
+
+NUMBERS = frozenset({"return", "length", "collisions"})
+"""Columns that are aligned to the right."""
+
+KEYS = (
+    ("Space", "play or pause"),
+    ("← →", "one step; with Shift ten"),
+    ("Home End", "start, end"),
+)
+
+
+def world_viewer(spec: TaskSpec, recorded: TaskSpec) -> Html:
+    """The viewer of replays, for one episode or two.
+
+    Args:
+        spec: with the models that are shown.
+        recorded: with those that were recorded.
+    """
+    options = [("trails", "trails", True), ("targets", "targets", True)]
+    if _has_visible_sensors(spec):
+        options.append(("sensors", "sensors", False))
+    if isinstance(spec.communication, Broadcast):
+        options.append(("radio", "radio", True))
+    options.append(("numbers", "numbers", False))
+    toggles = [
+        element("label", _toggle(key, is_on), f" {label}", class_="check")
+        for key, label, is_on in options
+    ]
+    choice = element(
+        "div",
+        element("label", "Dataset", element("select", name="dataset")),
+        element("label", "Episode", element("input", name="other", type="number", min="0")),
+        class_="choice",
+    )
+    stage = element(
+        "div",
+        element("figure", _canvas(), element("figcaption", class_="outcome")),
+        element("figure", _canvas(), element("figcaption", class_="outcome"), choice, hidden=True),
+        class_="stage",
+    )
+    tracks = [
+        element("svg", class_="track", aria_hidden="true"),
+        element("svg", class_="track", aria_hidden="true", hidden=True),
+    ]
+    events = element("details", element("summary", "Events"), element("ol"), class_="events")
+    side = element("button", "Side by side", type="button", class_="compare", aria_pressed="false")
+    parts = (
+        stage,
+        element("div", *tracks, _slider(), class_="time"),
+        _controls(side),
+        element("fieldset", element("legend", "Show"), *toggles, class_="toggles"),
+        _legend(spec),
+        *_reobserved(spec, recorded),
+        events,
+    )
+    return _viewer(parts, "s")
+
+
+def series_viewer() -> Html:
+    """The viewer of arrays over time."""
+    parts = (
+        element("p", class_="outcome"),
+        element("div", id="pictures", class_="pictures", hidden=True),
+        element("div", _slider(), class_="time"),
+        _controls(join()),
+        element("div", id="plots"),
+    )
+    return _viewer(parts, "steps")
+
+
+def browser_part(sample: str, *, has_collisions: bool) -> Html:
+    """Histograms and the table of episodes.
+
+    Args:
+        sample: which episodes are in it, one sentence.
+        has_collisions: whether collisions were recorded.
+    """
+    columns = [each for each in COLUMNS if has_collisions or each[0] != "collisions"]
+    head = [
+        element(
+            "th",
+            _sorter(key, label),
+            scope="col",
+            data_column=key,
+            class_="n" if key in NUMBERS else None,
+        )
+        for key, label in columns
+    ]
+    choices = [
+        element("label", label, element("select", element("option", "all", value=""), name=name))
+        for name, label in (("policy", "Policy"), ("split", "Split"))
+    ]
+    clear = element("button", "Clear filters", type="button", class_="clear")
+    count = element("span", class_="count", role="status")
+    table = element(
+        "table", element("thead", element("tr", *head)), element("tbody"), aria_label="Episodes"
+    )
+    return element(
+        "section",
+        element("h2", "Episodes", id="episodes"),
+        element("p", f"{sample} Drag over a histogram, or type its ends, to filter."),
+        element("div", class_="histograms"),
+        element("div", *choices, clear, count, class_="choices"),
+        element("div", table, class_="rows", tabindex="0", role="region", aria_label="Episodes"),
+        element("button", "Show more", type="button", class_="more", hidden=True),
+        id="browse",
+        aria_labelledby="episodes",
+    )
+
+
+def _viewer(parts: tuple[Html, ...], unit: str) -> Html:
+    notice = element("p", id="notice", role="status")
+    without = element("noscript", element("p", "Replays need JavaScript."))
+    return element(
+        "section", without, notice, *parts, id="viewer", aria_label="Replay", data_unit=unit
+    )
+
+
+def _canvas() -> Html:
+    return element("canvas", role="img", aria_label="Replay of an episode")
+
+
+def _slider() -> Html:
+    return element("input", type="range", min="0", value="0", aria_label="Time")
+
+
+def _controls(extra: Html) -> Html:
+    speeds = [
+        element("option", f"{speed} ×", value=speed, selected=speed == "1") for speed in SPEEDS
+    ]
+    keys = [join(element("kbd", key), f" {meaning} ") for key, meaning in KEYS]
+    return element(
+        "div",
+        element("button", "▶", type="button", class_="play", aria_label="Play"),
+        element("span", class_="clock"),
+        element("select", *speeds, name="speed", aria_label="Speed"),
+        element("button", "‹", type="button", class_="previous", aria_label="Previous episode"),
+        element("button", "›", type="button", class_="next", aria_label="Next episode"),
+        extra,
+        element("button", "Copy link", type="button", class_="share"),
+        element("span", *keys, class_="keys"),
+        class_="controls",
+    )
+
+
+def _sorter(key: str, label: str) -> Html:
+    return element("button", label, type="button", data_sort=key)
+
+
+def _toggle(key: str, is_on: bool) -> Html:
+    return element("input", type="checkbox", data_option=key, checked=is_on)
+
+
+def _has_visible_sensors(spec: TaskSpec) -> bool:
+    """Whether the sensors have a reach that can be drawn."""
+    model = spec.observation
+    is_limited = not isinstance(model, StateModel) or model.limit is not None
+    return is_limited or any(robot.sensor_range is not None for robot in spec.robots)
+
+
+def _reobserved(spec: TaskSpec, recorded: TaskSpec) -> list[Html]:
+    """Says that the policies had other sensors and radios than those shown, if so."""
+    if spec == recorded:
+        return []
+    text = f"Shown with {describe(spec)}. The policies acted with {describe(recorded)}."
+    return [element("p", text, class_="legend")]
+
+
+def _legend(spec: TaskSpec) -> Html:
+    """Says what the marks mean."""
+    words = {
+        "coop_nav": "Rings are goals, in the color of their robot.",
+        "warehouse": "Rings are places and stations of the robots' orders; a small box is carried.",
+        "formation": "Crosses are the robots' slots, discs slots that are held.",
+        "transport": "The dashed outline is where the payload should be.",
+    }
+    what = words[spec.task]
+    if isinstance(spec.rules, NavigationRules) and spec.rules.goals == "unassigned":
+        what = "Rings are goals, which any robot may cover."
+    text = f"{what} A red halo is a contact. Above the time bar: the return so far, "
+    text += "and a tick for each event."
+    if spec.observation.kind == "lidar":
+        text += (
+            " Beams are computed from the positions drawn, without the noise, losses and delay of "
+            "the sensor."
+        )
+    radio = spec.communication
+    if isinstance(radio, Broadcast):
+        text += " Arrows are messages that arrive, in the color of the sender"
+        if radio.delay:
+            text += f", dotted because they are {radio.delay * spec.control_dt:.1f} s late"
+        text += "; dashes that end in a cross are messages that were lost."
+    return element("p", text, class_="legend")

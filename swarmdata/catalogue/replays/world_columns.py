@@ -1,0 +1,233 @@
+"""The numbers with which the catalogue replays an episode of our worlds, as integers.
+
+Columns that change with time have a row for each state; what belongs to a step is in the row of the
+state that it led to. Lengths are rounded to millimetres (coarser in arenas wider than 30 m), which
+no screen shows. Radio links are those of the recording; links whose message was lost are found by
+observing the episode again over a channel without losses.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.datasets.reobservation import attempted_links
+from swarmdata.envs.render.colors import robot_color
+from swarmdata.registry.components import make_task, reward_terms
+from swarmdata.specs.rules import NavigationRules, TransportRules, WarehouseRules
+from swarmdata.specs.sensing_models import BearingModel, Broadcast, LidarModel, OccupancyModel
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, X, Y, robots_of
+from swarmdata.specs.task_spec import Robot, TaskSpec
+from swarmdata.types import EVENTS, Bool, Double, Episode, Float, Int
+
+MILLIMETRE = 0.001  # m
+WIDEST_FINE_ARENA = 30.0  # m; wider ones are rounded to a 30,000th of their width
+TURN = 1024  # units of a full turn
+REWARD_UNIT = 0.001
+SENDERS_IN_A_WORD = 15
+"""Links of a receiver are bits of words of 16 bits, whose sign bit stays free."""
+
+_CONTACT_BITS = {"robot_contact": 0, "obstacle_contact": 1}
+_ONSET_BITS = {"robot_onsets": 2, "obstacle_onsets": 5}  # three bits each
+_TERM_BITS = {"pickup": 8, "delivery": 9}
+_MOST_ONSETS = 7
+
+Columns = NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Neighbouring columns of one meaning."""
+
+    name: str
+    count: int
+    unit: float  # what one means, in the unit of the browser's drawing: m, rad or a code
+
+    def to_json(self) -> list[Any]:
+        """Name, number of columns, unit."""
+        return [self.name, self.count, self.unit]
+
+
+class WorldColumns:
+    """Turns episodes of a task into integers, and describes them to the browser.
+
+    Args:
+        spec: of the episodes; its models say what robots sense and hear.
+    """
+
+    def __init__(self, spec: TaskSpec) -> None:
+        self.spec = spec
+        self._quantum = max(
+            MILLIMETRE, max(spec.arena.width, spec.arena.height) * MILLIMETRE / WIDEST_FINE_ARENA
+        )
+        self._terms = [term.name for term in reward_terms(make_task(spec))]
+        n = spec.n_agents
+        self._has_headings = any(robot.dynamics == "unicycle" for robot in spec.robots)
+        self._n_words = (
+            -(-n // SENDERS_IN_A_WORD) if isinstance(spec.communication, Broadcast) else 0
+        )
+
+    def moving(self, episode: Episode) -> list[tuple[Group, Columns]]:
+        """The columns that change with time, [T+1, count] each."""
+        robots = robots_of(episode.states, self.spec.n_agents)
+        found = [
+            self._lengths("x", robots[..., X]),
+            self._lengths("y", robots[..., Y]),
+            self._lengths("tx", robots[..., TX]),
+            self._lengths("ty", robots[..., TY]),
+        ]
+        if self._has_headings:
+            found.append(_angles("angle", robots[..., UX], robots[..., UY]))
+        found += self._of_the_task(episode.states)
+        found.append(self._events(episode))
+        rewards = episode.rewards.mean(axis=1, dtype=np.float64)
+        codes = np.clip(np.rint(rewards / REWARD_UNIT), -32768, 32767).astype(np.int64)
+        found.append((Group("reward", 1, REWARD_UNIT), _after(codes[:, None])))
+        return [*found, *self._links(episode)]
+
+    def fixed(self, episode: Episode) -> list[tuple[Group, Columns]]:
+        """The columns that are the same throughout an episode, [1, count] each."""
+        layout, spec = episode.layout, self.spec
+        lengths = layout[:, [1, 2, 5, 6, 7]]
+        kinds = (
+            Group("obstacle_kind", len(layout), 1.0),
+            np.rint(layout[None, :, 0]).astype(np.int64),
+        )
+        found = [kinds, self._lengths("obstacle_size", lengths.reshape(1, -1))]
+        found.append(_angles("obstacle_angle", layout[None, :, 3], layout[None, :, 4]))
+        rules, extras = spec.rules, episode.states[:1, N_COLUMNS * spec.n_agents :]
+        if isinstance(rules, NavigationRules) and rules.goals == "unassigned":
+            found.append(self._lengths("goal", extras))
+        if isinstance(rules, TransportRules) and rules.goal_angle is not None:
+            found.append(_angles("goal_angle", extras[:, 7:8], extras[:, 8:9]))
+        return found
+
+    def _of_the_task(self, states: Float) -> list[tuple[Group, Columns]]:
+        n, rules = self.spec.n_agents, self.spec.rules
+        extras = states[:, N_COLUMNS * n :]
+        if isinstance(rules, TransportRules):
+            angle = _angles("body_angle", extras[:, 4:5], extras[:, 5:6])
+            return [self._lengths("body", extras[:, :2]), angle]
+        if isinstance(rules, WarehouseRules):
+            carrying = np.rint(extras[:, : 2 * n : 2]).astype(np.int64)
+            return [(Group("carrying", n, 1.0), carrying)]
+        return []
+
+    def _events(self, episode: Episode) -> tuple[Group, Columns]:
+        """One code for each robot and step: contacts, how many began, pickups and deliveries."""
+        events = episode.events.astype(np.int64)
+        codes = np.zeros(events.shape[:2], np.int64)
+        for name, bit in {**_CONTACT_BITS, **_ONSET_BITS}.items():
+            codes |= np.minimum(events[..., EVENTS.index(name)], _MOST_ONSETS) << bit
+        if episode.reward_terms is not None:
+            for name, bit in _TERM_BITS.items():
+                if name in self._terms:
+                    happened = episode.reward_terms[..., self._terms.index(name)] > 0
+                    codes |= happened.astype(np.int64) << bit
+        return Group("event", events.shape[1], 1.0), _after(codes)
+
+    def _links(self, episode: Episode) -> list[tuple[Group, Columns]]:
+        """Messages that arrived, that arrived late, and that were lost, as bits of senders."""
+        if not self._n_words:
+            return []
+        attempted = attempted_links(episode, self.spec)
+        assert attempted is not None  # the spec has a channel
+        others = ~np.eye(self.spec.n_agents, dtype=np.bool_)
+        arrived = episode.delivered & others
+        lost = attempted & ~episode.delivered & others
+        return [self._bits("heard", arrived), self._bits("lost", lost)]
+
+    def _bits(self, name: str, links: Bool) -> tuple[Group, Columns]:
+        """Packs links [T+1, receivers, senders] into words, [T+1, receivers * words]."""
+        n, words = links.shape[1], []
+        for first in range(0, n, SENDERS_IN_A_WORD):
+            some = links[..., first : first + SENDERS_IN_A_WORD]
+            words.append((some << np.arange(some.shape[-1])).sum(axis=-1))
+        packed = np.stack(words, axis=-1).reshape(len(links), -1)
+        return Group(name, packed.shape[1], 1.0), packed
+
+    def _lengths(self, name: str, values: Float | Double) -> tuple[Group, Columns]:
+        codes = np.rint(values.astype(np.float64) / self._quantum).astype(np.int64)
+        return Group(name, values.shape[1], self._quantum), codes
+
+    def describe(self) -> dict[str, Any]:
+        """What the browser needs to know of the world, JSON."""
+        spec = self.spec
+        robots = [
+            {"radius": robot.radius, "role": role, "turns": robot.dynamics == "unicycle"}
+            for role, robot in zip(_roles(spec), spec.robots, strict=True)
+        ]
+        return {
+            "task": spec.task,
+            "width": spec.arena.width,
+            "height": spec.arena.height,
+            "dt": spec.control_dt,
+            "robots": robots,
+            "names": list(spec.agent_names),
+            "colors": [_hex(robot_color(i)) for i in range(spec.n_agents)],
+            "goal_radius": getattr(spec.rules, "goal_radius", None),
+            "tolerance": getattr(spec.rules, "tolerance", None),
+            "is_shared": not spec.rules.has_own_targets and spec.task == "coop_nav",
+            "payload": _payload(spec),
+            "sensor": _sensor(spec),
+            "radio": _radio(spec),
+        }
+
+
+def _angles(name: str, ux: Float, uy: Float) -> tuple[Group, Columns]:
+    """Directions as unwrapped angles: full turns are multiples of `TURN`, so wrapping is exact."""
+    angles = np.unwrap(np.arctan2(uy, ux).astype(np.float64), axis=0)
+    unit = 2 * np.pi / TURN
+    return Group(name, angles.shape[1], unit), np.rint(angles / unit).astype(np.int64)
+
+
+def _after(steps: Int) -> Int:
+    """Rows of steps, [T, C], as rows of the states that they led to, [T+1, C]."""
+    return np.concatenate([np.zeros_like(steps[:1]), steps])
+
+
+def _roles(spec: TaskSpec) -> list[int]:
+    return [k for k, role in enumerate(spec.team) for _ in range(role.count)]
+
+
+def _hex(color: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*color)
+
+
+def _payload(spec: TaskSpec) -> dict[str, Any] | None:
+    if not isinstance(spec.rules, TransportRules):
+        return None
+    payload = spec.rules.payload
+    return {"shape": payload.shape, "a": payload.half_length, "b": payload.half_width}
+
+
+def _range_of(robot: Robot, reach: float) -> float:
+    return min(reach, robot.sensor_range or reach)
+
+
+def _sensor(spec: TaskSpec) -> dict[str, Any]:
+    """Kind of the sensor and how far each robot sees, m; None: without a limit."""
+    model = spec.observation
+    if isinstance(model, LidarModel):
+        ranges: list[float | None] = [_range_of(robot, model.range) for robot in spec.robots]
+        return {"kind": "lidar", "ranges": ranges, "rays": model.n_rays}
+    if isinstance(model, BearingModel):
+        return {
+            "kind": "bearing",
+            "ranges": [_range_of(robot, model.range) for robot in spec.robots],
+        }
+    if isinstance(model, OccupancyModel):
+        return {"kind": "occupancy", "half": model.cells * model.cell_size / 2, "ranges": []}
+    ranges = []
+    for robot in spec.robots:  # the limits are gaps from the robot's surface
+        limits = [limit for limit in (model.limit, robot.sensor_range) if limit is not None]
+        ranges.append(robot.radius + min(limits) if limits else None)
+    return {"kind": "state", "ranges": ranges}
+
+
+def _radio(spec: TaskSpec) -> dict[str, Any] | None:
+    model = spec.communication
+    if not isinstance(model, Broadcast):
+        return None
+    return {"delay": model.delay, "range": model.range, "payload": model.payload}

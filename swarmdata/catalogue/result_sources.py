@@ -1,0 +1,229 @@
+"""Sources of results: studies, and result files of one's own, as the results page shows them.
+
+A study's folder has `estimates.csv`, as `swarmdata study` writes it, and may have learning curves
+(`curves.csv`), figures of its data (`data.csv`) and sweeps (`sweep.csv`). Studies on validation
+seeds chose settings, so their scores are no results and are left out.
+"""
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from swarmdata.cards.sections.baselines import ESTIMATES_FILE
+from swarmdata.catalogue.drawings.line_chart import PlottedPoint
+from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.evaluation.results.result_set import read_results
+from swarmdata.evaluation.results.result_tables import estimate, quantities_of
+from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.runtime.documents import read_document
+
+Rows = Sequence[Mapping[str, str]]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one label achieved on one dataset."""
+
+    label: str
+    family: str
+    dataset: str  # id with version; after @, that it was observed through other models
+    estimates: Mapping[str, Estimate]  # by quantity, in stored units
+    n_runs: int
+    updates: str
+    rewards: str  # changed weights of its rewards, JSON; empty: those of the data
+    runs: tuple[str, ...]  # names of its run folders, where they are known
+
+
+@dataclass(frozen=True)
+class LineSet:
+    """Lines of one chart."""
+
+    title: str
+    x_name: str
+    y_name: str
+    lines: Mapping[str, tuple[PlottedPoint, ...]]
+
+
+@dataclass(frozen=True)
+class ResultSource:
+    """The results of one source.
+
+    Attributes:
+        title: of the source.
+        place: where it comes from.
+        outcomes: by dataset and label.
+        data: mean score of each dataset's own episodes, where it is known.
+        charts: learning curves and sweeps.
+    """
+
+    title: str
+    place: str
+    outcomes: tuple[Outcome, ...]
+    data: Mapping[str, float]
+    charts: tuple[LineSet, ...] = ()
+
+
+def committed_sources() -> list[ResultSource]:
+    """The studies that are part of this installation."""
+    with as_file(files("swarmdata.cards").joinpath("studies")) as folder:
+        found = [path.parent for path in sorted(folder.glob(f"*/{ESTIMATES_FILE}"))]
+        return [_of_study(path, f"cards/studies/{path.name}") for path in found if _is_shown(path)]
+
+
+def own_sources(places: Iterable[Path]) -> list[ResultSource]:
+    """Reads results of one's own.
+
+    Args:
+        places: folders of studies, folders that `swarmdata evaluate --out` wrote, or result files.
+
+    Raises:
+        DatasetNotFoundError: a place holds no results.
+        SchemaError: a file is not a result, or malformed.
+        ResultsError: results are stale, or cannot be compared.
+    """
+    return [_of_place(Path(place)) for place in places]
+
+
+def _of_place(place: Path) -> ResultSource:
+    if (place / ESTIMATES_FILE).is_file():
+        return _of_study(place, str(place))
+    if not place.exists():
+        raise DatasetNotFoundError(
+            f"there are no results at {place}. Name the folder of a study, one that `swarmdata "
+            "evaluate --out` wrote, or a result file."
+        )
+    outcomes, data = [], {}
+    results = read_results([place])
+    for case in (*results.cases, *results.baselines):
+        if case.data_score is not None:
+            data[case.name] = case.data_score
+        for label, runs in case.runs.items():
+            origin = runs[0].provenance
+            found = {each.column.key: estimate(each, case, label) for each in quantities_of(case)}
+            names = tuple(str(run.run_folder) for run in runs if run.run_folder is not None)
+            updates = "" if origin.updates is None else str(origin.updates)
+            family = origin.algorithm or "policy without training"
+            outcomes.append(Outcome(label, family, case.name, found, len(runs), updates, "", names))
+    return ResultSource(place.name, str(place), tuple(outcomes), data)
+
+
+def _is_shown(folder: Path) -> bool:
+    """Whether a study was measured on evaluation seeds."""
+    return bool(_plan(folder).get("block") != "validation")
+
+
+def _plan(folder: Path) -> dict[str, object]:
+    file = folder / "study.yaml"
+    plan = read_document(file) if file.is_file() else {}
+    return plan if isinstance(plan, dict) else {}
+
+
+def _of_study(folder: Path, place: str) -> ResultSource:
+    groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
+    for row in _read(
+        folder / ESTIMATES_FILE, ("label", "dataset", "quantity", "mean", "low", "high")
+    ):
+        groups.setdefault((row["dataset"], row["label"]), []).append(row)
+    outcomes = tuple(
+        _outcome(rows, folder / ESTIMATES_FILE) for rows in groups.values() if rows[0]["dataset"]
+    )
+    data = {
+        row["dataset"]: _number(row["score"], folder / "data.csv")
+        for row in _read_if_there(folder / "data.csv", ("dataset", "score"))
+        if row["score"]
+    }
+    title = str(_plan(folder).get("title") or folder.name)
+    if not _is_shown(folder) and "validation" not in title:
+        title = f"{title} (validation seeds)"
+    charts = (*_curves(folder), *_sweeps(folder))
+    return ResultSource(title, place, outcomes, data, charts)
+
+
+def _outcome(rows: Rows, file: Path) -> Outcome:
+    first = rows[0]
+    found = {
+        row["quantity"]: Estimate(*(_number(row[key], file) for key in ("mean", "low", "high")))
+        for row in rows
+    }
+    return Outcome(
+        label=first["label"],
+        family=first.get("family", ""),
+        dataset=first["dataset"],
+        estimates=found,
+        n_runs=int(first.get("seeds") or 0),
+        updates=first.get("updates", ""),
+        rewards=first.get("rewards", ""),
+        runs=(),
+    )
+
+
+def _curves(folder: Path) -> list[LineSet]:
+    """A chart of success for each dataset of a study that measured learning curves."""
+    file = folder / "curves.csv"
+    lines: dict[str, dict[str, list[PlottedPoint]]] = {}
+    for row in _read_if_there(file, ("cell", "metric", "update", "mean", "low", "high")):
+        if row["metric"] == "success":
+            label, _, dataset = row["cell"].partition("/")
+            numbers = [_number(row[key], file) for key in ("update", "mean", "low", "high")]
+            point = PlottedPoint(numbers[0], *(100 * value for value in numbers[1:]))
+            lines.setdefault(dataset, {}).setdefault(label, []).append(point)
+    return [
+        LineSet(
+            f"Learning curves, {dataset}".removesuffix(", "),
+            "updates",
+            "success (%), range over seeds",
+            {label: tuple(points) for label, points in found.items()},
+        )
+        for dataset, found in lines.items()
+    ]
+
+
+def _sweeps(folder: Path) -> list[LineSet]:
+    """A chart of the score for each sweep in a study's folder or below it."""
+    charts = []
+    for file in sorted(folder.rglob("sweep.csv")):
+        lines: dict[str, list[PlottedPoint]] = {}
+        names = ("part", "parameter", "value", "policy", "metric", "estimate", "low", "high")
+        rows = _read(file, names)
+        for row in rows:
+            if row["metric"] == "score" and row["value"] and row["estimate"]:
+                keys = ("value", "estimate", "low", "high")
+                numbers = [_number(row[key], file) for key in keys]
+                lines.setdefault(row["policy"], []).append(PlottedPoint(*numbers))
+        if lines:
+            found = {label: tuple(sorted(line, key=lambda p: p.x)) for label, line in lines.items()}
+            what = f"{rows[0]['part']}: {rows[0]['parameter']}"
+            charts.append(LineSet(f"Robustness, {what}", rows[0]["parameter"], "score", found))
+    return charts
+
+
+def _read_if_there(file: Path, names: Sequence[str]) -> Rows:
+    return _read(file, names) if file.is_file() and file.read_text("utf-8").strip() else ()
+
+
+def _read(file: Path, names: Sequence[str]) -> Rows:
+    """Rows of a CSV file.
+
+    Raises:
+        SchemaError: it lacks one of the columns `names`.
+    """
+    with file.open(encoding="utf-8", newline="") as stream:
+        reader = csv.DictReader(stream)
+        missing = [name for name in names if name not in (reader.fieldnames or ())]
+        if missing:
+            raise SchemaError(
+                f"{file} has no column {', '.join(missing)}, got {reader.fieldnames}. Expected a "
+                "file that `swarmdata study` or `swarmdata sweep` wrote."
+            )
+        return list(reader)
+
+
+def _number(text: str, file: Path) -> float:
+    """A number of a CSV file; an empty one is undefined."""
+    try:
+        return float(text) if text else math.nan
+    except ValueError as error:
+        raise SchemaError(f"{file} has {text!r}, expected a number") from error

@@ -1,0 +1,90 @@
+"""`swarmdata catalogue`: static pages on which datasets, episodes and results are looked at."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarmdata.cli.shared_options import Communication, Observation, Workers
+
+catalogue_app = typer.Typer(
+    no_args_is_help=True, help="Pages on which every dataset, episode and result can be looked at."
+)
+
+Site = Annotated[Path, typer.Option(help="folder of the catalogue")]
+Datasets = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[ID_OR_PATH]...",
+        help="datasets whose episodes are shown; default: those in the cache",
+    ),
+]
+MostEpisodes = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="most episodes of a dataset, a sample of every policy and outcome",
+        show_default="1000",
+    ),
+]
+AllEpisodes = Annotated[bool, typer.Option("--all", help="show every episode instead of a sample")]
+Results = Annotated[
+    list[Path] | None,
+    typer.Option(help="results to show: a study's folder, or one of `evaluate`; repeatable"),
+]
+
+
+@catalogue_app.command("build")
+def build_command(
+    datasets: Datasets = None,
+    out: Site = Path("site"),
+    episodes: MostEpisodes = None,
+    all_episodes: AllEpisodes = False,
+    results: Results = None,
+    observation: Observation = None,
+    communication: Communication = None,
+    workers: Workers = None,
+) -> None:
+    """Write static pages of datasets, episodes and results.
+
+    They need no server and no network. An earlier catalogue in the folder is replaced when the new
+    one is complete.
+    """
+    from swarmdata.catalogue.build_catalogue import (
+        DEFAULT_EPISODES,
+        CatalogueChoices,
+        build_catalogue,
+    )
+
+    if all_episodes and episodes is not None:
+        raise typer.BadParameter("cannot be combined with --episodes", param_hint="--all")
+    choices = CatalogueChoices(
+        episodes=None if all_episodes else episodes or DEFAULT_EPISODES,
+        results=tuple(results or ()),
+        observation=observation,
+        communication=communication,
+        workers=workers,
+    )
+    typer.echo(build_catalogue(datasets or (), out, choices, note=_note))
+
+
+def _note(text: str) -> None:
+    typer.echo(text, err=True)
+
+
+@catalogue_app.command("open")
+def open_command(out: Site = Path("site")) -> None:
+    """Open a catalogue in the browser, and print its address."""
+    import webbrowser
+
+    from swarmdata.catalogue.site_folder import is_site
+    from swarmdata.errors import DatasetNotFoundError
+
+    if not is_site(out):
+        raise DatasetNotFoundError(
+            f"there is no catalogue at {out}. Build one with: swarmdata catalogue build --out {out}"
+        )
+    address = (out.resolve() / "index.html").as_uri()
+    typer.echo(address)
+    if not webbrowser.open(address):
+        typer.echo("No browser could be started; open this address in one.", err=True)

@@ -1,0 +1,113 @@
+"""Results are read from studies and result files, and what is not a result is refused."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from swarmdata.catalogue.pages.results_page import results_page
+from swarmdata.catalogue.result_sources import committed_sources, own_sources
+from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.evaluation.results.result_files import save_result
+from tests.support.measured import MEDIUM, result
+
+HEAD = "label,family,dataset,rewards,digest,seeds,updates,frames,episodes,quantity,mean,low,high\n"
+ROW = "bc,cloning,coop_nav-medium-v1,,d1,5,4500,,1000,{},{},{},{}\n"
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    rows = ROW.format("score", 50, 45, 55) + ROW.format("success", 0.5, 0.4, 0.6)
+    (folder / "estimates.csv").write_text(HEAD + rows + ROW.format("time_to_goal", "", "", ""))
+    (folder / "study.yaml").write_text("title: My <study>\nblock: evaluation\n")
+    (folder / "data.csv").write_text("dataset,score\ncoop_nav-medium-v1,57.5\n")
+    (folder / "curves.csv").write_text(
+        "cell,metric,update,mean,low,high\n"
+        "bc/coop_nav-medium,success,500,0.2,0.1,0.3\nbc/coop_nav-medium,success,1000,0.4,0.3,0.5\n"
+    )
+    (folder / "sweeps").mkdir()
+    (folder / "sweeps" / "sweep.csv").write_text(
+        "part,parameter,value,as_trained,policy,runs,episodes,metric,estimate,low,high\n"
+        "communication,drop,0.5,0,bc,5,200,score,40,30,50\n"
+        "communication,drop,0.0,1,bc,5,200,score,60,50,70\n"
+    )
+    return folder
+
+
+def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
+    (found,) = own_sources([study])
+
+    (outcome,) = found.outcomes
+    assert (outcome.label, outcome.n_runs, outcome.dataset) == ("bc", 5, "coop_nav-medium-v1")
+    assert tuple(outcome.estimates["score"]) == (50, 45, 55)
+    assert math.isnan(outcome.estimates["time_to_goal"].value)
+    assert found.data == {"coop_nav-medium-v1": 57.5}
+    curve, sweep = found.charts
+    assert [point.value for point in curve.lines["bc"]] == [20, 40]
+    assert [point.x for point in sweep.lines["bc"]] == [0.0, 0.5]
+
+
+def test_the_page_shows_and_links_them(study: Path) -> None:
+    text = results_page(own_sources([study]), frozenset({"coop_nav-medium-v1"})).body
+
+    assert 'href="datasets/coop_nav-medium-v1.html"' in text
+    assert "50.0 [45.0, 55.0]" in text
+    assert "My &lt;study&gt;" in text
+    assert "<study>" not in text
+    assert text.count("<svg") == 3
+
+
+def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
+    assert "datasets/" not in results_page(own_sources([study]), frozenset()).body
+
+
+def test_studies_on_validation_seeds_are_no_committed_results() -> None:
+    places = {found.place for found in committed_sources()}
+
+    assert "cards/studies/goals" in places
+    assert "cards/studies/validation" not in places
+
+
+def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:
+    (study / "study.yaml").write_text("title: Mine\nblock: validation\n")
+
+    assert own_sources([study])[0].title == "Mine (validation seeds)"
+
+
+def test_without_results_the_page_says_how_to_add_some() -> None:
+    assert "swarmdata catalogue build --results FOLDER" in results_page([], frozenset()).body
+
+
+def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> None:
+    for index in (0, 1):
+        made = result(index=index, run=str(tmp_path / "runs" / "bc"), updates=3000, algorithm="bc")
+        save_result(made, tmp_path / "results")
+
+    (found,) = own_sources([tmp_path / "results"])
+
+    (outcome,) = found.outcomes
+    assert (outcome.label, outcome.dataset, outcome.n_runs) == ("bc", MEDIUM, 2)
+    assert outcome.updates == "3000"
+    assert all(run.endswith("runs/bc") for run in outcome.runs)
+    estimate = outcome.estimates["return"]
+    assert estimate.low < estimate.value < estimate.high
+    assert found.data[MEDIUM] > 0
+    assert "runs/bc" in results_page([found], frozenset({MEDIUM})).body
+
+
+def test_absent_results_are_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(DatasetNotFoundError, match=r"no results at .*absent.*swarmdata evaluate"):
+        own_sources([tmp_path / "absent"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("a,b\n1,2\n", "has no column label"), (HEAD + ROW.format("score", "x", 1, 2), "has 'x'")],
+)
+def test_broken_estimates_are_refused(study: Path, text: str, message: str) -> None:
+    (study / "estimates.csv").write_text(text)
+
+    with pytest.raises(SchemaError, match=message):
+        own_sources([study])

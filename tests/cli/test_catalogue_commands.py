@@ -1,0 +1,90 @@
+"""`swarmdata catalogue`: what it writes, prints, opens and refuses."""
+
+import webbrowser
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from swarmdata.catalogue.build_catalogue import CatalogueChoices
+from swarmdata.cli.main import app
+from tests.support.tiny import TINY
+
+RUNNER = CliRunner()
+
+
+def test_build_and_open(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "site"
+    opened: list[str] = []
+
+    def show(address: str) -> bool:
+        opened.append(address)
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", show)
+
+    built = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(out)])
+    shown = RUNNER.invoke(app, ["catalogue", "open", "--out", str(out)])
+
+    assert built.exit_code == 0, built.output
+    assert f"{TINY.id}: " in built.stderr
+    assert built.stdout.strip() == str(out / "index.html")
+    assert shown.exit_code == 0
+    assert opened == [(out / "index.html").as_uri()]
+    assert shown.stdout.strip() == opened[0]
+
+
+def test_without_a_browser_the_address_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "catalogue.json").write_text('{"format": "swarmdata-catalogue"}')
+    monkeypatch.setattr(webbrowser, "open", lambda address: False)
+
+    result = RUNNER.invoke(app, ["catalogue", "open", "--out", str(tmp_path)])
+
+    assert result.exit_code == 0
+    assert "open this address" in result.stderr
+
+
+def test_open_says_how_to_build(tmp_path: Path) -> None:
+    result = RUNNER.invoke(app, ["catalogue", "open", "--out", str(tmp_path)])
+
+    assert result.exit_code == 1
+    assert "swarmdata catalogue build" in result.output
+
+
+def test_a_folder_of_something_else_is_refused(tiny: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+
+    result = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(tmp_path)])
+
+    assert result.exit_code == 1
+    assert "is no catalogue" in result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_all_episodes_and_a_number_of_them_exclude_each_other(tmp_path: Path) -> None:
+    options = ["--out", str(tmp_path / "site"), "--all", "--episodes", "3"]
+
+    result = RUNNER.invoke(app, ["catalogue", "build", *options])
+
+    assert result.exit_code == 2
+    assert "cannot be combined with --episodes" in result.output
+
+
+def test_every_option_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[object] = []
+
+    def record(names: object, out: Path, choices: CatalogueChoices, *, note: object) -> Path:
+        seen.extend((list(names), out, choices))  # type: ignore[call-overload]
+        return out
+
+    monkeypatch.setattr("swarmdata.catalogue.build_catalogue.build_catalogue", record)
+    options = ["--out", "o", "--results", "r", "--results", "s", "--workers", "2"]
+    models = ["--observation", "lidar", "--communication", "none"]
+
+    RUNNER.invoke(app, ["catalogue", "build", "a", "b", *options, *models, "--episodes", "7"])
+    RUNNER.invoke(app, ["catalogue", "build", "--all"])
+
+    choices = CatalogueChoices(7, (Path("r"), Path("s")), "lidar", "none", 2)
+    assert seen == [["a", "b"], Path("o"), choices, [], Path("site"), CatalogueChoices(None)]
