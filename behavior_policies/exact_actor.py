@@ -10,7 +10,7 @@ its own. Here no sum is ever rounded, so the order cannot matter:
 - float64 holds every multiple of 2^-24 below 2^53 steps. With n <= `MAX_WIDTH` = 4096 a partial
   sum, in any order, fused or not, is below 2^46 steps: exact, with 7 bits to spare.
 
-Everything between the products (rotation, normalisation, ReLU, clipping, rounding, noise) is
+Everything between the products (rotation, normalisation, ReLU, tanh, clipping, rounding, noise) is
 elementwise IEEE arithmetic, the same everywhere. The assumptions of the proof are checked when a
 file is loaded. A kernel may return a zero of either sign; adding +0 makes it +0.
 """
@@ -26,6 +26,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.numerics.exact_math import tanh
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.runtime.atomic import write_file
 from swarmdata.types import Double, Float
@@ -41,6 +42,9 @@ FRAME_TENSORS = ("frame.anchor", "frame.vectors", "frame.closing")
 HEARD_TENSOR = "frame.heard"
 """One more tensor, of an actor that receives messages."""
 
+SQUASH_TENSOR = "output.tanh"
+"""One more tensor, [1] of ones, of an actor whose outputs pass through tanh."""
+
 Layer = tuple[Double, Double]  # weight [in, out], bias [out]
 
 
@@ -52,6 +56,7 @@ class Actor(NamedTuple):
     layers: tuple[Layer, ...]
     n_agents: int  # N if a one-hot robot index follows, else 0
     frame: Frame | None  # in which it observes and acts; None for the world's
+    squash: bool = False  # whether its outputs pass through tanh
 
 
 class Saved(NamedTuple):
@@ -87,7 +92,10 @@ def forward(actor: Actor, observations: Float) -> Double:
     for weight, bias in actor.layers[:-1]:
         x = round_to_grid(np.maximum(x @ weight + bias, 0.0), MAX_ACTIVATION)
     weight, bias = actor.layers[-1]
-    means = (round_to_grid(x @ weight + bias, 1.0) + 0.0).reshape(n_copies, n_agents, -1)
+    outputs = x @ weight + bias
+    if actor.squash:
+        outputs = tanh(outputs)
+    means = (round_to_grid(outputs, 1.0) + 0.0).reshape(n_copies, n_agents, -1)
     return in_world(actor.frame, observations, means)
 
 
@@ -106,7 +114,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
     with the one-hot index of the robot appended. An actor with a frame also has `frame.anchor` [1],
     `frame.vectors` [V] and `frame.closing` [C, 2], and `frame.heard` [H, 3] if it receives
-    messages; O then counts the features that its frame adds.
+    messages; O then counts the features that its frame adds. An actor with `output.tanh` [1] has
+    outputs that pass through tanh.
 
     Args:
         data: the file.
@@ -122,6 +131,7 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
         raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
     named = [name for name in tensors if name in (*FRAME_TENSORS, HEARD_TENSOR)]
     frame = _frame({name: tensors.pop(name) for name in named}, source)
+    squash = tensors.pop(SQUASH_TENSOR, None) is not None
     n_layers = sum(name.endswith(".weight") for name in tensors)
     expected = {"input.mean", "input.scale"} | {
         f"layers.{i}.{part}" for i in range(n_layers) for part in ("weight", "bias")
@@ -139,7 +149,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     if frame is not None and not frame.fits(len(mean) - frame.n_added):
         raise CheckpointError(f"{source} has a frame of features that its observations lack.")
     _check_exact(layers, source)
-    return Actor(mean, scale, layers, n_agents if len(layers[0][0]) != len(mean) else 0, frame)
+    n_known = n_agents if len(layers[0][0]) != len(mean) else 0
+    return Actor(mean, scale, layers, n_known, frame, squash)
 
 
 def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
@@ -217,6 +228,8 @@ def save_actor(
     scale: NDArray[np.floating],
     n_agents: int = 0,
     frame: Frame | None = None,
+    *,
+    squash: bool = False,
 ) -> Saved:
     """Rounds a network to the grid of 2^-12 and writes it as a checkpoint.
 
@@ -227,6 +240,7 @@ def save_actor(
         scale: by which they are then multiplied, [O].
         n_agents: N if the first layer takes a one-hot robot index after the observation, else 0.
         frame: in which the network observes and acts; None for the world's.
+        squash: whether the outputs pass through tanh.
 
     Returns:
         The digest of the file and the largest rounding error.
@@ -247,6 +261,8 @@ def save_actor(
         tensors[FRAME_TENSORS[2]] = tensors[FRAME_TENSORS[2]].reshape(-1, 2)
         if frame.heard:
             tensors[HEARD_TENSOR] = np.array(frame.heard, np.int32)
+    if squash:
+        tensors[SQUASH_TENSOR] = np.ones(1, np.int32)
     _check_exact(exact, str(path))
     data = save(tensors)
     load_actor(data, n_agents, str(path))

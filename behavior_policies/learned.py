@@ -1,6 +1,7 @@
 """Trained actors from the package's checkpoints, checked by digest and evaluated exactly."""
 
 import hashlib
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,7 +13,9 @@ from swarmdata.errors import CheckpointError
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.plain_names import checked_file_name
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store.arrays.layout import CHECKPOINTS
 from swarmdata.types import Float, Int, Step
 
 __all__ = [
@@ -23,13 +26,11 @@ __all__ = [
     "forward",
     "load_actor",
     "own_actor",
+    "own_checkpoints",
     "read_checkpoint",
     "save_actor",
 ]
 
-
-CHECKPOINTS_FOLDER = "checkpoints"
-"""Folder of the checkpoints in this package, and in datasets with checkpoints of their own."""
 
 MAX_CHECKPOINT_BYTES = 1 << 24
 """Largest checkpoint file that is read; the shipped ones have about 2**16 bytes."""
@@ -111,7 +112,7 @@ def read_checkpoint(checkpoint: str | Path, sha256: str, folder: Path | None = N
             digest.
     """
     path = checkpoint if isinstance(checkpoint, Path) else _find(checkpoint, folder)
-    data = _content(path, follow_links=folder is None or path.parent != folder / CHECKPOINTS_FOLDER)
+    data = _content(path, follow_links=folder is None or path.parent != folder / CHECKPOINTS)
     digest = hashlib.sha256(data).hexdigest()
     if digest != sha256.lower():
         raise CheckpointError(
@@ -121,23 +122,52 @@ def read_checkpoint(checkpoint: str | Path, sha256: str, folder: Path | None = N
     return data
 
 
+def own_checkpoints(policies: Iterable[PolicySource], folder: Path | None) -> dict[str, bytes]:
+    """Returns the checkpoints that recipes name and the package does not have, by file name.
+
+    Args:
+        policies: of a recipe.
+        folder: with a folder `checkpoints`; None: there is none.
+
+    Raises:
+        CheckpointError: one is absent, or is not the one that its recipe means.
+    """
+    found = {}
+    for source in policies:
+        name, sha256 = source.checkpoint, source.sha256
+        if name is None or sha256 is None or _shipped(name).exists():
+            continue
+        if folder is None or not (folder / CHECKPOINTS / name).exists():
+            raise CheckpointError(
+                f"the recipe's policy {source.label!r} needs the checkpoint {name}, which is not "
+                f"in the package{'' if folder is None else f' or in {folder / CHECKPOINTS}'}. "
+                "It is in the folder of every dataset of the recipe: build from the recipe.json "
+                "there, or copy its folder checkpoints beside the recipe."
+            )
+        found[name] = read_checkpoint(name, sha256, folder)
+    return found
+
+
 def _find(name: str, folder: Path | None) -> Path:
     """Returns the path of a named checkpoint, in the package or in a dataset's folder."""
     try:
         checked_file_name(name)
     except ValueError as error:
         raise CheckpointError(
-            f"checkpoint {error}. Checkpoints are in the folder {CHECKPOINTS_FOLDER!r} of the "
+            f"checkpoint {error}. Checkpoints are in the folder {CHECKPOINTS!r} of the "
             "package, or of the dataset."
         ) from error
-    shipped = Path(str(files("swarmdata.behavior_policies"))) / CHECKPOINTS_FOLDER / name
+    shipped = _shipped(name)
     if shipped.exists() or folder is None:
         return shipped
-    if (folder / CHECKPOINTS_FOLDER).is_symlink():
-        raise CheckpointError(
-            f"{folder / CHECKPOINTS_FOLDER} is a symbolic link, expected a folder"
-        )
-    return folder / CHECKPOINTS_FOLDER / name
+    if (folder / CHECKPOINTS).is_symlink():
+        raise CheckpointError(f"{folder / CHECKPOINTS} is a symbolic link, expected a folder")
+    return folder / CHECKPOINTS / name
+
+
+def _shipped(name: str) -> Path:
+    """The path that a checkpoint of the package has."""
+    return Path(str(files("swarmdata.behavior_policies"))) / CHECKPOINTS / name
 
 
 def _content(path: Path, *, follow_links: bool = True) -> bytes:

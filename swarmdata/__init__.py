@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from swarmdata.errors import SwarmdataError
     from swarmdata.evaluation.results.result_files import Result, save_result
     from swarmdata.evaluation.results.result_set import read_results
+    from swarmdata.evaluation.runs.generated_dataset import generate
     from swarmdata.evaluation.runs.provenance import Provenance
     from swarmdata.evaluation.runs.train import train, train_online
     from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets, load
+    from swarmdata.hub.remotes.addresses import register_remote
     from swarmdata.interfaces import Policy
     from swarmdata.interop.convert import import_dataset
     from swarmdata.interop.export import export_dataset
@@ -30,7 +32,14 @@ if TYPE_CHECKING:
     from swarmdata.record.recording_folder import recover
     from swarmdata.record.reset_seeds import foreign_evaluation_seeds
     from swarmdata.record.vmas import record_vmas
-    from swarmdata.registry.components import make_env, make_policy, make_task
+    from swarmdata.registry.components import (
+        make_env,
+        make_policy,
+        make_task,
+        register_algorithm,
+        register_policy,
+        register_task,
+    )
     from swarmdata.registry.presets import preset, preset_names
     from swarmdata.rollouts.evaluate import evaluate
     from swarmdata.rollouts.function_policy import FunctionPolicy
@@ -75,6 +84,7 @@ __all__ = [
     "export_dataset",
     "filter_dataset",
     "foreign_evaluation_seeds",
+    "generate",
     "import_dataset",
     "list_datasets",
     "load",
@@ -86,6 +96,10 @@ __all__ = [
     "read_results",
     "record_vmas",
     "recover",
+    "register_algorithm",
+    "register_policy",
+    "register_remote",
+    "register_task",
     "rollout",
     "save_result",
     "subsample_dataset",
@@ -121,6 +135,7 @@ _HOMES = {
     "export_dataset": "swarmdata.interop.export",
     "filter_dataset": "swarmdata.building.edit",
     "foreign_evaluation_seeds": "swarmdata.record.reset_seeds",
+    "generate": "swarmdata.evaluation.runs.generated_dataset",
     "import_dataset": "swarmdata.interop.convert",
     "list_datasets": "swarmdata.hub.catalog.catalog",
     "load": "swarmdata.hub.catalog.catalog",
@@ -132,6 +147,10 @@ _HOMES = {
     "read_results": "swarmdata.evaluation.results.result_set",
     "record_vmas": "swarmdata.record.vmas",
     "recover": "swarmdata.record.recording_folder",
+    "register_algorithm": "swarmdata.registry.components",
+    "register_policy": "swarmdata.registry.components",
+    "register_remote": "swarmdata.hub.remotes.addresses",
+    "register_task": "swarmdata.registry.components",
     "rollout": "swarmdata.rollouts.rollout",
     "save_result": "swarmdata.evaluation.results.result_files",
     "subsample_dataset": "swarmdata.building.edit",

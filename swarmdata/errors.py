@@ -51,21 +51,33 @@ class SwarmdataError(Exception):
         return str(self.args[0]) if self.args else ""
 
 
+MOST_NAMES = 5
+"""Known names that a message lists."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Returns " Did you mean 'x'?" for the closest known name, or "" if none is close."""
     near = difflib.get_close_matches(name[:100], list(known), n=1)
     return f" Did you mean {near[0]!r}?" if near else ""
 
 
+def listed(name: str, known: Iterable[str]) -> str:
+    """Returns the known names in words: all of a few, else those nearest to `name`, sorted."""
+    options = sorted(known)
+    if len(options) <= MOST_NAMES:
+        return ", ".join(options)
+    near = sorted(options, key=lambda each: -difflib.SequenceMatcher(None, name, each).ratio())
+    return f"{', '.join(sorted(near[:MOST_NAMES]))} and {len(options) - MOST_NAMES} more"
+
+
 class UnknownNameError(SwarmdataError, KeyError):
-    """No task, preset, policy or dataset has this name; the message lists those that exist."""
+    """No task, preset, policy or dataset has this name; the message lists the nearest names."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = "") -> None:
         options = sorted(known)
-        known_names = ", ".join(options)
         super().__init__(
-            f"unknown {kind} {name!r:.200}.{did_you_mean(name, options)} Known: {known_names}."
-            f"{' ' if hint else ''}{hint}"
+            f"unknown {kind} {name!r:.200}.{did_you_mean(name, options)} "
+            f"Known: {listed(name[:100], options)}.{' ' if hint else ''}{hint}"
         )
 
 

@@ -130,6 +130,10 @@ class VecEnv(Protocol):
         """
         ...
 
+    def close(self) -> None:
+        """Gives up what it holds beside memory, for code that closes any environment."""
+        ...
+
 
 @runtime_checkable
 class Policy(Protocol):

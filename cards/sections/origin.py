@@ -64,8 +64,8 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
     if origin.recipe is not None:
         return (
             "\n## Rebuild\n\n    swarmdata generate recipe.json --out FOLDER\n\n"
-            "makes this dataset again from the recipe beside this card: the same digest on any "
-            f"machine, with any number of workers. This copy was made with {versions}.\n"
+            f"makes this dataset again from the recipe beside this card: {_promise(origin)} This "
+            f"copy was made with {versions}.\n"
         )
     if origin.parents:
         rows = [_parent_row(parent) for parent in origin.parents]
@@ -80,6 +80,17 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
     return (
         f"\n## Origin\n\nSource: {origin.source}{digest}. This dataset cannot be generated again: "
         f"keep a copy. The files were written with {versions}.\n"
+    )
+
+
+def _promise(origin: Origin) -> str:
+    """What a rebuild gives."""
+    inexact = [source.label for source in origin.policies if source.name == "network"]
+    if not inexact:
+        return "the same digest on any machine, with any number of workers."
+    return (
+        f"the same episodes of all policies but {', '.join(inexact)}, whose networks cannot be run "
+        "exactly. Another machine usually makes the same digest, and does not have to."
     )
 
 

@@ -12,11 +12,13 @@ from swarmdata.analysis.coverage import (
 from swarmdata.analysis.passings import ENCOUNTER_DISTANCE, PASSING_DISTANCE
 from swarmdata.cards.sections.card_data import CardData
 from swarmdata.cards.sections.front_matter import PROPERTIES
+from swarmdata.cards.sections.wording import OWN_NETWORKS_NOTE
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_statistics import wilson_interval
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import EpisodeTable
+from swarmdata.store.arrays.layout import is_checkpoint_file
 from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
@@ -55,13 +57,14 @@ def policies_section(data: CardData) -> str:
         if not len(chosen):
             raise SchemaError(f"policy {source.label!r} made no episode of {data.origin.id}")
         rows.append(_policy_row(source, data.table.take(chosen)))
+    has_own = any(map(is_checkpoint_file, data.manifest.files))
     return (
         "\n## Behavior policies\n\n"
         + markdown.table(_POLICY_HEAD, rows)
         + "\nNoise is the standard deviation of the Gaussian noise added to each command. Returns "
         "are means ± standard deviations over episodes, collisions the mean number of contacts "
         "that began in an episode, lengths mean joint steps. A clean success is one without any "
-        "contact.\n"
+        f"contact.\n{OWN_NETWORKS_NOTE if has_own else ''}"
     )
 
 

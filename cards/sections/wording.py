@@ -64,6 +64,12 @@ TIER_DESCRIPTIONS = MappingProxyType(
 )
 """Description of each tier; the table of behavior policies has a dataset's shares and noise."""
 
+OWN_NETWORKS_NOTE = (
+    "Checkpoints that are not the package's are in the dataset's folder `checkpoints`. The policy "
+    "`learned` runs them exactly, with the same bits on every machine; `network` runs those that "
+    "cannot be run so.\n"
+)
+
 UNKNOWN_TIER_DESCRIPTION = (
     "This tier is not one of the package's. The author of the recipe named it; the table of "
     "behavior policies below lists its policies."

@@ -31,7 +31,15 @@ _SAME_PLACE_DISTANCE = 0.01  # m; closer targets are one place
 
 def draw_targets(canvas: Canvas, scene: Scene) -> None:
     """Draws where the robots, or their payload, should be."""
-    _TARGET_PAINTERS[scene.spec.task](canvas, scene)
+    _TARGET_PAINTERS.get(scene.spec.task, _own_targets)(canvas, scene)
+
+
+def _own_targets(canvas: Canvas, scene: Scene) -> None:
+    """Draws the targets of robots in a user's task, as far from a robot as its radius reaches."""
+    for i, (x, y) in enumerate(scene.robots[:, [TX, TY]].tolist()):
+        gap = float(np.hypot(*(scene.robots[i, [X, Y]] - (x, y))))
+        radius = scene.spec.robots[i].radius
+        _ring(canvas, x, y, radius, robot_color(i), is_reached=gap <= radius)
 
 
 def _goals(canvas: Canvas, scene: Scene) -> None:

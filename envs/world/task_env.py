@@ -110,6 +110,9 @@ class TaskEnv:
         self._now = now
         return now
 
+    def close(self) -> None:
+        """Does nothing: it holds nothing but memory; see `interfaces.VecEnv.close`."""
+
     def _blank(self) -> Step:
         e, n = self.n_copies, self.spec.n_agents
         observations, sent, delivered, ages = self._observer.allocate((e,), n)

@@ -1,6 +1,7 @@
 """Conversion of policies between online runs and checkpoints for exact inference."""
 
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 import torch
@@ -8,6 +9,7 @@ import torch
 from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Actor
 from swarmdata.behavior_policies.learned import own_actor, save_actor
 from swarmdata.errors import BuildError
+from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -32,13 +34,39 @@ def export(source: Path, target: Path, n_agents: int) -> None:
         BuildError: the policy is not a network that can be run exactly.
     """
     policy = load_policy(source)
-    if not isinstance(policy, TorchPolicy) or policy.squash or len(policy.layers[0].weight) > 1:
+    if not can_be_exact(policy):
         raise BuildError(
-            f"{source} is not an actor without a memory, with clipped outputs, that all robots "
-            "share; only these can be run exactly. Train with mappo and parameters=shared."
+            f"{source} is not a perceptron without a memory that all robots share; only these can "
+            "be run exactly. Train with mappo and parameters=shared."
         )
-    layers = [(layer.weight[0].numpy(), layer.bias[0, 0].numpy()) for layer in policy.layers]
-    mean, scale = policy.observation_mean.numpy(), 1 / policy.observation_std.numpy()
+    export_actor(policy, target, n_agents)
+
+
+def can_be_exact(policy: Policy) -> TypeGuard[TorchPolicy]:
+    """Whether a policy is a perceptron that all robots share, as `exact_actor` computes it."""
+    return (
+        isinstance(policy, TorchPolicy)
+        and policy.parameters == "shared"
+        and all(layer.scale is None for layer in policy.layers)
+    )
+
+
+def export_actor(policy: TorchPolicy, target: Path, n_agents: int) -> None:
+    """Writes a policy that `can_be_exact` as a checkpoint for exact inference.
+
+    Args:
+        policy: of any run.
+        target: the checkpoint.
+        n_agents: robots of the team that it will act in.
+
+    Raises:
+        CheckpointError: its weights are too large, or a layer is too wide.
+    """
+    layers = [
+        (layer.weight[0].numpy().copy(), layer.bias[0, 0].numpy().copy()) for layer in policy.layers
+    ]
+    std = policy.observation_std
+    mean, scale = policy.observation_mean.numpy(), 1 / torch.where(std < 1e-3, 1.0, std).numpy()
     # Inputs of exact inference are clipped at 64. Features that hardly varied when they were
     # measured are scaled less, by a power of two, and their weights more.
     fold = np.exp2(np.ceil(np.log2(np.maximum(scale / MAX_SCALE, 1.0))))
@@ -47,7 +75,7 @@ def export(source: Path, target: Path, n_agents: int) -> None:
     fold = np.maximum(fold, 1.0)
     layers[0][0][: len(fold)] *= fold[:, None]
     layers[0] = (_for_team(layers[0][0], len(mean), n_agents), layers[0][1])
-    save_actor(target, layers, mean, scale / fold, n_agents, policy.frame)
+    save_actor(target, layers, mean, scale / fold, n_agents, policy.frame, squash=policy.squash)
 
 
 def restored(actor: Actor, n_agents: int) -> TorchPolicy:
@@ -63,7 +91,7 @@ def restored(actor: Actor, n_agents: int) -> TorchPolicy:
         [Layer(torch.from_numpy(w[None]), torch.from_numpy(b[None, None])) for w, b in layers],
         torch.from_numpy(actor.mean),
         torch.from_numpy(1 / actor.scale),
-        squash=False,
+        squash=actor.squash,
         frame=actor.frame,
     )
 
@@ -85,7 +113,19 @@ def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 
         spec: to play in.
         n_episodes: how many.
     """
-    trained, exact, env = load_policy(source), own_actor(exported, spec), make_env(spec, n_episodes)
+    return action_error(load_policy(source), own_actor(exported, spec), spec, n_episodes)
+
+
+def action_error(trained: Policy, exact: Policy, spec: TaskSpec, n_episodes: int) -> float:
+    """Returns the largest difference of an action between two policies.
+
+    Args:
+        trained: the one that is compared.
+        exact: the one that plays.
+        spec: to play in.
+        n_episodes: of the validation seeds.
+    """
+    env = make_env(spec, n_episodes)
     step = env.reset(validation_seeds(n_episodes))
     worst = 0.0
     while not step.ended.all():

@@ -103,6 +103,10 @@ class ShapedEnv:
         self._current_step = after._replace(rewards=rewards)
         return self._current_step
 
+    def close(self) -> None:
+        """Closes the copies."""
+        self.env.close()
+
 
 def shape_rewards(env: VecEnv, config: ShapingConfig) -> ShapedEnv:
     """Returns copies with the rewards that a config describes.

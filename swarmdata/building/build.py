@@ -15,6 +15,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from swarmdata.behavior_policies.learned import own_checkpoints
 from swarmdata.cards.side_files import finish
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.interfaces import VecEnv
@@ -39,7 +40,7 @@ from swarmdata.store import (
     write_file,
     write_part,
 )
-from swarmdata.store.arrays.layout import CARD, MANIFEST, RECIPE, REFERENCES
+from swarmdata.store.arrays.layout import CARD, CHECKPOINTS, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.cache import note_build
 from swarmdata.store.manifest import check_recipe
 from swarmdata.types import Episode
@@ -48,7 +49,14 @@ _PART = re.compile(r"policy-\d+-part-\d{5,}")
 """Names of parts."""
 
 
-def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True) -> Path:
+def build(
+    recipe: Recipe,
+    out: Path,
+    *,
+    checkpoints: Path | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Path:
     """Makes the dataset, or what is missing of it, and returns `out`.
 
     Parts are collected in `<out>.build` and removed at the end. Kill the process at any time and
@@ -58,24 +66,34 @@ def build(recipe: Recipe, out: Path, *, workers: int | None = None, progress: bo
     Args:
         recipe: what to make.
         out: the dataset's folder; where it is finished already, nothing is done.
+        checkpoints: a folder with a folder `checkpoints`, which has the networks that the recipe
+            names and the package does not have, such as that of a dataset of the recipe. They are
+            copied into the new dataset. None: there are none, or a build that was interrupted has
+            them already.
         workers: processes that simulate; by default one for each core.
         progress: whether to show a bar in joint steps, on standard error.
 
     Raises:
         RecipeConflictError: `out` or `<out>.build` belongs to another recipe.
         BuildError: a part could not be made, or the disk is too small.
+        CheckpointError: a network that the recipe names is absent, or is another one.
         SpecError: the recipe is of an older version of the world.
     """
     out = Path(out)
     if is_finished(out, recipe):
         return out
     with locked(out, progress):
-        build_under_lock(recipe, out, workers=workers, progress=progress)
+        build_under_lock(recipe, out, checkpoints=checkpoints, workers=workers, progress=progress)
     return out
 
 
 def build_under_lock(
-    recipe: Recipe, out: Path, *, workers: int | None = None, progress: bool = True
+    recipe: Recipe,
+    out: Path,
+    *,
+    checkpoints: Path | None = None,
+    workers: int | None = None,
+    progress: bool = True,
 ) -> None:
     """Does what `build` does, for a caller that holds the lock of `out`."""
     if is_finished(out, recipe):
@@ -84,7 +102,9 @@ def build_under_lock(
     remove_leftovers(out, MANIFEST, REFERENCES, CARD)
     if not out.exists():
         check_world(recipe.spec)  # before the folder of parts is made
-        note_build(_make(recipe, out, workers or os.cpu_count() or 1, progress))
+        parts = _Parts(recipe, build_folder(out))
+        parts.open(checkpoints)
+        note_build(_make(parts, out, workers or os.cpu_count() or 1, progress))
     remove_parts(recipe, out)
     finish(out)  # a dataset with a card has passed the card's checks
 
@@ -108,13 +128,19 @@ def remove_parts(recipe: Recipe, out: Path) -> None:
     if parts.is_ours():
         for path in parts.all():
             shutil.rmtree(path)
+        parts.remove_checkpoints()
         parts.note.unlink()
     if not any(parts.folder.iterdir()):
         parts.folder.rmdir()
 
 
 def make_part(
-    recipe: Recipe, policy: int, part: int, env: VecEnv, report: Report = lambda steps: None
+    recipe: Recipe,
+    policy: int,
+    part: int,
+    env: VecEnv,
+    report: Report = lambda steps: None,
+    folder: Path | None = None,
 ) -> list[Episode]:
     """Simulates part number `part` of one policy's stream.
 
@@ -124,9 +150,10 @@ def make_part(
         part: k.
         env: copies of the recipe's task; any number of them gives the same episodes.
         report: called with the joint steps of each episode.
+        folder: with a folder `checkpoints` of the recipe's own networks, if it has any.
     """
     seeds = episode_seeds(recipe, policy, part * recipe.part_episodes, recipe.part_episodes)
-    actor = make_source_policy(recipe.policies[policy], recipe.spec)
+    actor = make_source_policy(recipe.policies[policy], recipe.spec, folder)
     episodes = []
     for episode in rollout(env, actor, seeds, policy_index=policy):
         episodes.append(episode)
@@ -145,8 +172,9 @@ def work() -> None:
         if kind not in copies:
             copies[kind] = make_env(*kind)
         env = copies[kind]
-        episodes = make_part(recipe, payload["policy"], payload["part"], env, report)
-        write_part(Path(payload["folder"]), episodes)
+        out = Path(payload["folder"])
+        episodes = make_part(recipe, payload["policy"], payload["part"], env, report, out.parent)
+        write_part(out, episodes)
 
     serve(handle)
 
@@ -164,14 +192,16 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
     return (out / CARD).exists()
 
 
-def _make(recipe: Recipe, out: Path, workers: int, progress: bool) -> Manifest:
-    parts = _Parts(recipe, build_folder(out))
-    parts.open()
+def _make(parts: "_Parts", out: Path, workers: int, progress: bool) -> Manifest:
+    recipe = parts.recipe
     with _bar(recipe, parts, progress) as report, Crew(f"{__name__}:work", workers) as crew:
         while (merge := parts.merge()).lacking is not None:
             parts.check_space()
             crew.run(parts.wave(merge, workers), report)
-    return assemble(out, recipe=recipe, parts=parts.folders(), order=merge.order)
+    networks = own_checkpoints(recipe.policies, parts.folder)
+    return assemble(
+        out, recipe=recipe, parts=parts.folders(), order=merge.order, checkpoints=networks
+    )
 
 
 @contextmanager
@@ -201,9 +231,23 @@ class _Parts:
     recipe: Recipe
     folder: Path
 
-    def open(self) -> None:
-        """Creates the folder, or checks that the one there is of the same recipe."""
+    def open(self, checkpoints: Path | None) -> None:
+        """Creates the folder, or checks that the one there is of the same recipe.
+
+        Args:
+            checkpoints: folder with a folder `checkpoints` of the recipe's own networks, which are
+                copied; None: they are here already, or there are none.
+        """
+        source = self.folder if checkpoints is None else checkpoints
+        networks = own_checkpoints(self.recipe.policies, source)  # before the folder is made
         self.folder.mkdir(exist_ok=True)
+        self._note()
+        for name, content in networks.items():
+            (self.folder / CHECKPOINTS).mkdir(exist_ok=True)
+            write_file(self.folder / CHECKPOINTS / name, content)
+
+    def _note(self) -> None:
+        """Writes the note of the recipe, or compares the one that is there."""
         self.remove_leftovers()
         if not self.note.exists():
             if any(self.folder.iterdir()):
@@ -239,6 +283,18 @@ class _Parts:
 
     def remove_leftovers(self) -> None:
         remove_leftovers(self.folder, RECIPE, _PART)
+
+    def remove_checkpoints(self) -> None:
+        """Removes the copies of the recipe's networks, and their folder if it is empty then."""
+        folder = self.folder / CHECKPOINTS
+        if not folder.is_dir():
+            return
+        remove_leftovers(folder)
+        for source in self.recipe.policies:
+            if source.checkpoint is not None:
+                (folder / source.checkpoint).unlink(missing_ok=True)
+        if not any(folder.iterdir()):
+            folder.rmdir()
 
     def all(self) -> list[Path]:
         """Every part, those after a gap included."""

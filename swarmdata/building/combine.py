@@ -15,7 +15,7 @@ from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import Edit, Parent
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
-from swarmdata.store.arrays.layout import CARD
+from swarmdata.store.arrays.layout import CARD, CHECKPOINTS
 from swarmdata.types import Int
 
 
@@ -136,10 +136,20 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
     ]
     with locked(out):
         remove_leftovers(out.parent, out.name)
-        write_dataset(out, edit, Selection(pieces))
+        write_dataset(out, edit, Selection(pieces), _own_networks(edit, views))
         if all((view.path / CARD).exists() for view in views):
             finish(out)
     return Dataset.open(out, references=views[0].references)
+
+
+def _own_networks(edit: Edit, views: Sequence[Dataset]) -> dict[str, bytes]:
+    """The networks that the views keep and the edit's policies name, by file name."""
+    named = {f"{CHECKPOINTS}/{policy.checkpoint}" for policy in edit.policies}
+    return {
+        Path(file).name: (view.path / file).read_bytes()
+        for view in views
+        for file in named & set(view.stored.manifest.files)
+    }
 
 
 def _increasing(view: Dataset) -> Int:

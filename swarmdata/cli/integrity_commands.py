@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import IdOrPath, Workers
 
 Replace = Annotated[
@@ -17,13 +18,19 @@ Replay = Annotated[
 
 
 def verify(
-    dataset: IdOrPath, repair: Replace = False, replay: Replay = 0, workers: Workers = None
+    context: typer.Context,
+    dataset: IdOrPath,
+    repair: Replace = False,
+    replay: Replay = 0,
+    workers: Workers = None,
 ) -> None:
     """Compare every byte with the manifest and the published digest.
 
     Reports every broken file with its first bad chunk and rows. The exit code is 1 if any file is
     broken, or if the dataset is not the published one.
     """
+    if not repair:
+        refuse(context, ("workers",), "without --repair")
     from swarmdata.hub.catalog.catalog import find_folder
     from swarmdata.hub.catalog.repair import examine
 

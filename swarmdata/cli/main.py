@@ -13,8 +13,6 @@ from typer.core import TyperGroup
 from swarmdata import __version__
 from swarmdata.cli import (
     audit_commands,
-    convert_commands,
-    editing_commands,
     integrity_commands,
     ranking_commands,
     remote_commands,
@@ -24,7 +22,9 @@ from swarmdata.cli import (
     training_commands,
 )
 from swarmdata.cli.catalogue_commands import catalogue_app
-from swarmdata.cli.record_commands import record_app
+from swarmdata.cli.making import convert_commands, editing_commands, generate_commands
+from swarmdata.cli.making.record_commands import record_app
+from swarmdata.cli.option_use import refuse
 from swarmdata.cli.registry_commands import registry_app
 from swarmdata.cli.shared_options import (
     Clip,
@@ -33,14 +33,35 @@ from swarmdata.cli.shared_options import (
     IdOrPath,
     Observation,
     Task,
-    Workers,
 )
 from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError
 
+SECTIONS = {
+    "First": ("list", "info", "train", "evaluate", "report", "render", "generate"),
+    "Data": ("record", "convert", "filter", "combine", "subsample", "audit", "verify", "card"),
+    "Worlds": ("task", "references"),
+    "Learning": ("study", "study-pages", "sweep", "rank", "learning", "curves"),
+    "Hub": ("pull", "push", "remote", "catalogue"),
+    "Maintenance": ("registry", "ship"),
+}
+"""Commands in the order of `swarmdata --help`, the common path first."""
+
 
 class _Group(TyperGroup):
     """Turns expected errors into one-line messages, and Ctrl-C into exit code 130."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Lists the commands in sections."""
+        limit = formatter.width - 6 - max(map(len, self.commands))
+        for title, names in SECTIONS.items():
+            rows = [
+                (name, self.commands[name].get_short_help_str(limit))
+                for name in names
+                if name in self.commands
+            ]
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -71,10 +92,6 @@ app.add_typer(registry_app, name="registry")
 app.add_typer(remote_commands.remote_app, name="remote")
 app.add_typer(record_app, name="record")
 app.add_typer(catalogue_app, name="catalogue")
-
-DatasetId = Annotated[
-    str, typer.Argument(metavar="ID", help="dataset id, such as coop_nav-medium-mini")
-]
 
 CLOSED_PIPE_EXIT_CODE = 128 + 13
 """Exit code of programs that SIGPIPE ends: nothing reads the output any more."""
@@ -158,11 +175,22 @@ def list_command() -> None:
 
 
 @app.command()
-def info(dataset: DatasetId) -> None:
-    """Show a dataset's folder, published digest and recipe."""
-    from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.hub.catalog.catalog import dataset_folder, list_datasets
+def info(dataset: IdOrPath) -> None:
+    """Show a dataset's folder, digest and recipe.
 
+    Takes the ids of published datasets, those in the cache, and folders.
+    """
+    from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
+    from swarmdata.hub.catalog.catalog import dataset_folder, find_folder, list_datasets
+    from swarmdata.hub.catalog.identity import judge
+    from swarmdata.hub.remotes.outside_names import is_folder
+    from swarmdata.store import open_store
+
+    if is_folder(dataset) or not is_dataset(dataset):
+        stored = open_store(find_folder(dataset), "none")
+        typer.echo(f"folder: {stored.path}\ndigest: {stored.manifest.digest}")
+        typer.echo(f"{judge(stored.manifest).sentence}\n{stored.recipe.to_yaml()}", nl=False)
+        return
     recipe = find_recipe(dataset)
     entry = next(entry for entry in list_datasets() if entry.id == recipe.id)
     typer.echo(
@@ -172,47 +200,13 @@ def info(dataset: DatasetId) -> None:
     typer.echo(recipe.to_yaml(), nl=False)
 
 
-@app.command()
-def generate(
-    dataset: Annotated[
-        str, typer.Argument(metavar="ID_OR_RECIPE", help="dataset id or recipe file")
-    ],
-    steps: Annotated[
-        int | None, typer.Option(min=1, help="number of joint steps; default: as in the recipe")
-    ] = None,
-    workers: Workers = None,
-    out: Annotated[
-        Path | None, typer.Option(help="folder of the dataset; default: in the cache")
-    ] = None,
-) -> None:
-    """Build a dataset from its recipe.
-
-    An interrupted build resumes: run the same command again.
-    """
-    from swarmdata.behavior_policies.tiers import find_recipe
-    from swarmdata.building.build import build
-    from swarmdata.hub.catalog.catalog import dataset_folder
-    from swarmdata.specs.recipe import Recipe
-    from swarmdata.store import read_manifest
-
-    is_file = Path(dataset).suffix in (".json", ".yaml", ".yml")
-    if out is None and (is_file or steps is not None):
-        raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
-    if is_file and not Path(dataset).exists():
-        raise typer.BadParameter(f"there is no file {dataset}")
-    recipe = Recipe.from_file(Path(dataset)) if is_file else find_recipe(dataset)
-    if steps is not None:
-        recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
-    folder = build(recipe, out or dataset_folder(recipe), workers=workers)
-    manifest = read_manifest(folder)
-    typer.echo(f"{folder}\n{manifest.n_steps:,} joint steps, digest {manifest.digest}")
-
-
+app.command()(generate_commands.generate)
 app.command()(integrity_commands.verify)
 
 
 @app.command()
 def card(
+    context: typer.Context,
     dataset: IdOrPath,
     write: Annotated[
         bool, typer.Option(help="also replace the card in the dataset's folder")
@@ -223,6 +217,8 @@ def card(
     pictures: Annotated[bool, typer.Option(help="with --out: also draw the picture")] = True,
 ) -> None:
     """Print a dataset's card, or write it with its picture (--out)."""
+    if out is None:
+        refuse(context, ("pictures",), "without --out")
     from swarmdata.cards.card import card_of, write_card
     from swarmdata.cards.publish import publish_card
     from swarmdata.hub.catalog.catalog import find_folder
@@ -257,6 +253,7 @@ app.command()(sweep_commands.sweep)
 
 @app.command()
 def curves(
+    context: typer.Context,
     files: Annotated[
         list[Path], typer.Argument(metavar="CSV...", help="learning curves of online runs")
     ],
@@ -276,8 +273,10 @@ def curves(
     from swarmdata.evaluation.results.curve_plots import draw_learning, draw_training
 
     if by is None:
+        refuse(context, ("log",), "without --by")
         draw_training(files, metric, out)
     else:
+        refuse(context, ("metric",), "with --by")
         draw_learning(files, by, out, log=log)
     typer.echo(out)
 

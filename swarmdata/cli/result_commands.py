@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import (
     Again,
     Communication,
@@ -14,8 +15,14 @@ from swarmdata.cli.shared_options import (
     Validation,
 )
 
+Label = Annotated[
+    str | None,
+    typer.Option(help="name of the targets in tables", show_default="the target's name"),
+]
+
 
 def evaluate(
+    context: typer.Context,
     targets: Annotated[
         list[str],
         typer.Argument(metavar="TARGET...", help="policies, tiers, dataset ids or run folders"),
@@ -23,10 +30,7 @@ def evaluate(
     episodes: Episodes = 1000,
     out: Annotated[Path | None, typer.Option(help="folder for result files")] = None,
     task: Task = None,
-    label: Annotated[
-        str | None,
-        typer.Option(help="name of the targets in tables", show_default="the target's name"),
-    ] = None,
+    label: Label = None,
     validation: Validation = False,
     again: Again = False,
     observation: Observation = None,
@@ -37,6 +41,8 @@ def evaluate(
     An interrupted evaluation resumes: results in --out of the same policy, task, seeds and version
     are reused.
     """
+    if out is None:
+        refuse(context, ("again",), "without --out")
     from swarmdata.evaluation.results.policy_names import find_target
     from swarmdata.evaluation.results.report import shown_cases
     from swarmdata.evaluation.results.result_set import group_results

@@ -5,29 +5,39 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.cli.option_use import refuse_all_but
+
 Out = Annotated[
     Path | None, typer.Option(help="folder for tables, figures and text; NAME, beside the plan")
 ]
 
 
+Plan = Annotated[
+    Path,
+    typer.Argument(
+        metavar="STUDY.yaml|FOLDER",
+        help="plan of the study; or its folder, to write its pages again",
+    ),
+]
+Work = Annotated[Path | None, typer.Option(help="folder for runs; runs/study-NAME")]
+Processes = Annotated[int, typer.Option(min=1, help="number of processes, one thread each")]
+Only = Annotated[
+    str | None, typer.Option(metavar="PATTERN", help="run only matching cells, such as 'bc/*'")
+]
+Check = Annotated[
+    str | None, typer.Option(metavar="CELL", help="rerun a finished cell and compare results")
+]
+
+
 def study(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY.yaml|FOLDER",
-            help="plan of the study; or its folder, to write its pages again",
-        ),
-    ],
+    context: typer.Context,
+    file: Plan,
     out: Out = None,
-    work: Annotated[Path | None, typer.Option(help="folder for runs; runs/study-NAME")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="number of processes, one thread each")] = 2,
-    only: Annotated[
-        str | None, typer.Option(metavar="PATTERN", help="run only matching cells, such as 'bc/*'")
-    ] = None,
+    work: Work = None,
+    workers: Processes = 2,
+    only: Only = None,
     again: Annotated[bool, typer.Option(help="rerun cells of another configuration")] = False,
-    check: Annotated[
-        str | None, typer.Option(metavar="CELL", help="rerun a finished cell and compare results")
-    ] = None,
+    check: Check = None,
 ) -> None:
     """Run a grid of algorithms, datasets and seeds.
 
@@ -39,8 +49,13 @@ def study(
     from swarmdata.evaluation.study.run_study import StudyOptions, reproduce_study_cell, run_study
 
     if file.is_dir():
-        _write_again(file, out=out, work=work, only=only, check=check, again=again)
+        refuse_all_but(context, (), "with a finished study's folder; pass the plan to run cells")
+        from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+
+        typer.echo(rewrite_pages(file)[0])
         return
+    if check is not None:
+        refuse_all_but(context, ("check", "work"), "with --check")
     plan = Study.from_file(file)
     options = StudyOptions(out or file.parent / plan.name, work, workers, only, again)
     if check is not None:
@@ -59,18 +74,6 @@ def _require_extras(purpose: str) -> None:
 
     require_extra("torch", "torch", purpose)
     require_extra("matplotlib", "plots", "drawing the figures of a study")
-
-
-def _write_again(folder: Path, **given: object) -> None:
-    """Writes the pages of a finished study again; options that would need cells are refused."""
-    if unused := [f"--{name}" for name, value in given.items() if value]:
-        raise typer.BadParameter(
-            f"{folder} is a folder, whose pages are written again without running cells, so "
-            f"{', '.join(unused)} cannot be used. Pass the plan instead."
-        )
-    from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
-
-    typer.echo(rewrite_pages(folder)[0])
 
 
 def study_pages(

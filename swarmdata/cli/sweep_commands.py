@@ -5,12 +5,14 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import Episodes, Task
 
 _AXIS = "NAME=A..B|A,B,..."
 
 
 def sweep(
+    context: typer.Context,
     targets: Annotated[
         list[str],
         typer.Argument(
@@ -37,6 +39,8 @@ def sweep(
     One parameter changes at a time; everything else is as in training, on the same seeds. An
     interrupted sweep resumes: run the same command again.
     """
+    if not any(".." in text for text in [*(communication or []), *(observation or [])]):
+        refuse(context, ("points",), "without an axis such as noise=0..0.2")
     from swarmdata.evaluation.robustness.sweep import sweep as run_sweep
     from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import Clip, Communication, Observation
 
 NameOrFile = Annotated[
@@ -33,11 +34,15 @@ def list_command() -> None:
 
 
 @task_app.command()
-def show(name: NameOrFile) -> None:
+def show(
+    name: NameOrFile, observation: Observation = None, communication: Communication = None
+) -> None:
     """Print a task spec as YAML, including all defaults."""
     from swarmdata.registry.presets import find_spec
+    from swarmdata.specs.model_choice import with_models
 
-    typer.echo(find_spec(name).to_yaml(), nl=False)
+    spec = with_models(find_spec(name), observation, communication)
+    typer.echo(spec.to_yaml(), nl=False)
 
 
 @task_app.command()
@@ -77,6 +82,7 @@ def table(
 
 @task_app.command()
 def play(
+    context: typer.Context,
     name: NameOrFile,
     out: Clip,
     policy: Annotated[str, typer.Option(help="policy, tier or run folder")] = "scripted",
@@ -90,6 +96,8 @@ def play(
 
     Lidar rays and messages are drawn if the task has them.
     """
+    if out.suffix.lower() == ".png":
+        refuse(context, ("stride",), "with a .png, which has one frame")
     from swarmdata.evaluation.results.clips import draw_target
     from swarmdata.types import END_REASONS
 

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from swarmdata.cli.option_use import given, refuse
 from swarmdata.cli.shared_options import Communication, Observation, Settings, parse_settings
 
 ONLINE_OPTIONS = ("first_seed", "steps", "workers", "start", "recorded", "offline_share")
@@ -114,13 +115,12 @@ def _check_arguments(
     is_online = task is not None
     known = ONLINE_ALGORITHMS if is_online else OFFLINE_ALGORITHMS
     if (data is None) != is_online or algorithm not in known:
-        raise typer.BadParameter(f"{algorithm} needs {wanted}, and not both")
-    for name in OFFLINE_OPTIONS if is_online else ONLINE_OPTIONS:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name != "DEFAULT":
-            option = "--data" if name == "recorded" else f"--{name.replace('_', '-')}"
-            place = "in a task" if is_online else "on a dataset"
-            raise typer.BadParameter(f"{algorithm} has no such option {place}", param_hint=option)
+        raise typer.BadParameter(f"{algorithm} needs {wanted}; not both ID and --task")
+    place = "in a task" if is_online else "on a dataset"
+    unused = OFFLINE_OPTIONS if is_online else ONLINE_OPTIONS
+    refuse(context, unused, f"when {algorithm} learns {place}")
+    if not given(context, "recorded"):
+        refuse(context, ("offline_share",), "without --data")
 
 
 def _datasets(text: str | None) -> tuple[str | list[str] | None, list[float] | None]:

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.datasets.sampling import Rows, Sampler, gather_transitions
 from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
-from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
+from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import Reference, normalized_score
@@ -440,13 +439,7 @@ class Dataset:
             UnknownNameError: another interface.
             SchemaError: several copies of a PettingZoo environment.
         """
-        if api == "vector":
-            return make_env(self.task, n_copies)
-        if api != "pettingzoo":
-            raise UnknownNameError("api", api, ("vector", "pettingzoo"))
-        if n_copies != 1:
-            raise SchemaError(f"a PettingZoo environment has 1 copy, got n_copies={n_copies}")
-        return import_module("swarmdata.envs.world.pettingzoo").ParallelWorld(self.task)
+        return make_env(self.task, n_copies, api=api)  # type: ignore[call-overload]
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.

@@ -42,7 +42,7 @@ def import_dataset(
     otherwise. A killed conversion leaves nothing at `out`; run it again.
 
     Args:
-        source: file or folder.
+        source: file or folder; it may be relative, and begin with `~`, as `out` may.
         out: where the dataset appears once it is complete.
         format: name of a format, such as `d4rl`.
         id: id of the new dataset, such as `simple_spread-omar_medium-v0`; its first part names the
@@ -60,7 +60,7 @@ def import_dataset(
         MissingExtraError: the format's library is not installed.
         BuildError: something else is at `out`, or no episode falls into the train split.
     """
-    source, out = Path(source), Path(out)
+    source, out = (Path(each).expanduser().absolute() for each in (source, out))
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     digest = source_digest(source)

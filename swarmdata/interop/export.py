@@ -9,14 +9,14 @@ from swarmdata.runtime.atomic import remove_leftovers, staged
 
 
 def export_dataset(dataset: Dataset, path: Path | str, *, format: str) -> Path:
-    """Converts a view of a dataset, and returns `path`.
+    """Converts a view of a dataset, and returns the absolute path of the result.
 
     The result is written beside `path` and renamed, so it is never incomplete; leftovers of a
     killed conversion are removed. docs/formats.md lists what each format loses.
 
     Args:
         dataset: a dataset, or a view by `filter` or `split`.
-        path: file or folder to write.
+        path: file or folder to write; may be relative, and begin with `~`.
         format: name of a format, such as `d4rl`.
 
     Raises:
@@ -26,7 +26,7 @@ def export_dataset(dataset: Dataset, path: Path | str, *, format: str) -> Path:
         MissingExtraError: the format's library is not installed.
         DiskFullError: no space was left.
     """
-    path, found = Path(path), find_format(format)
+    path, found = Path(path).expanduser().absolute(), find_format(format)
     if found.write is None:
         written = [name for name in sorted(FORMATS) if find_format(name).write is not None]
         raise ConversionError(

@@ -1,30 +1,47 @@
-"""Names to code, as literal tables of "module:Name", imported only when asked for."""
+"""Names to code, as literal tables of "module:Name", imported only when asked for.
+
+Users add components of their own with the functions `register_...`, or with entry points of their
+distribution: the groups `swarmdata.tasks`, `swarmdata.policies`, `swarmdata.algorithms` (offline),
+`swarmdata.online_algorithms` and `swarmdata.remotes`.
+"""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal, overload
 
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.registry.replaced_worlds import check_world
+from swarmdata.runtime.extras import require_extra
+from swarmdata.runtime.own_components import ComponentTable, import_component, register
 from swarmdata.specs.budget import copies_excess
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Term
 
-TASKS = {
-    "coop_nav": "swarmdata.envs.coop_nav.coop_nav:CoopNav",
-    "transport": "swarmdata.envs.transport.transport:Transport",
-    "warehouse": "swarmdata.envs.warehouse.warehouse:Warehouse",
-    "formation": "swarmdata.envs.formation.formation:Formation",
-}
+TASKS = ComponentTable(
+    "tasks",
+    {
+        "coop_nav": "swarmdata.envs.coop_nav.coop_nav:CoopNav",
+        "transport": "swarmdata.envs.transport.transport:Transport",
+        "warehouse": "swarmdata.envs.warehouse.warehouse:Warehouse",
+        "formation": "swarmdata.envs.formation.formation:Formation",
+    },
+)
 
-POLICIES = {
-    "idle": "swarmdata.behavior_policies.simple:Idle",
-    "random": "swarmdata.behavior_policies.simple:Random",
-    "straight": "swarmdata.behavior_policies.simple:Straight",
-    "scripted": "swarmdata.behavior_policies.scripted:Scripted",
-    "learned": "swarmdata.behavior_policies.learned:Learned",
-}
+POLICIES = ComponentTable(
+    "policies",
+    {
+        "idle": "swarmdata.behavior_policies.simple:Idle",
+        "random": "swarmdata.behavior_policies.simple:Random",
+        "straight": "swarmdata.behavior_policies.simple:Straight",
+        "scripted": "swarmdata.behavior_policies.scripted:Scripted",
+        "learned": "swarmdata.behavior_policies.learned:Learned",
+        "network": "swarmdata.learn.policies.network_policy:NetworkPolicy",
+    },
+)
+
+CHECKPOINT_POLICIES = ("learned", "network")
+"""Policies that need a checkpoint: perceptrons that are run exactly, and all other networks."""
 
 SCRIPTED_CONTROLLERS = {
     "coop_nav": "swarmdata.behavior_policies.coop_nav_controller:CoopNavController",
@@ -35,36 +52,85 @@ SCRIPTED_CONTROLLERS = {
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""
 
-OFFLINE_ALGORITHMS = {
-    "bc": "swarmdata.offline_algos.bc:BC",
-    "filtered_bc": "swarmdata.offline_algos.filtered_bc:FilteredBC",
-    "bc_flow": "swarmdata.offline_algos.bc_flow:BCFlow",
-    "bc_latent": "swarmdata.offline_algos.bc_latent:BCLatent",
-    "facmac_bc": "swarmdata.offline_algos.facmac_bc:FACMACBC",
-    "mac_flow": "swarmdata.offline_algos.mac_flow:MACFlow",
-    "iql": "swarmdata.offline_algos.iql:IQL",
-    "omiga": "swarmdata.offline_algos.omiga:OMIGA",
-    "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
-    "maddpg_cql": "swarmdata.offline_algos.maddpg_cql:MADDPGCQL",
-    "cfcql": "swarmdata.offline_algos.cfcql:CFCQL",
-    "icql_qs": "swarmdata.offline_algos.icql_qs:ICQLQS",
-    "omar": "swarmdata.offline_algos.omar:OMAR",
-    "vdn": "swarmdata.offline_algos.vdn:VDN",
-    "qmix": "swarmdata.offline_algos.qmix:QMIX",
-}
+OFFLINE_ALGORITHMS = ComponentTable(
+    "algorithms",
+    {
+        "bc": "swarmdata.offline_algos.bc:BC",
+        "filtered_bc": "swarmdata.offline_algos.filtered_bc:FilteredBC",
+        "bc_flow": "swarmdata.offline_algos.bc_flow:BCFlow",
+        "bc_latent": "swarmdata.offline_algos.bc_latent:BCLatent",
+        "facmac_bc": "swarmdata.offline_algos.facmac_bc:FACMACBC",
+        "mac_flow": "swarmdata.offline_algos.mac_flow:MACFlow",
+        "iql": "swarmdata.offline_algos.iql:IQL",
+        "omiga": "swarmdata.offline_algos.omiga:OMIGA",
+        "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
+        "maddpg_cql": "swarmdata.offline_algos.maddpg_cql:MADDPGCQL",
+        "cfcql": "swarmdata.offline_algos.cfcql:CFCQL",
+        "icql_qs": "swarmdata.offline_algos.icql_qs:ICQLQS",
+        "omar": "swarmdata.offline_algos.omar:OMAR",
+        "vdn": "swarmdata.offline_algos.vdn:VDN",
+        "qmix": "swarmdata.offline_algos.qmix:QMIX",
+    },
+)
 
 DISCRETE_ALGORITHMS = ("vdn", "qmix")
 """Offline algorithms that learn choices as well as continuous actions."""
 
-ONLINE_ALGORITHMS = {
-    "mappo": "swarmdata.online_algos.mappo:MAPPO",
-    "maddpg": "swarmdata.online_algos.maddpg:MADDPG",
-    "vdn": "swarmdata.online_algos.vdn:VDN",
-    "qmix": "swarmdata.online_algos.qmix:QMIX",
-}
+ONLINE_ALGORITHMS = ComponentTable(
+    "online_algorithms",
+    {
+        "mappo": "swarmdata.online_algos.mappo:MAPPO",
+        "maddpg": "swarmdata.online_algos.maddpg:MADDPG",
+        "vdn": "swarmdata.online_algos.vdn:VDN",
+        "qmix": "swarmdata.online_algos.qmix:QMIX",
+    },
+)
 
 
-def resolve(kind: str, table: Mapping[str, str], name: str) -> Any:
+def register_task(name: str, task: Any) -> None:
+    """Makes a task known by a name: specs with `rules: {task: <name>, ...}` are then of it.
+
+    Args:
+        name: of the task; it is the default of `task` in its rules.
+        task: class that implements `interfaces.Task`, or "module:Name" of it. Its attribute `Rules`
+            is the model of its rules, as in `swarmdata.specs.rules`.
+
+    Raises:
+        SpecError: the package has a task of this name.
+    """
+    register("tasks", name, task)
+
+
+def register_policy(name: str, policy: Any) -> None:
+    """Makes a policy known by a name: `evaluate`, `generate` and recipes then take it.
+
+    Args:
+        name: of the policy.
+        policy: class that implements `interfaces.Policy` and is built as `policy(spec)`, or
+            "module:Name" of it. With a keyword `noise`, `generate --noise` applies to it.
+
+    Raises:
+        SpecError: the package has a policy of this name.
+    """
+    register("policies", name, policy)
+
+
+def register_algorithm(name: str, algorithm: Any, *, online: bool = False) -> None:
+    """Makes an algorithm known by a name: `train`, `study` and all others then take it.
+
+    Args:
+        name: of the algorithm.
+        algorithm: class that implements `interfaces.Algorithm`, or with `online`
+            `interfaces.OnlineAlgorithm`; or "module:Name" of it.
+        online: whether it learns in worlds, not from data.
+
+    Raises:
+        SpecError: the package has an algorithm of this name.
+    """
+    register("online_algorithms" if online else "algorithms", name, algorithm)
+
+
+def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
     """Imports what `table` names.
 
     Raises:
@@ -72,8 +138,7 @@ def resolve(kind: str, table: Mapping[str, str], name: str) -> Any:
     """
     if name not in table:
         raise UnknownNameError(kind, name, table)
-    module, attribute = table[name].split(":")
-    return getattr(import_module(module), attribute)
+    return import_component(table[name])
 
 
 def make_task(spec: TaskSpec) -> Task:
@@ -88,22 +153,52 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
     return terms
 
 
-def make_env(spec: TaskSpec, n_copies: int = 1) -> VecEnv:
-    """Builds `n_copies` copies of the task that `spec` describes.
+@overload
+def make_env(spec: TaskSpec, n_copies: int = 1, *, api: Literal["vector"] = "vector") -> VecEnv: ...
+@overload
+def make_env(spec: TaskSpec, n_copies: int = 1, *, api: Literal["pettingzoo"]) -> Any: ...
+def make_env(spec: TaskSpec, n_copies: int = 1, *, api: str = "vector") -> Any:
+    """Builds the world of a task.
+
+    Args:
+        spec: the task.
+        n_copies: copies stepped together, E; a PettingZoo environment has one.
+        api: `vector` for a `VecEnv`, `pettingzoo` for a `ParallelEnv`, which needs PettingZoo. Both
+            have `close()`.
 
     Raises:
-        SpecError: they would not fit into memory, the spec contradicts itself, or it is of an older
-            version of the world.
+        SpecError: the copies would not fit into memory, the spec contradicts itself, or it is of an
+            older version of the world.
+        UnknownNameError: another interface.
+        SchemaError: several copies of a PettingZoo environment.
     """
+    if api not in ("vector", "pettingzoo"):
+        raise UnknownNameError("api", api, ("vector", "pettingzoo"))
     check_world(spec)
+    if api == "pettingzoo":
+        if n_copies != 1:
+            raise SchemaError(f"a PettingZoo environment has 1 copy, got n_copies={n_copies}")
+        return import_module("swarmdata.envs.world.pettingzoo").ParallelWorld(spec)
     if problem := copies_excess(spec, n_copies):
         raise SpecError(problem)
     build: Callable[[Task, int], VecEnv] = import_module("swarmdata.envs.world.task_env").TaskEnv
     return build(make_task(spec), n_copies)
 
 
-def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:
-    """Builds the named policy for the task that `spec` describes."""
+def policy_class(name: str, spec: TaskSpec) -> Callable[..., Policy]:
+    """Returns the class of the named policy in the task that `spec` describes.
+
+    Raises:
+        UnknownNameError: with the nearest known name.
+        MissingExtraError: it needs torch.
+    """
+    if name == "network":
+        require_extra("torch", "torch", "running a network that is not run exactly")
     table = {**POLICIES, "scripted": SCRIPTED_CONTROLLERS.get(spec.task, POLICIES["scripted"])}
     build: Callable[..., Policy] = resolve("policy", table, name)
-    return build(spec, **options)
+    return build
+
+
+def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:
+    """Builds the named policy for the task that `spec` describes."""
+    return policy_class(name, spec)(spec, **options)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from swarmdata.errors import UnknownNameError
+from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.specs.rules import Rules
 
 RewardChoice = Mapping[str, float | str] | str
@@ -44,10 +44,16 @@ def chosen_weights(choice: RewardChoice, rules: Rules) -> dict[str, float | str]
 
     Raises:
         UnknownNameError: there is no such set.
+        SpecError: the set is not for tasks of this kind.
     """
     if not isinstance(choice, str):
         return dict(choice)
     if choice != "safe":
         raise UnknownNameError("set of reward weights", choice, ("safe",))
+    if rules.task not in SAFE_FACTORS:
+        raise SpecError(
+            f"the set 'safe' has no factors for {rules.task}, only for {', '.join(SAFE_FACTORS)}; "
+            "name the weights, such as proximity=0.5"
+        )
     factors = SAFE_FACTORS[rules.task]
     return {name: factor * getattr(rules.rewards, name) for name, factor in factors.items()}

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from swarmdata.errors import SpecError, UnknownNameError, did_you_mean
+from swarmdata.errors import SpecError, UnknownNameError, did_you_mean, listed
 from swarmdata.runtime.documents import parse_document, read_document
 
 LEAST_POSITIVE = 1e-12
@@ -163,16 +163,58 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
     if problem["type"] == "extra_forbidden":
         known = _known_keys(model, problem["loc"][:-1])
         hint = did_you_mean(str(problem["loc"][-1]), known)
-        return f"{path}: unknown key.{hint} Known: {', '.join(known)}"
+        return f"{path}: unknown key.{hint} Known: {listed(str(problem['loc'][-1]), known)}"
     if problem["type"] == "union_tag_invalid":
         told, tags = problem["ctx"]["discriminator"].strip("'"), problem["ctx"]["expected_tags"]
         known = [tag.strip("'") for tag in tags.split(", ")]
         tag = str(problem["ctx"]["tag"])
         hint = did_you_mean(tag, known)
-        return f"{path}.{told}: unknown {SHORT_REPR.repr(tag)}.{hint} Known: {', '.join(known)}"
+        return f"{path}.{told}: unknown {SHORT_REPR.repr(tag)}.{hint} Known: {listed(tag, known)}"
     is_shown = path and problem["type"] not in ("missing", "value_error")
     got = f" (got {SHORT_REPR.repr(problem['input'])})" if is_shown else ""
-    return f"{path or model.__name__}: {problem['msg'].removeprefix('Value error, ')}{got}"
+    return f"{path or model.__name__}: {_sentence(problem)}{got}"
+
+
+_EXPECTED = {
+    "missing": "it is missing",
+    "bool_type": "expected true or false",
+    "bool_parsing": "expected true or false",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "finite_number": "expected a finite number",
+    "string_type": "expected text",
+    "tuple_type": "expected a list",
+    "list_type": "expected a list",
+    "dict_type": "expected a mapping of keys to values",
+    "mapping_type": "expected a mapping of keys to values",
+    "model_type": "expected a mapping of keys to values",
+    "model_attributes_type": "expected a mapping of keys to values",
+    "literal_error": "expected {expected}",
+    "greater_than": "expected more than {gt}",
+    "greater_than_equal": "expected at least {ge}",
+    "less_than": "expected less than {lt}",
+    "less_than_equal": "expected at most {le}",
+    "too_short": "expected at least {min_length} of them, got {actual_length}",
+    "too_long": "expected at most {max_length} of them, got {actual_length}",
+    "string_too_short": "expected at least {min_length} characters",
+    "string_too_long": "expected at most {max_length} characters",
+    "string_pattern_mismatch": "expected text of the form {pattern}",
+    "union_tag_not_found": "it has no key {discriminator}",
+}
+"""What was expected, by pydantic's type of a problem."""
+
+
+def _sentence(problem: Any) -> str:
+    """What is wrong, in our words; validators have theirs."""
+    known = _EXPECTED.get(problem["type"])
+    if known is None:
+        message: str = problem["msg"]
+        return message.removeprefix("Value error, ")
+    context = problem.get("ctx", {})
+    return known.format(**{k: f"{v:g}" if isinstance(v, float) else v for k, v in context.items()})
 
 
 def _key(part: Any) -> str:

@@ -87,13 +87,18 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 """SHA-256 of a file or a dataset, hex."""
 
 
+def is_file_name(text: str) -> bool:
+    """Whether this is the plain name of a file, and no path."""
+    return _is_plain(text, _FILE_NAME, MAX_FILE_NAME)
+
+
 def checked_file_name(text: str) -> str:
     """Returns the text if it is a file name and no path.
 
     Raises:
         ValueError: it is not.
     """
-    if not _is_plain(text, _FILE_NAME, MAX_FILE_NAME):
+    if not is_file_name(text):
         raise ValueError(
             f"{text!r:.100} is not the name of a file, expected at most {MAX_FILE_NAME} of the "
             "characters A-Z a-z 0-9 _ - . +, a letter or digit first and last, no two dots in a "

@@ -5,11 +5,18 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import (
+    Field,
+    SerializeAsAny,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from swarmdata.errors import UnknownNameError
+from swarmdata.runtime.own_components import components, import_component
 from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.specs.quantities import (
     Angle,
@@ -250,7 +257,24 @@ class WarehouseRules(Frozen):
     has_own_targets: ClassVar[bool] = True  # each robot has orders of its own
 
 
+def _own_rules(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
+    """Reads the rules of a user's task with the model that the task has as `Rules`."""
+    is_mapping = isinstance(value, Mapping)
+    task = value.get("task") if is_mapping else getattr(value, "task", None)
+    own = components("tasks")
+    if not isinstance(task, str) or task not in own:
+        return read(value)
+    model = import_component(own[task]).Rules
+    return model.model_validate(value) if is_mapping else value
+
+
 Rules = Annotated[
-    NavigationRules | FormationRules | TransportRules | WarehouseRules,
-    Field(discriminator="task"),
+    SerializeAsAny[
+        Annotated[
+            NavigationRules | FormationRules | TransportRules | WarehouseRules,
+            Field(discriminator="task"),
+        ]
+    ],
+    WrapValidator(_own_rules),
 ]
+"""The rules of one of the package's tasks, or of a task that users have registered."""

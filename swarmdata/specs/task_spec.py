@@ -3,12 +3,16 @@
 Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from swarmdata.errors import SwarmdataError
 from swarmdata.specs.budget import excesses
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.communication_names import communication_model
+from swarmdata.specs.frozen import Frozen, is_file, is_inline
+from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.plain_names import Name, repeated
 from swarmdata.specs.quantities import (
     Acceleration,
@@ -42,6 +46,28 @@ def _not_newer(version: int) -> int:
             f"version {WORLD_VERSION}; upgrade it with: pip install --upgrade swarmdata"
         )
     return version
+
+
+def _named(find: Callable[[str], Frozen]) -> BeforeValidator:
+    """Takes the name of a model in the place of its fields, and no file: a spec is self-contained.
+
+    Args:
+        find: the model of a name.
+    """
+
+    def model_of(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        if is_file(value) or is_inline(value):
+            raise ValueError(
+                "expected a name such as lidar-32+noise-0.05 or lossy-30, or the model's fields"
+            )
+        try:
+            return find(value)
+        except SwarmdataError as error:
+            raise ValueError(str(error)) from error
+
+    return BeforeValidator(model_of)
 
 
 class Robot(Frozen):
@@ -130,8 +156,8 @@ class TaskSpec(Frozen):
     control_dt: Duration = 0.1
     physics_dt: Duration = 0.05
     on_collision: Literal["continue", "fail"] = "continue"
-    observation: AnyObservationModel = StateModel()
-    communication: AnyCommunicationModel = NoCommunication()
+    observation: Annotated[AnyObservationModel, _named(observation_model)] = StateModel()
+    communication: Annotated[AnyCommunicationModel, _named(communication_model)] = NoCommunication()
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:

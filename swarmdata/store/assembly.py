@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from swarmdata.runtime.atomic import new_folder
 from swarmdata.specs.origins import Origin
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
+    CHECKPOINTS,
     FIELDS,
     FORMAT_VERSION,
     MANIFEST,
@@ -50,6 +52,7 @@ def assemble(
     order: Order,
     splits: Counts | None = None,
     optional: Sequence[str] | None = None,
+    checkpoints: Mapping[str, bytes] = MappingProxyType({}),
 ) -> Manifest:
     """Writes the finished dataset folder, manifest last, and publishes it in one rename.
 
@@ -65,6 +68,7 @@ def assemble(
         splits: index into `SPLITS` of each episode; None for those of the recipe's rule. An edit
             has no rule.
         optional: optional arrays of the parts to take; None for all that they have.
+        checkpoints: content of the networks to keep with the dataset, by file name.
 
     Raises:
         RecipeConflictError: `out` holds a dataset of another recipe.
@@ -76,7 +80,7 @@ def assemble(
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
     names = (*FIELDS, *_optional(parts, optional))
-    return write_dataset(out, recipe, _Parts(parts, order, table, names))
+    return write_dataset(out, recipe, _Parts(parts, order, table, names), checkpoints)
 
 
 class Source(Protocol):
@@ -101,7 +105,12 @@ class Source(Protocol):
         ...
 
 
-def write_dataset(out: Path, recipe: Origin, source: Source) -> Manifest:
+def write_dataset(
+    out: Path,
+    recipe: Origin,
+    source: Source,
+    checkpoints: Mapping[str, bytes] = MappingProxyType({}),
+) -> Manifest:
     """Writes the finished dataset folder from any source of rows; otherwise as `assemble`.
 
     Raises:
@@ -120,7 +129,8 @@ def write_dataset(out: Path, recipe: Origin, source: Source) -> Manifest:
     described = attributes_of(recipe, {name: shard.shape for name, shard in shards.items()})
     with new_folder(out) as temporary:
         create_metadata(temporary, shards, _attributes(recipe), described)
-        manifest = _write(temporary, recipe, source, shards)
+        kept = _keep(temporary, checkpoints)
+        manifest = _write(temporary, recipe, source, shards, kept)
         (temporary / MANIFEST).write_bytes(manifest.to_bytes())
     published = _existing(out, recipe)
     if published.digest != manifest.digest:
@@ -239,8 +249,26 @@ def _ordered_rows(parts: Parts, order: Order) -> tuple[NDArray[np.void], NDArray
     return rows, np.stack([layouts[p][e] for p, e in order])
 
 
-def _write(folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard]) -> Manifest:
-    """Writes all arrays and the recipe, and returns the manifest that lists them."""
+def _keep(folder: Path, checkpoints: Mapping[str, bytes]) -> list[str]:
+    """Writes networks beside the arrays; returns their paths in the folder."""
+    for name, content in checkpoints.items():
+        (folder / CHECKPOINTS).mkdir(exist_ok=True)
+        (folder / CHECKPOINTS / name).write_bytes(content)
+    return [f"{CHECKPOINTS}/{name}" for name in sorted(checkpoints)]
+
+
+def _write(
+    folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard], kept: Sequence[str]
+) -> Manifest:
+    """Writes all arrays and the recipe, and returns the manifest that lists them.
+
+    Args:
+        folder: to write to.
+        recipe: what the dataset is made from.
+        source: of the rows.
+        shards: of the arrays.
+        kept: further files there that the manifest lists.
+    """
     logical = hashlib.sha256()
     train = source.table.split == SPLITS.index("train")
     if not train.any():
@@ -266,7 +294,7 @@ def _write(folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard
         arrays=entries,
         files={
             name: FileEntry(size=(folder / name).stat().st_size, sha256=file_digest(folder / name))
-            for name in expected_files(shards)
+            for name in (*expected_files(shards), *kept)
         },
         statistics=StatisticsEntry(
             observation_mean=observation_mean,

@@ -30,11 +30,13 @@ from swarmdata.specs.origins import Origin, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
+    CHECKPOINTS,
     FIELDS,
     GROUP_FILES,
     POSSIBLE_FILES,
     RECIPE,
-    expected_files,
+    is_checkpoint_file,
+    misplaced_files,
     shard_index,
 )
 from swarmdata.store.arrays.row_shapes import (
@@ -173,7 +175,11 @@ def blocking_links(path: Path) -> tuple[str, ...]:
     if not found:
         return ()
     ours = {file.parts[:n] for file in map(Path, POSSIBLE_FILES) for n in range(1, 9)}
-    return tuple(link for link in found if Path(link).parts in ours)
+    return tuple(
+        link
+        for link in found
+        if Path(link).parts in ours or link == CHECKPOINTS or is_checkpoint_file(link)
+    )
 
 
 def check_listing(path: Path, manifest: Manifest) -> None:
@@ -215,7 +221,7 @@ def _check_arrays(path: Path, manifest: Manifest) -> None:
 def _check_files(path: Path, manifest: Manifest) -> None:
     """Checks that exactly the files of the arrays are listed, with the sizes of the arrays."""
     shards = {name: plan.shard for name, plan in manifest.plan.items()}
-    differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
+    differing = misplaced_files(shards, manifest.files)
     if differing:
         raise _disagrees(
             path, manifest, f"files {differing} are listed without their array or absent"

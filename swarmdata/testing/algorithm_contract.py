@@ -1,19 +1,20 @@
 """check_algorithm, the contract of every offline algorithm.
 
-    @pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
-    def test_contract(name):
-        check_algorithm(build=lambda seeds: ..., batch=lambda n_seeds, draw: ..., step=...)
+    def test_contract():
+        swarmdata.check_algorithm(MyAlgorithm)
 
 Errors are AssertionErrors that say which promise was broken.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
 from swarmdata.interfaces import Algorithm
 from swarmdata.testing.comparing import act_on, assert_equal_states, check_policies, values_of
+from swarmdata.testing.sample_batches import sample_batch, sample_setup, sample_step
 from swarmdata.types import Batch, Step
 
 Build = Callable[[Sequence[int]], Algorithm]
@@ -26,26 +27,41 @@ STACKED_SEEDS = (3, 1, 4)
 
 
 def check_algorithm(
-    build: Build,
-    draw: Draw,
-    step: Step,
+    algorithm: type | Build,
+    draw: Draw = sample_batch,
+    step: Step | None = None,
     *,
+    config: Any = None,
     n_updates: int = 50,
     tolerance: float = 1e-5,
 ) -> None:
     """Checks an algorithm against `interfaces.Algorithm` and the promises of stacked seeds.
 
     Args:
-        build: makes the algorithm.
-        draw: makes its batches.
-        step: observations to act on, with at least 2 copies.
+        algorithm: the class, which is built as `algorithm(setup, config)` for random transitions of
+            3 robots; or a function that makes it for some seeds.
+        draw: makes its batches; by default random transitions.
+        step: observations to act on, with at least 2 copies; None: random ones.
+        config: of a class; None: `algorithm.Config()`.
         n_updates: length of the comparison between stacked and separate seeds.
         tolerance: largest difference of an action in that comparison.
     """
+    build = _builder(algorithm, config) if isinstance(algorithm, type) else algorithm
+    step = sample_step() if step is None else step
     check_losses(build, draw)
     check_policy_of_seed(build, draw, step)
     check_resume(build, draw)
     check_stacking(build, draw, step, n_updates, tolerance)
+
+
+def _builder(kind: Any, config: Any) -> Build:
+    settings = kind.Config() if config is None else config
+
+    def build(seeds: Sequence[int]) -> Algorithm:
+        algorithm: Algorithm = kind(sample_setup(seeds), settings)
+        return algorithm
+
+    return build
 
 
 def check_losses(build: Build, draw: Draw) -> None:

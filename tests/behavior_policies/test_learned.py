@@ -255,3 +255,20 @@ def test_negative_noise_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "actor.safetensors"
     with pytest.raises(SpecError, match="noise"):
         Learned(SPEC, checkpoint=path, sha256=write(path).sha256, noise=-0.1)
+
+
+def test_squashed_outputs_are_the_tanh_of_the_same_network(tmp_path: Path) -> None:
+    mean, scale = np.full(SIZE, 0.1), np.full(SIZE, 0.7)
+    layers = network()
+    save_actor(tmp_path / "clipped", layers, mean, scale)
+    save_actor(tmp_path / "squashed", layers, mean, scale, squash=True)
+    clipped, squashed = (
+        load_actor((tmp_path / name).read_bytes(), 4, name) for name in ("clipped", "squashed")
+    )
+    assert (clipped.squash, squashed.squash) == (False, True)
+    observations = step_of(50).observations
+    outputs, answers = forward(clipped, observations), forward(squashed, observations)
+    inside = np.abs(outputs) < 1.0  # beyond, the clipped network says less
+    np.testing.assert_allclose(answers[inside], np.tanh(outputs[inside]), atol=2.0**-12)
+    assert (np.abs(answers) <= 1.0).all()
+    np.testing.assert_array_equal(answers * 2.0**12, np.rint(answers * 2.0**12))

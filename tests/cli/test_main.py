@@ -8,12 +8,14 @@ import time
 from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from swarmdata import __version__
 from swarmdata.building.build import build_folder
-from swarmdata.cli.main import app
+from swarmdata.cli.main import SECTIONS, app
 from swarmdata.registry.presets import preset, preset_names
+from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -176,6 +178,45 @@ def test_tasks_are_presets_or_files(tmp_path: Path) -> None:
     assert "unknown task 'coop_nv'" in run("evaluate", "idle", "--task", "coop_nv", code=1)
 
 
+def test_info_takes_folders_and_datasets_of_the_cache(
+    recipe_file: Path, tmp_path: Path, cache_folder: Path
+) -> None:
+    out = tmp_path / "data"
+    run("generate", recipe_file, "--out", out, "--workers", "1")
+    text = run("info", out)
+    assert f"folder: {out}" in text
+    assert "nothing to compare it with" in text
+    assert "name: random" in text
+    (cache_folder / "datasets").mkdir(exist_ok=True)
+    out.rename(cache_folder / "datasets" / "coop_nav-tiny-v0")
+    assert "name: random" in run("info", "coop_nav-tiny-v0")
+    assert "there is no dataset folder at data/absent" in run("info", "data/absent", code=1)
+
+
+def test_help_lists_every_command_in_a_section() -> None:
+    text = run("--help")
+    places = [text.index(f"{title}:") for title in SECTIONS]
+    assert places == sorted(places)
+    listed = [name for names in SECTIONS.values() for name in names]
+    assert len(set(listed)) == len(listed)
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert commands.keys() <= set(listed)
+    assert all(f"\n  {name} " in text for name in commands)
+
+
+def test_a_path_that_is_not_there_is_called_a_folder() -> None:
+    assert "runs/absent is no folder that is there" in run("evaluate", "runs/absent", code=1)
+
+
+def test_task_show_has_the_models_that_are_named() -> None:
+    text = run(
+        "task", "show", "coop_nav", "--observation", "lidar-8", "--communication", "lossy-30"
+    )
+    spec = TaskSpec.from_text(text)
+    assert spec == with_models(preset("coop_nav"), "lidar-8", "lossy-30")
+    assert "n_rays: 8" in text
+
+
 def test_task_list_shows_every_preset() -> None:
     lines = run("task", "list").splitlines()
 
@@ -198,14 +239,13 @@ def test_task_show_prints_a_spec_that_validates(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("horizn: 3", "unknown key. Did you mean 'horizon'"),
-        ("horizon: 0", "greater than or equal to 1 (got 0)"),
+        ("horizon: 0", "expected at least 1 (got 0)"),
         ("horizon: [", "neither YAML nor JSON"),
         ("arena: {width: 0.3, height: 0.3}", "8 of 8 layouts could not be drawn"),
         (
             "{horizon: 0, team: [{count: 2, robot: {radius: -1}}], arena: {width: x}}",
-            "team.0.robot.radius: Input should be greater than or equal to 0.001 (got -1); "
-            "arena.width: Input should be a valid number, unable to parse string as a number (got "
-            "'x'); horizon: Input should be greater than or equal to 1 (got 0)",
+            "team.0.robot.radius: expected at least 0.001 (got -1); arena.width: expected a number "
+            "(got 'x'); horizon: expected at least 1 (got 0)",
         ),
         (
             "{physics_dt: 0.1, team: [{count: 900}, {count: 900}], horizon: 2000000}",

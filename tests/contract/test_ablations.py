@@ -11,7 +11,11 @@ from swarmdata.learn.training.setup import Setup
 from swarmdata.learn.training.training_data import Selective
 from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from tests.contract.test_algorithms import N_EPISODES, SIZES, SMALL, draw, statistics, step
+from swarmdata.testing.sample_batches import N_EPISODES
+from swarmdata.testing.sample_batches import sample_batch as draw
+from swarmdata.testing.sample_batches import sample_statistics as statistics
+from swarmdata.testing.sample_batches import sample_step as step
+from tests.contract.test_algorithms import SIZES, SMALL
 
 N_UPDATES = 20
 ABLATED = {name: ablation for name, ablation in ABLATIONS.items() if ablation is not None}

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,15 +10,17 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
 from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.algorithm_contract import check_algorithm  # noqa: E402
-from swarmdata.types import Batch, Step, no_messages  # noqa: E402
+from swarmdata.testing.sample_batches import N_EPISODES, sample_setup  # noqa: E402
+from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
+from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402
+from swarmdata.testing.sample_batches import sample_step as step  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
 
-SIZES = Sizes(n_agents=3, observation=7, action=2, state=12)
-BATCH, N_EPISODES = 16, 5
+SIZES = sample_setup((0,)).sizes
 
 ACTOR_CRITIC: dict[str, Any] = {
     "actor_hidden": (32, 32),
@@ -49,76 +52,27 @@ SMALL: dict[str, dict[str, Any]] = {
 }
 
 
-def statistics() -> Statistics:
-    rng = np.random.default_rng(0)
-    return Statistics(
-        observation_mean=rng.normal(size=SIZES.observation),
-        observation_std=rng.uniform(0.5, 2, SIZES.observation),
-        state_mean=rng.normal(size=SIZES.state),
-        state_std=rng.uniform(0.5, 2, SIZES.state),
-        return_std=2.0,
-        max_return=5.0,
-        own_return_std=2.0,
-        own_max_return=5.0,
-        return_range=400.0,
-        own_return_range=400.0,
-    )
-
-
-def draw(seeds: Sequence[int], index: int) -> Batch:
-    """What each seed sees depends on its own number only."""
-    shapes = {
-        "observations": (BATCH, SIZES.n_agents, SIZES.observation),
-        "actions": (BATCH, SIZES.n_agents, SIZES.action),
-        "rewards": (BATCH, SIZES.n_agents),
-        "next_observations": (BATCH, SIZES.n_agents, SIZES.observation),
-        "states": (BATCH, SIZES.state),
-        "next_states": (BATCH, SIZES.state),
-        "next_actions": (BATCH, SIZES.n_agents, SIZES.action),
-        "log_probs": (BATCH, SIZES.n_agents),
-    }
-    rngs = [np.random.default_rng([seed, index]) for seed in seeds]
-    columns = {
-        name: np.stack([rng.uniform(-1, 1, shape) for rng in rngs]).astype(np.float32)
-        for name, shape in shapes.items()
-    }
-    episodes = np.stack([rng.integers(N_EPISODES, size=BATCH) for rng in rngs])
-    ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
-    flags, cut = ends < 0.2, ends > 0.8
-    mask = np.ones_like(flags)
-    return Batch(
-        **columns, terminations=flags, truncations=cut, mask=mask, episodes=episodes
-    ).to_torch()
-
-
-def step() -> Step:
-    copies, rng = 5, np.random.default_rng(1)
-    flags = np.zeros(copies, dtype=np.bool_)
-    return Step(
-        observations=rng.normal(size=(copies, SIZES.n_agents, SIZES.observation)).astype("f4"),
-        states=rng.normal(size=(copies, SIZES.state)).astype("f4"),
-        rewards=np.zeros((copies, SIZES.n_agents), dtype=np.float32),
-        reward_terms=np.zeros((copies, SIZES.n_agents, 0), np.float32),
-        terminations=flags,
-        truncations=flags,
-        successes=flags,
-        events=np.zeros((copies, SIZES.n_agents, 4), dtype=np.uint8),
-        seeds=np.arange(copies, dtype=np.uint64),
-        times=np.zeros(copies, dtype=np.int64),
-        layouts=np.zeros((copies, 0, 8), dtype=np.float32),
-        **no_messages(copies, SIZES.n_agents),
-    )
-
-
 @pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
 def test_the_algorithm_keeps_the_contract(name: str) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**SMALL.get(name, {}))
+    check_algorithm(kind, config=config)
 
-    def build(seeds: Sequence[int]) -> Any:
-        return kind(Setup(SIZES, seeds, statistics(), n_episodes=N_EPISODES), config)
 
-    check_algorithm(build, draw, step())
+@pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
+@pytest.mark.parametrize("memory", ["none", "gru"])
+def test_its_policies_can_be_copied_into_a_dataset(name: str, memory: str, tmp_path: Path) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    if memory != "none" and not hasattr(kind.Config(), "memory"):
+        return
+    settings = {} if memory == "none" else {"memory": memory, "memory_size": 8}
+    config = kind.Config(**SMALL.get(name, {}), **settings)
+    policy = kind(Setup(SIZES, (3, 1), statistics(), n_episodes=N_EPISODES), config).policy(1)
+    save_policy(tmp_path / "policy.safetensors", policy)
+    read = load_policy(tmp_path / "policy.safetensors")
+    for each in (policy, read):
+        each.reset(step(), np.arange(len(step().seeds)))
+    np.testing.assert_array_equal(read.act(step()), policy.act(step()))
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ SHIPPED = [
 """The first actor of every shipped tier, with its preset; the others are run by the same code."""
 
 
-@pytest.mark.parametrize("name", sorted(set(components.POLICIES) - {"learned"}))
+@pytest.mark.parametrize("name", sorted({*components.POLICIES} - {*components.CHECKPOINT_POLICIES}))
 def test_registered_policies_keep_the_contract(name: str) -> None:
     check_policy(make_policy(name, SPEC), SPEC, make_env)
 

@@ -41,6 +41,27 @@ def there_and_back(view: Dataset, name: str, path: Path) -> Iterator[ImportedDat
 
 
 @pytest.mark.parametrize("name", WRITTEN)
+@pytest.mark.parametrize("place", ["here", "below/here", "~/here"])
+def test_paths_may_be_relative_or_begin_at_home(
+    name: str, place: str, ours: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name], reason=f"the extra of {name}")
+    home, work = tmp_path / "home", tmp_path / "work"
+    (work / "below").mkdir(parents=True)
+    home.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(work)
+    written = export_dataset(ours, place, format=name)
+    assert written == (home / "here" if place.startswith("~") else work / place)
+    read = import_dataset(place, f"{place}-read", format=name, id="coop_nav-again-v0")
+    assert read.path == written.with_name("here-read")
+    assert len(read) == len(ours)
+    found = {path.name for path in work.iterdir()}
+    assert found <= {"below", "here", "here-read", ".here-read.lock"}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
 @given(data=st.data())
 @settings(max_examples=4)
 def test_any_view_survives(

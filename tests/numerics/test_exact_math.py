@@ -11,7 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.numerics.exact_math import HALF_LOG_TWO_PI, exp, log, log_of_one_plus, log_tail
+from swarmdata.numerics.exact_math import (
+    HALF_LOG_TWO_PI,
+    exp,
+    log,
+    log_of_one_plus,
+    log_tail,
+    tanh,
+)
 
 REAL = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -40,6 +47,13 @@ def test_log_of_one_plus_is_exact_near_zero() -> None:
     x = np.concatenate([small, -small, np.linspace(1.0, 1e6, 1001)])
     expected = np.array([math.log1p(value) for value in x])
     np.testing.assert_allclose(log_of_one_plus(x), expected, rtol=1e-15, atol=0.0)
+
+
+def test_tanh_is_odd_and_near_the_library() -> None:
+    x = np.concatenate([np.linspace(-25.0, 25.0, 40_001), [0.0, 1e-300, 1e3, np.inf, -np.inf]])
+    expected = np.array([math.tanh(value) for value in x])
+    np.testing.assert_allclose(tanh(x), expected, rtol=0.0, atol=3e-16)
+    np.testing.assert_array_equal(tanh(-x), -tanh(x))
 
 
 def test_log_tail_agrees_with_erfc() -> None:

@@ -48,6 +48,9 @@ class Counting:
         self.sums[copies] = 0
         return self._step(np.zeros((self.n_copies, N), np.float32))
 
+    def close(self) -> None:
+        pass
+
     def step(self, actions: Float | Double) -> Step:
         going = ~self._ended()
         self.times += going

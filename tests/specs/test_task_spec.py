@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.errors import SpecError
+from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -81,7 +82,7 @@ def test_the_hash_of_the_default_is_stable() -> None:
             {"team": [{"robot": {"radiuss": 1}}]},
             r"team.0.robot.radiuss: unknown key. Did you mean 'radius'",
         ),
-        ({"team": [{"count": 0}]}, r"team.0.count: .*greater than or equal to 1 \(got 0\)"),
+        ({"team": [{"count": 0}]}, r"team.0.count: .*at least 1 \(got 0\)"),
         ({"control_dt": 0.05}, "at least 2 whole multiples of physics_dt, got 1"),
         ({"rules": {"task": "coop_nav", "goal_radius": float("nan")}}, "goal_radius"),
         (
@@ -168,3 +169,56 @@ def test_only_policies_with_a_convention_write_it_so_that_older_recipes_keep_the
     assert kept.model_dump(mode="json") == {**plain.model_dump(), "convention": "keep-left"}
     assert plain.hash() != kept.hash()
     assert [PolicySource.from_text(each.to_json()) for each in (plain, kept)] == [plain, kept]
+
+
+def test_models_may_be_named_as_on_the_command_line() -> None:
+    text = "observation: lidar-32+noise-0.05\ncommunication: lossy-30\n"
+    spec = TaskSpec.from_text(text)
+    assert spec == with_models(TaskSpec(), "lidar-32+noise-0.05", "lossy-30")
+    assert TaskSpec.from_text(spec.to_yaml()).hash() == spec.hash()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "observation: lidr",
+            "observation: unknown observation model 'lidr'. Did you mean 'lidar'",
+        ),
+        ("observation: lidar-x", "observation: 'lidar-x' in 'lidar-x' needs a number"),
+        ("communication: losy-30", "communication: unknown .* Did you mean 'lossy-30'"),
+        ("observation: /etc/secret.yaml", "observation: expected a name such as lidar-32"),
+    ],
+)
+def test_wrong_names_of_models_are_named_in_place(text: str, message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        TaskSpec.from_text(text)
+
+
+def test_messages_list_five_names_at_most() -> None:
+    few, many = (
+        UnknownNameError("cat", "tm", ["tim", "tom"]),
+        UnknownNameError("cat", "tm", ["tim", "tom", "tam", "max", "moritz", "leo", "paul"]),
+    )
+    assert str(few).endswith("Known: tim, tom.")
+    assert str(many).endswith("and 2 more.")
+    assert "tam, tim, tom" in str(many)
+    with pytest.raises(SpecError, match=r"horizn: unknown key. Did you mean 'horizon'.* more$"):
+        TaskSpec.parse({"horizn": 5})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"horizon": "x"}, "horizon: expected a whole number"),
+        ({"horizon": 1.5}, "horizon: expected a whole number"),
+        ({"on_collision": "stop"}, "on_collision: expected 'continue' or 'fail'"),
+        ({"team": []}, "team: expected at least 1 of them, got 0"),
+        ({"team": 3}, "team: expected a list"),
+        ({"arena": 3}, "arena: expected a mapping"),
+        ({"communication": {"drop": 1}}, "communication: it has no key 'kind'"),
+    ],
+)
+def test_wrong_values_are_described_in_our_words(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        TaskSpec.parse(change)

@@ -33,8 +33,8 @@ class OneProcessCrew:
             recipe = Recipe.from_text(job.payload["recipe"])
             env = make_env(recipe.spec, 16)
             policy, part = job.payload["policy"], job.payload["part"]
-            episodes = make_part(recipe, policy, part, env, progress)
-            write_part(Path(job.payload["folder"]), episodes)
+            folder = Path(job.payload["folder"])
+            write_part(folder, make_part(recipe, policy, part, env, progress, folder.parent))
             self.made.append(job.name)
 
 

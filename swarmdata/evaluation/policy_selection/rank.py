@@ -41,6 +41,7 @@ from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
+from swarmdata.learn.training.setup import check_device
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
 from swarmdata.types import Double
@@ -100,6 +101,7 @@ def rank(
     config = config or FQEConfig()
     if n_episodes is not None and results is not None:
         raise SchemaError("got n_episodes and results, expected one of them: both provide scores")
+    check_device(device)
     dataset = _dataset(folders, dataset_id, progress=progress)
     parts = dataset.split("train"), dataset.split("validation")
     found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)

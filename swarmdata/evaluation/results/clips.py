@@ -12,7 +12,7 @@ from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
 from swarmdata.envs.render import animate, draw, save_png
 from swarmdata.envs.render.video import VIDEO_SUFFIXES
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.results.policy_names import check_no_task, find_target
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
@@ -110,9 +110,11 @@ def draw_target(
 
     Raises:
         SchemaError: the suffix is unknown, or there is no such episode.
+        SpecError: a task is given with a dataset.
     """
     check_clip(out)
     if is_dataset(name):
+        check_no_task(name, task)
         dataset = load(name)
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")

@@ -13,11 +13,11 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.runs.provenance import Provenance
-from swarmdata.hub.remotes.outside_names import is_folder
+from swarmdata.hub.remotes.outside_names import is_folder, looks_like_path
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
-from swarmdata.registry.components import POLICIES, make_policy, make_task
+from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.rollouts.recipe_episodes import make_source_policy
@@ -91,7 +91,7 @@ def find_target(
             without noise; a dataset's id: its behavior policies as recorded; or a run folder: its
             newest policies, one per seed.
         task: where policies, tiers and runs act: a preset's name, or a spec file. None: runs where
-            they were trained, the others in `DEFAULT_TASK`. Datasets' policies stay in their task.
+            they were trained, the others in `DEFAULT_TASK`. Datasets' policies act in their task.
         observation: observation model, such as `lidar`; None: that of the task, the dataset or the
             training.
         communication: communication model, such as `lossy-30`, likewise.
@@ -100,14 +100,17 @@ def find_target(
         UnknownNameError: nothing has that name.
         ReplacedDatasetError: it is the id of a dataset that a newer version has replaced.
         PolicyFitError: the task or the models do not provide what a trained policy needs.
-        SpecError: the run was trained on a recording of another environment.
+        SpecError: the run was trained on a recording of another environment; or a task is given
+            with a dataset.
         MissingExtraError: a run folder needs torch.
     """
     models = Models(observation, communication)
     if is_folder(name) and run_folders(Path(name)):
         return _run_target(Path(name), task, models)
+    if is_dataset(name):
+        check_no_task(name, task)
     task = DEFAULT_TASK if task is None else task
-    if name in POLICIES and name != "learned":
+    if name in POLICIES and name not in CHECKPOINT_POLICIES:
         spec = models.evaluation_spec(name, find_spec(task), is_fixed=False)
         return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
     if name in TRAINED_TIERS and (found := sources(task, name, 0.0)):
@@ -116,6 +119,19 @@ def find_target(
         contents = [source.sha256 for source in found]
         return Target(spec, policies, _numbered(name, contents))
     return _dataset_target(name, task, models)
+
+
+def check_no_task(dataset: str, task: str | None) -> None:
+    """Refuses a task for a dataset's policies, which would not act in it.
+
+    Raises:
+        SpecError: there is one.
+    """
+    if task is not None:
+        raise SpecError(
+            f"{dataset} is a dataset, whose policies act in its own task, not in {task}; leave the "
+            "task (--task) out, or name policies, tiers or runs"
+        )
 
 
 def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, ...]:
@@ -127,9 +143,12 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
 
 def _dataset_target(name: str, task: str, models: Models) -> Target:
     refuse_replaced(name)
+    if looks_like_path(name):
+        is_there = "holds no training run: there is no config.json in it"
+        raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
     if not is_dataset(name):
         trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
-        known = {*POLICIES, *trained, *shipped_recipes()} - {"learned"}
+        known = {*POLICIES, *trained, *shipped_recipes()} - {*CHECKPOINT_POLICIES}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     recipe = find_recipe(name)
     is_fixed = any(source.name == "learned" for source in recipe.policies)

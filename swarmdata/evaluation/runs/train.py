@@ -16,6 +16,7 @@ from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameErro
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.overrides import as_texts, override
+from swarmdata.learn.training.setup import check_device
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start
@@ -88,10 +89,10 @@ def train(
         CheckpointError: `out` holds another run.
     """
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    check_device(device)
     config = override(kind.Config(), changes or {})
     view: dict[str, Any] = {"observation": observation, "communication": communication}
-    view |= {"rewards": rewards, "progress": progress}
-    dataset = open_data(dataset_id, weights, view)
+    dataset = open_data(dataset_id, weights, view | {"rewards": rewards, "progress": progress})
     spec, evaluation = dataset.spec, None
     if spec.world is not None and is_simulated(spec.world):
         evaluation = partial(measure_curve_point, spec=spec.world)

@@ -1,12 +1,15 @@
 """The plan of a study: which algorithms are compared on which datasets, and how."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.specs.frozen import Frozen, Positive
-from swarmdata.specs.plain_names import Text
+from swarmdata.specs.plain_names import Text, repeated
+
+MOST_SEEDS = 1_000
 
 Label = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=48)]
 Count = Annotated[int, Field(ge=1, le=10**12)]
@@ -15,7 +18,7 @@ Episodes = Annotated[int, Field(ge=1, le=1_000_000)]
 Width = Annotated[int, Field(ge=1, le=65_536)]
 Names = Annotated[tuple[str, ...], Field(max_length=1_000)]
 Seeds = Annotated[
-    tuple[Annotated[int, Field(ge=0, lt=1 << 32)], ...], Field(min_length=1, max_length=1_000)
+    tuple[Annotated[int, Field(ge=0, lt=1 << 32)], ...], Field(min_length=1, max_length=MOST_SEEDS)
 ]
 
 Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]
@@ -26,7 +29,7 @@ class Variant(Frozen):
     """One algorithm with its settings: a row of the tables."""
 
     algorithm: str  # registered offline
-    family: Text  # such as "value decomposition"; the best of each family is swept
+    family: Text  # such as "value decomposition"; the best of each is swept; the label by default
     settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
     updates: Count | None = None  # None: the algorithm's default times the study's budget
     frame: str = "auto"  # of observations and actions, as `swarmdata train --frame`
@@ -129,14 +132,40 @@ class DifferencesPlan(Frozen):
     doubling: bool = False  # the first is the second with twice the updates
 
 
+def _by_label(value: Any) -> Any:
+    """A list of registered algorithms becomes rows of these names, each with its defaults.
+
+    A row without `algorithm` is of the algorithm of its label, and one without `family` is a family
+    of its own.
+    """
+    if isinstance(value, list | tuple):
+        if twice := repeated(map(str, value)):
+            raise ValueError(f"algorithms are named twice: {', '.join(twice)}")
+        value = {str(name): {} for name in value}
+    if not isinstance(value, Mapping):
+        return value
+    return {
+        label: {"algorithm": label, "family": label, **row} if isinstance(row, Mapping) else row
+        for label, row in value.items()
+    }
+
+
+def _first_seeds(value: Any) -> Any:
+    """A number of seeds means 0, 1, ..."""
+    is_number = isinstance(value, int) and not isinstance(value, bool)
+    if is_number and not 1 <= value <= MOST_SEEDS:
+        raise ValueError(f"{value} seeds, expected from 1 to {MOST_SEEDS}, or a list of seeds")
+    return tuple(range(value)) if is_number else value
+
+
 class Study(Frozen):
     """The grid of a study, its protocol and its budget."""
 
     name: Label
     title: Text = ""
     datasets: Annotated[Names, Field(min_length=1)]  # ids or folders
-    algorithms: Annotated[dict[Label, Variant], Field(min_length=1)]
-    seeds: Seeds = (0, 1, 2, 3, 4)
+    algorithms: Annotated[dict[Label, Variant], Field(min_length=1), BeforeValidator(_by_label)]
+    seeds: Annotated[Seeds, BeforeValidator(_first_seeds)] = (0, 1, 2, 3, 4)
     budget: Positive = 1.0  # times each algorithm's default number of updates
     hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of every network
     settings: dict[str, Any] = Field(default_factory=dict)  # for every algorithm that has them

@@ -63,6 +63,10 @@ def run_study(
     if study.tasks:
         for task in study.tasks.tasks:
             find_spec(task)  # an unknown one is refused before the training
+    if study.device != "cpu":
+        from swarmdata.learn.training.setup import check_device  # noqa: PLC0415  (torch)
+
+        check_device(study.device)
     cells = all_cells(study, progress=options.progress)
     work = options.work_of(study)
     failures = _run(select_cells(cells, options.only), work, options)

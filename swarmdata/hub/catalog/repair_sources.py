@@ -19,7 +19,7 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.specs.origins import Edit, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
-from swarmdata.store.arrays.layout import MANIFEST, RECIPE, array_file
+from swarmdata.store.arrays.layout import CHECKPOINTS, MANIFEST, RECIPE, array_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.integrity.recognition import root_attributes
@@ -63,7 +63,8 @@ class Sources:
         """Makes a dataset in the scratch folder; what a killed repair has made is used."""
         out = self.scratch / "rebuilt" / origin.id
         if isinstance(origin, Recipe):
-            return build(origin, out, workers=self.workers, progress=self.progress)
+            own = self.path if (self.path / CHECKPOINTS).is_dir() else None
+            return build(origin, out, checkpoints=own, workers=self.workers, progress=self.progress)
         rebuild = Rebuild(Remotes(self.remotes, False, self.progress), self.workers, self.progress)
         return rebuild.edited(origin, self.path, out)
 

@@ -11,7 +11,7 @@ from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.remotes.addresses import Address, is_address, parse_address
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.outside_names import is_folder, is_id
+from swarmdata.hub.remotes.outside_names import is_folder, is_id, looks_like_path
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.cache import cache_folder
@@ -78,7 +78,7 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
         return request_of_address(name)
     if is_folder(name) and name not in REPLACED_IDS:
         return Request(str(name), Path(name).parent, Path(name), "folder")
-    if isinstance(name, Path):
+    if isinstance(name, Path) or looks_like_path(name):
         raise DatasetNotFoundError(f"there is no dataset folder at {name}")
     return request_of_id(name)
 

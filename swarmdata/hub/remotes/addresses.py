@@ -5,34 +5,36 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import yaml
 from platformdirs import user_config_path
 
 from swarmdata.errors import AddressError, SpecError, UnknownNameError
-from swarmdata.hub.remotes.hosts.buckets import BucketRemote
-from swarmdata.hub.remotes.hosts.folders import FolderRemote
-from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
-from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.hub.remotes.outside_names import MAX_ID_LENGTH, is_id
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import updating
+from swarmdata.runtime.own_components import ComponentTable, import_component, register
 
 HUB_SCHEMES, FOLDER_SCHEMES, WEB_SCHEMES = ("hf",), ("file",), ("http", "https")
 BUCKET_SCHEMES = ("s3", "gs", "gcs", "az", "abfs", "abfss", "memory")
 """Object stores that fsspec knows; each needs its own package, such as s3fs."""
 
-SCHEMES = (*HUB_SCHEMES, *FOLDER_SCHEMES, *WEB_SCHEMES, *BUCKET_SCHEMES)
+_HOSTS = "swarmdata.hub.remotes.hosts"
 
-_KINDS: dict[str, Callable[[str], Remote]] = {
-    **dict.fromkeys(HUB_SCHEMES, HubRemote),
-    **dict.fromkeys(FOLDER_SCHEMES, FolderRemote),
-    **dict.fromkeys(WEB_SCHEMES, WebRemote),
-    **dict.fromkeys(BUCKET_SCHEMES, BucketRemote),
-}
+REMOTES = ComponentTable(
+    "remotes",
+    {
+        **dict.fromkeys(HUB_SCHEMES, f"{_HOSTS}.hugging_face:HubRemote"),
+        **dict.fromkeys(FOLDER_SCHEMES, f"{_HOSTS}.folders:FolderRemote"),
+        **dict.fromkeys(WEB_SCHEMES, f"{_HOSTS}.web:WebRemote"),
+        **dict.fromkeys(BUCKET_SCHEMES, f"{_HOSTS}.buckets:BucketRemote"),
+    },
+)
+"""Kinds of remotes by the scheme of their addresses."""
 
 _HUB_NAME = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9._-]*[A-Za-z0-9_])?")
 
@@ -73,8 +75,8 @@ def parse_address(text: str) -> Address:
     scheme, separator, rest = text.partition("://")
     if not separator:
         raise AddressError(f"{text!r} is not an address, expected one such as 'hf://org'.")
-    if scheme not in SCHEMES:
-        raise UnknownNameError("kind of remote", scheme, SCHEMES)
+    if scheme not in REMOTES:
+        raise UnknownNameError("kind of remote", scheme, REMOTES)
     if re.search(r"[\s\\?#]|[^\x20-\x7e]", rest) or "://" in rest or "::" in rest:
         raise _malformed(scheme, "it has a space, a query or a character outside of ASCII")
     if scheme in HUB_SCHEMES:
@@ -135,7 +137,22 @@ def open_remote(address: str) -> Remote:
     found = parse_address(address)
     if found.dataset is not None:
         raise AddressError(f"{found} is a dataset, expected a remote such as {found.remote}.")
-    return _KINDS[found.remote.partition("://")[0]](found.remote)
+    kind: Callable[[str], Remote] = import_component(REMOTES[found.remote.partition("://")[0]])
+    return kind(found.remote)
+
+
+def register_remote(scheme: str, remote: Any) -> None:
+    """Makes a kind of remote known by the scheme of its addresses.
+
+    Args:
+        scheme: such as `sftp`, for `sftp://host/folder`.
+        remote: class that implements `hub.remotes.interface.Remote` and is built from an address,
+            or "module:Name" of it.
+
+    Raises:
+        SpecError: the package has this scheme.
+    """
+    register("remotes", scheme, remote)
 
 
 def config_file() -> Path:

@@ -55,6 +55,11 @@ def is_folder(text: str | Path) -> bool:
         return False
 
 
+def looks_like_path(text: str) -> bool:
+    """Whether this is written like the path of a file or folder; no id is."""
+    return "/" in text or "\\" in text or text.startswith((".", "~"))
+
+
 def unsafe_names(names: Iterable[str]) -> tuple[str, ...]:
     """What speaks against writing files of these names into one folder, on any system.
 

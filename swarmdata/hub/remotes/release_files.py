@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.errors import HubError, ManifestError
 from swarmdata.hub.remotes.outside_names import hostile_names, unsafe_names
-from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, expected_files
+from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, misplaced_files
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, Manifest, read_manifest
 
 SIDE_FILES = (CARD, REFERENCES)
@@ -54,7 +54,7 @@ def contradictions(manifest: Manifest) -> tuple[str, ...]:
         return names
     shards = {name: entry.shard for name, entry in manifest.arrays.items()}
     problems = []
-    differing = sorted(set(expected_files(shards)) ^ set(manifest.files))
+    differing = misplaced_files(shards, manifest.files)
     if differing:
         problems.append(f"files {differing} are listed without their array or absent")
     sizes = {array_file(name, len(s.shape)): s.file_bytes for name, s in shards.items()}

@@ -1,4 +1,9 @@
-"""Policies as files: the weights of one seed's policy, and what it needs to act with them."""
+"""Policies as files: the weights of one seed's policy, and what it needs to act with them.
+
+A policy is a dataclass of layers, tensors and JSON values. Tensors lie in the file under the names
+of their fields, `layers.0.weight` those of layers; everything else is in the metadata. A dataclass
+inside another has its name as a prefix, such as `chooser.layers.0.weight`.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
@@ -9,53 +14,78 @@ from torch import Tensor
 
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Policy
+from swarmdata.learn.choices.behavior_heads import Rule
 from swarmdata.learn.choices.bins import BinPolicy
+from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.flow_policy import FlowPolicy
 from swarmdata.learn.policies.latent_policy import LatentPolicy
 from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.learn.training.checkpoint import load_checkpoint, parse_checkpoint, save_checkpoint
 from swarmdata.perception.feature_slots import Slots
 from swarmdata.perception.frames import Frame
 
 KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind
     for kind in (
-        TorchPolicy,
-        BinPolicy,
-        RecurrentPolicy,
-        SetPolicy,
-        FlowPolicy,
-        RecurrentFlowPolicy,
-        LatentPolicy,
+        TorchPolicy, BinPolicy, ChoicePolicy, RecurrentPolicy, RecurrentChoicePolicy, SetPolicy,
+        FlowPolicy, RecurrentFlowPolicy, LatentPolicy,
     )
+}  # fmt: skip
+"""Policies that can be kept."""
+
+PARTS: dict[str, Callable[..., Any]] = {
+    kind.__name__: kind for kind in (Choices, Rule, ChoicePolicy)
 }
-"""Policies that can be kept: dataclasses of layers, tensors, a frame, slots and JSON values."""
+"""Dataclasses inside policies."""
+
+LAYER_FIELDS = ("layers", "behavior", "gates")
+"""Names of the fields that hold layers."""
 
 
 def save_policy(path: Path, policy: Policy) -> None:
-    """Writes a policy of one of the `KINDS`, atomically; its folder is made if need be."""
+    """Writes a policy of one of the `KINDS`, atomically; its folder is made if need be.
+
+    Raises:
+        CheckpointError: it is of no such kind.
+    """
+    if type(policy).__name__ not in KINDS:
+        raise CheckpointError(
+            f"a policy of class {type(policy).__name__} cannot be written to a file, expected one "
+            f"of {', '.join(KINDS)}"
+        )
     tensors: dict[str, Tensor] = {}
-    metadata: dict[str, Any] = {"kind": type(policy).__name__}
-    for field in fields(policy):  # type: ignore[arg-type]
-        if not field.init:  # what a policy remembers of its last step
-            continue
-        value = getattr(policy, field.name)
-        if field.name == "layers":
-            for index, layer in enumerate(value):
-                parts = layer._asdict().items()
-                tensors |= {f"layers.{index}.{k}": v for k, v in parts if v is not None}
-        elif isinstance(value, Tensor):
-            tensors[field.name] = value
-        elif isinstance(value, Frame | Slots):
-            metadata[field.name] = asdict(value)
-        else:
-            metadata[field.name] = value
+    metadata = _encoded(policy, "", tensors)
     path.parent.mkdir(parents=True, exist_ok=True)
     save_checkpoint(path, tensors, metadata)
+
+
+def _encoded(value: Any, prefix: str, tensors: dict[str, Tensor]) -> dict[str, Any]:
+    """Returns the metadata of a dataclass, and puts its tensors into `tensors`."""
+    metadata: dict[str, Any] = {"kind": type(value).__name__}
+    for field in fields(value):
+        if not field.init:  # what a policy remembers of its last step
+            continue
+        name, content = f"{prefix}{field.name}", getattr(value, field.name)
+        if field.name in LAYER_FIELDS:
+            for index, layer in enumerate(content):
+                parts = layer._asdict().items()
+                tensors |= {f"{name}.{index}.{k}": v for k, v in parts if v is not None}
+        elif isinstance(content, Tensor):
+            tensors[name] = content
+        elif isinstance(content, Frame | Slots):
+            metadata[field.name] = asdict(content)
+        elif type(content).__name__ in PARTS:
+            metadata[field.name] = _encoded(content, f"{name}.", tensors)
+        elif field.name == "ranges":
+            metadata["ranges"] = [[[r.start, r.stop] for r in agent] for agent in content]
+        else:
+            metadata[field.name] = content
+    return metadata
 
 
 def load_policy(path: Path) -> Policy:
@@ -64,27 +94,66 @@ def load_policy(path: Path) -> Policy:
     Raises:
         CheckpointError: there is no such file, it is damaged, or it holds no policy.
     """
-    tensors, metadata = load_checkpoint(path)
+    return _policy(*load_checkpoint(path), str(path))
+
+
+def parse_policy(data: bytes, source: str) -> Policy:
+    """Reads the bytes that `save_policy` wrote; errors are those of `load_policy`.
+
+    Args:
+        data: of the file.
+        source: its name, for errors.
+    """
+    return _policy(*parse_checkpoint(data, source), source)
+
+
+def _policy(tensors: Mapping[str, Tensor], metadata: Mapping[str, Any], source: str) -> Policy:
     if metadata.get("kind") not in KINDS:
-        raise CheckpointError(f"{path} holds {metadata.get('kind')!r}, expected one of {[*KINDS]}")
-    values: dict[str, Any] = {k: v for k, v in metadata.items() if k != "kind"}
-    if "n_choices" in values:  # the name in older files
-        values["n_bins"] = values.pop("n_choices")
-    values |= {name: tensor for name, tensor in tensors.items() if "." not in name}
-    values["layers"] = _layers(tensors)
-    if frame := values.get("frame"):
-        closing = tuple((near, speed) for near, speed in frame["closing"])
-        heard = tuple((x, own, other) for x, own, other in frame.get("heard", ()))  # newer files
-        values["frame"] = Frame(frame["anchor"], tuple(frame["vectors"]), closing, heard)
-    if slots := values.get("slots"):
-        values |= {"slots": Slots.parse(slots), "hidden": tuple(values["hidden"])}
-    policy: Policy = KINDS[metadata["kind"]](**values)
+        raise CheckpointError(
+            f"{source} holds {metadata.get('kind')!r}, expected one of {[*KINDS]}"
+        )
+    try:
+        policy: Policy = _decoded(metadata, "", tensors, KINDS)
+    except (KeyError, TypeError, ValueError) as error:
+        raise CheckpointError(
+            f"{source} holds a {metadata['kind']} that this version cannot read: {error!r}"
+        ) from error
     return policy
 
 
-def _layers(tensors: Mapping[str, Tensor]) -> list[Layer]:
-    n_layers = sum(name.endswith(".weight") for name in tensors)
+def _decoded(
+    metadata: Mapping[str, Any],
+    prefix: str,
+    tensors: Mapping[str, Tensor],
+    kinds: Mapping[str, Callable[..., Any]],
+) -> Any:
+    """Returns the dataclass that `_encoded` took apart."""
+    kind = kinds[metadata["kind"]]
+    own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+    values: dict[str, Any] = {k: v for k, v in metadata.items() if k != "kind"}
+    if "n_choices" in values:  # the name in older files
+        values["n_bins"] = values.pop("n_choices")
+    for name, content in values.items():
+        if isinstance(content, Mapping) and content.get("kind") in PARTS:
+            values[name] = _decoded(content, f"{prefix}{name}.", tensors, PARTS)
+    values |= {name: tensor for name, tensor in own.items() if "." not in name}
+    expected = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    values |= {name: _layers(own, name) for name in LAYER_FIELDS if name in expected}
+    if frame := values.get("frame"):
+        closing = tuple((near, speed) for near, speed in frame["closing"])
+        heard = tuple((x, robot, other) for x, robot, other in frame.get("heard", ()))  # newer
+        values["frame"] = Frame(frame["anchor"], tuple(frame["vectors"]), closing, heard)
+    if slots := values.get("slots"):
+        values |= {"slots": Slots.parse(slots), "hidden": tuple(values["hidden"])}
+    if "ranges" in values:
+        values["ranges"] = tuple(tuple(range(*r) for r in agent) for agent in values["ranges"])
+    return kind(**values)
+
+
+def _layers(tensors: Mapping[str, Tensor], field: str) -> list[Layer]:
+    names = [f"{field}.{index}" for index in range(len(tensors))]
     return [
-        Layer(*(tensors.get(f"layers.{index}.{name}") for name in Layer._fields))  # type: ignore[arg-type]
-        for index in range(n_layers)
+        Layer(*(tensors.get(f"{name}.{part}") for part in Layer._fields))  # type: ignore[arg-type]
+        for name in names
+        if f"{name}.weight" in tensors
     ]

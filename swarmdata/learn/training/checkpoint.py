@@ -58,23 +58,34 @@ def load_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         raise CheckpointError(f"there is no checkpoint at {path}. Was the run started?") from error
     except OSError as error:
         raise CheckpointError(f"cannot read the checkpoint {path}: {error}") from error
+    return parse_checkpoint(data, str(path))
+
+
+def parse_checkpoint(data: bytes, source: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Reads the bytes of a checkpoint; errors are those of `load_checkpoint`.
+
+    Args:
+        data: of the file.
+        source: its name, for errors.
+    """
     try:
         tensors: dict[str, Tensor] = parse(data)
         header = _header(data)
         saved = json.loads(header[FORMAT]) if FORMAT in header else None
     except (safetensors.SafetensorError, ValueError) as error:
         raise CheckpointError(
-            f"{path} is not a readable checkpoint ({error}). Delete it and train again."
+            f"{source} is not a readable checkpoint ({error}). Delete it and train again."
         ) from error
     if saved is None:
         raise CheckpointError(
-            f"{path} has metadata {sorted(header)}, expected {FORMAT!r}: it was written by another "
+            f"{source} has metadata {sorted(header)}, expected {FORMAT!r}: it was written by "
+            "another "
             "program or another version of swarmdata, or it is damaged."
         )
     text = saved.get("metadata", "")
     if _digest(tensors, text) != saved.get("sha256"):
         raise CheckpointError(
-            f"{path} is damaged: its content does not have the SHA-256 it was saved with. "
+            f"{source} is damaged: its content does not have the SHA-256 it was saved with. "
             "Copy it again from its source, or delete it and train again."
         )
     metadata: dict[str, Any] = json.loads(text)

@@ -5,9 +5,25 @@ from dataclasses import dataclass
 
 import torch
 
+from swarmdata.errors import SpecError
 from swarmdata.learn.networks.network_inputs import generators
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.dataset_statistics import Statistics
+
+
+def check_device(device: str) -> None:
+    """Refuses a device that torch does not have here, before anything is loaded.
+
+    Raises:
+        SpecError: it does not.
+    """
+    try:
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:  # whichever torch raises, by its build
+        raise SpecError(
+            f"torch has no device {device!r} here, expected cpu, or cuda with a GPU and a torch "
+            "that was built for it"
+        ) from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -94,6 +94,10 @@ class Origin(Protocol):
         """SHA-256 of its canonical JSON, hex."""
         ...
 
+    def to_yaml(self) -> str:
+        """The same content as readable YAML."""
+        ...
+
     def to_json(self) -> str:
         """Canonical JSON, the content of `recipe.json`."""
         ...

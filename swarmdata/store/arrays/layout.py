@@ -8,12 +8,14 @@ then the CRC-32C of those bytes.
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+
+from swarmdata.specs.plain_names import is_file_name
 
 FORMAT_VERSION = 1
 """Raised only when an older library would misread the data; new keys and arrays do not raise it."""
@@ -23,6 +25,9 @@ DATA, MANIFEST, RECIPE, CARD = "data.zarr", "manifest.json", "recipe.json", "car
 
 REFERENCES = "references.json"
 """What the reference policies of the task reach, beside the card; only where they were measured."""
+
+CHECKPOINTS = "checkpoints"
+"""Folder of the networks that a recipe names and the package does not have."""
 
 CHUNK_ROWS = 10_000
 """Most rows of one chunk; chunks are what the fast checksums cover."""
@@ -258,12 +263,25 @@ def expected_files(shards: Mapping[str, Shard]) -> list[str]:
     return sorted([RECIPE, *GROUP_FILES, *map(metadata_file, shards), *arrays])
 
 
+def is_checkpoint_file(path: str) -> bool:
+    """Whether this is the path of a network inside a dataset's folder."""
+    folder, _, name = path.partition("/")
+    return folder == CHECKPOINTS and name.endswith(".safetensors") and is_file_name(name)
+
+
+def misplaced_files(shards: Mapping[str, Shard], listed: Collection[str]) -> list[str]:
+    """The files that a manifest lists without cause, or does not list; checkpoints are optional."""
+    own = {path for path in listed if not is_checkpoint_file(path)}
+    return sorted(own ^ set(expected_files(shards)))
+
+
 POSSIBLE_FILES = (
     *(MANIFEST, RECIPE, REFERENCES, CARD, *GROUP_FILES),
     *map(metadata_file, ALL_FIELDS),
     *(array_file(name, len(field.dimensions)) for name, field in ALL_FIELDS.items()),
 )
-"""Every file that a dataset of this format can have; a manifest lists some of them."""
+"""Every file that a dataset of this format can have but checkpoints, whose names are the recipe's;
+a manifest lists some of them."""
 
 
 def plan_shard(dtype: DType, shape: tuple[int, ...]) -> Shard:

@@ -18,6 +18,7 @@ from swarmdata.errors import DatasetError, ManifestError
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
+    CHECKPOINTS,
     FIELDS,
     FORMAT_VERSION,
     OPTIONAL_FIELDS,
@@ -60,7 +61,7 @@ def remake_manifest(path: Path, recipe: Recipe, provenance: Mapping[str, str]) -
         raw = {name: _read(path, name, shard) for name, shard in shards.items()}
         files = {
             name: FileEntry(size=(path / name).stat().st_size, sha256=file_digest(path / name))
-            for name in expected_files(shards)
+            for name in (*expected_files(shards), *_checkpoints(path, recipe))
         }
     except (OSError, ValueError, RecursionError) as error:
         raise ManifestError(f"no manifest can be made for {path}: {error}") from error
@@ -77,6 +78,12 @@ def remake_manifest(path: Path, recipe: Recipe, provenance: Mapping[str, str]) -
         statistics=_statistics(raw, shards),
         provenance=dict(provenance),
     )
+
+
+def _checkpoints(path: Path, recipe: Recipe) -> list[str]:
+    """The recipe's networks that are in the dataset's folder."""
+    named = {f"{CHECKPOINTS}/{each.checkpoint}" for each in recipe.policies if each.checkpoint}
+    return sorted(file for file in named if (path / file).is_file())
 
 
 def _shard(path: Path, name: str) -> Shard:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.world.pettingzoo import ParallelWorld
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.registry.components import TASKS, make_env
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
@@ -84,3 +84,16 @@ def test_wrong_use_is_refused() -> None:
         view.step({"robot_0": np.zeros(2, np.float32)})
     with pytest.raises(SpecError, match="render_mode 'human' is unknown"):
         ParallelWorld(TaskSpec(), render_mode="human")
+
+
+def test_make_env_builds_it_and_both_kinds_can_be_closed() -> None:
+    env = make_env(TaskSpec(), api="pettingzoo")
+    observations, _ = env.reset(seed=3)
+    assert list(observations) == list(TaskSpec().agent_names)
+    env.close()
+    copies = make_env(TaskSpec(), 2)
+    copies.close()
+    with pytest.raises(SchemaError, match="1 copy, got n_copies=2"):
+        make_env(TaskSpec(), 2, api="pettingzoo")
+    with pytest.raises(UnknownNameError, match="gym"):
+        make_env(TaskSpec(), api="gym")  # type: ignore[call-overload]

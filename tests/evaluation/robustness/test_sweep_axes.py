@@ -170,9 +170,9 @@ def test_shorter_sight_of_a_lidar_loses_hits_and_keeps_the_unit() -> None:
         ("drpo=0,1", "communication", TALKING, "unknown .*broadcast.* Did you mean 'drop'"),
         ("n_rays=8,4", "observation", with_models(TaskSpec(), "lidar"), "Known: .*would misread"),
         ("n_nearest=2,1", "communication", TALKING, "unknown"),
-        ("drop=0,1.5", "communication", TALKING, r"drop=0.0,1.5: .*less than or equal to 1 \(got"),
-        ("delay=0,1.5", "communication", TALKING, "integer"),
-        ("noise=0,-1", "observation", TALKING, "greater than or equal to 0"),
+        ("drop=0,1.5", "communication", TALKING, r"drop=0.0,1.5: .*at most 1 \(got"),
+        ("delay=0,1.5", "communication", TALKING, "whole number"),
+        ("noise=0,-1", "observation", TALKING, "expected at least 0"),
         ("range=4,1", "observation", with_models(TaskSpec(), "lidar"), "values up to 2"),
     ],
 )

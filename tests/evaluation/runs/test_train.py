@@ -19,7 +19,7 @@ from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameErro
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
-from swarmdata.evaluation.runs.train import read_settings, train_online
+from swarmdata.evaluation.runs.train import read_settings, train, train_online
 from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import read_run
@@ -120,16 +120,16 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
         (("bc", "--task", "coop_nav"), "bc needs a dataset's ID"),
         (("vdn",), "vdn needs a dataset's ID or --task TASK"),
         (("qmix", "coop_nav-random", "--task", "coop_nav"), "qmix needs a dataset's ID or --task"),
-        (("vdn", "--task", "coop_nav", "--updates", "8"), "--updates: vdn has no such option in a"),
-        (("qmix", "--task", "coop_nav", "--regulariser", "bc"), "--regulariser: qmix has no such"),
-        (("vdn", "coop_nav-random", "--steps", "8"), "--steps: vdn has no such option on a"),
+        (("vdn", "--task", "coop_nav", "--updates", "8"), "effect when vdn learns in a task"),
+        (("qmix", "--task", "coop_nav", "--regulariser", "bc"), "--regulariser: it has no effect"),
+        (("vdn", "coop_nav-random", "--steps", "8"), "--steps: it has no effect"),
         (("bc",), "bc needs a dataset's ID"),
         (("mappo", "--task", "coop_nav", "--set", "hidden"), "is not KEY=VALUE"),
-        (("mappo", "--task", "coop_nav", "--updates", "8"), "--updates: mappo has no such"),
-        (("mappo", "--task", "coop_nav", "--device", "cpu"), "--device: mappo has no such"),
-        (("mappo", "--task", "coop_nav", "--reward", "time=1"), "--reward: mappo has no such"),
-        (("bc", "coop_nav-random", "--first-seed", "4"), "--first-seed: bc has no such"),
-        (("bc", "coop_nav-random", "--workers", "2"), "--workers: bc has no such option"),
+        (("mappo", "--task", "coop_nav", "--updates", "8"), "--updates: it has no effect"),
+        (("mappo", "--task", "coop_nav", "--device", "cpu"), "--device: it has no effect"),
+        (("mappo", "--task", "coop_nav", "--reward", "time=1"), "--reward: it has no effect"),
+        (("bc", "coop_nav-random", "--first-seed", "4"), "--first-seed: it has no effect"),
+        (("bc", "coop_nav-random", "--workers", "2"), "--workers: it has no effect"),
     ],
 )
 def test_wrong_usage_is_code_2(arguments: tuple[str, ...], message: str) -> None:
@@ -300,3 +300,9 @@ def test_online_training_begins_with_an_offline_run_and_mixes_data(tmp_path: Pat
         assert description.recorded is not None
         assert description.recorded.share == 0.25
         assert description.config["actor_hidden"] == [8]
+
+
+def test_a_device_that_is_not_here_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="torch has no device 'cuda:99' here, expected cpu, or"):
+        train("bc", "coop_nav-random-mini", tmp_path / "run", device="cuda:99")
+    assert not list(tmp_path.iterdir())

@@ -134,3 +134,34 @@ def test_a_baseline_is_a_run_or_a_training(fields: dict[str, Any]) -> None:
 def test_families_keep_the_order_of_the_file(make_study: Make) -> None:
     named = {f"a{k}": {"algorithm": "bc", "family": family} for k, family in enumerate("bab")}
     assert make_study(algorithms=named).families == ("b", "a")
+
+
+def test_algorithms_may_be_a_list_and_seeds_a_number() -> None:
+    short = Study.parse(
+        {"name": "mine", "datasets": ["coop_nav-medium"], "algorithms": ["bc", "iql"], "seeds": 2}
+    )
+    assert short.seeds == (0, 1)
+    rows = {label: (row.algorithm, row.family) for label, row in short.algorithms.items()}
+    assert rows == {"bc": ("bc", "bc"), "iql": ("iql", "iql")}
+    assert Study.from_text(short.to_yaml()) == short
+
+
+def test_a_row_is_of_the_algorithm_of_its_label_unless_it_says_another() -> None:
+    rows = {"bc": {"updates": 100}, "bc-long": {"algorithm": "bc", "family": "imitation"}}
+    study = Study.parse({"name": "mine", "datasets": ["coop_nav-medium"], "algorithms": rows})
+    assert (study.algorithms["bc"].algorithm, study.algorithms["bc"].updates) == ("bc", 100)
+    assert study.algorithms["bc-long"].family == "imitation"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seeds": 0}, "seeds: 0 seeds, expected from 1 to 1000"),
+        ({"algorithms": ["bc", "bc"]}, "algorithms are named twice: bc"),
+        ({"algorithms": []}, "algorithms"),
+    ],
+)
+def test_wrong_short_forms_are_refused(change: dict[str, Any], message: str) -> None:
+    content = {"name": "mine", "datasets": ["coop_nav-medium"], "algorithms": ["bc"], **change}
+    with pytest.raises(SpecError, match=message):
+        Study.parse(content)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import AddressError, UnknownNameError
 from swarmdata.hub.remotes.addresses import (
-    SCHEMES,
+    REMOTES,
     Address,
     config_file,
     configured_remotes,
@@ -85,7 +85,7 @@ def test_unknown_scheme() -> None:
         parse_address("s33://bucket")
 
 
-@given(st.sampled_from(SCHEMES), st.text(max_size=30))
+@given(st.sampled_from(sorted(REMOTES)), st.text(max_size=30))
 def test_any_text_is_an_address_or_one_error(scheme: str, rest: str) -> None:
     try:
         found = parse_address(f"{scheme}://{rest}")

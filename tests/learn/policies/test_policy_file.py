@@ -10,6 +10,7 @@ pytest.importorskip("torch", reason="policies of algorithms need the torch extra
 
 import torch
 
+from swarmdata.behavior_policies.simple import Idle
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.policies.policy_file import load_policy, save_policy
 from swarmdata.learn.training.checkpoint import save_checkpoint
@@ -44,3 +45,16 @@ def test_another_checkpoint_is_no_policy(tmp_path: Path) -> None:
     save_checkpoint(tmp_path / "other.safetensors", {"x": torch.zeros(1)}, {"kind": "Cat"})
     with pytest.raises(CheckpointError, match="'Cat', expected one of"):
         load_policy(tmp_path / "other.safetensors")
+
+
+def test_what_no_file_can_hold_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="class Idle cannot be written"):
+        save_policy(tmp_path / "idle.safetensors", Idle(TaskSpec()))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_of_another_version_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "newer.safetensors"
+    save_checkpoint(path, {"x": torch.zeros(1)}, {"kind": "TorchPolicy", "color": "red"})
+    with pytest.raises(CheckpointError, match="TorchPolicy that this version cannot read"):
+        load_policy(path)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import IdOrPath
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def combine_command(
 
 
 def subsample_command(
+    context: typer.Context,
     source: IdOrPath,
     new_id: NewId,
     out: Out = None,
@@ -88,6 +90,10 @@ def subsample_command(
 
     Episodes are drawn at random, from a range of returns or to match another dataset's returns.
     """
+    if like is None:
+        refuse(context, ("bins",), "without --like")
+    if like is None and steps is None:
+        refuse(context, ("seed",), "without --steps or --like: nothing is drawn")
     from swarmdata.building.edit import subsample_dataset
 
     made = subsample_dataset(

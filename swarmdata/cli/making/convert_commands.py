@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from swarmdata.cli.option_use import refuse, refuse_all_but
+
 Source = Annotated[
     str,
     typer.Argument(
@@ -62,7 +64,12 @@ Notes = Annotated[
 ]
 
 
+EXPORT_OPTIONS = ("to", "split", "policy")
+"""Options of `convert --to`; `--from` has the others."""
+
+
 def convert(
+    context: typer.Context,
     source: Source,
     target: Target,
     to: To = None,
@@ -87,8 +94,10 @@ def convert(
     if (to is None) == (from_ is None):
         raise typer.BadParameter("pass either --to FORMAT or --from FORMAT")
     if to is not None:
+        refuse_all_but(context, EXPORT_OPTIONS, "with --to")
         typer.echo(_export(source, target, to, split, policy))
         return
+    refuse(context, EXPORT_OPTIONS, "with --from")
     low, high = _bounds(action_bounds)
     answers = {
         "time_limit": time_limit,

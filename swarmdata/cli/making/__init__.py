@@ -1,0 +1,1 @@
+"""Commands that make datasets: generated, edited, converted, recorded."""

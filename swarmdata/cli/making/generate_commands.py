@@ -1,0 +1,144 @@
+"""`swarmdata generate`: builds a dataset from its recipe, or from a task and policies."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from swarmdata.cli.option_use import refuse_all_but
+from swarmdata.cli.shared_options import Communication, Observation, Workers
+
+if TYPE_CHECKING:
+    from swarmdata.specs.recipe import Recipe
+
+RECIPE_OPTIONS = ("steps", "workers", "out")
+"""Options of `generate` that a recipe has not decided; a task with policies has them all."""
+
+
+Dataset = Annotated[
+    str | None, typer.Argument(metavar="[ID_OR_RECIPE]", help="dataset id or recipe file")
+]
+NewTask = Annotated[
+    str | None, typer.Option(help="make a dataset of this task: a preset, or a spec file")
+]
+Behaviors = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME[=SHARE]",
+        help="with --task: run folder, policy or tier; may be repeated. Shares of the joint steps "
+        "are equal unless given, as in scripted=0.3",
+    ),
+]
+NewId = Annotated[
+    str | None, typer.Option("--id", metavar="ID", help="with --task: such as my_task-mine-v0")
+]
+Steps = Annotated[
+    int | None,
+    typer.Option(
+        min=1, help="number of joint steps; default: as in the recipe, with --task 50,000"
+    ),
+]
+Noise = Annotated[float, typer.Option(min=0, help="with --task: deviation of the noise on actions")]
+Seed = Annotated[
+    int | None,
+    typer.Option(min=0, help="with --task: seed of the episodes; default: made of the id"),
+]
+Tier = Annotated[str, typer.Option(help="with --task: tier of the new dataset")]
+Out = Annotated[Path | None, typer.Option(help="folder of the dataset; default: in the cache")]
+
+
+def generate(
+    context: typer.Context,
+    dataset: Dataset = None,
+    task: NewTask = None,
+    policy: Behaviors = None,
+    new_id: NewId = None,
+    steps: Steps = None,
+    noise: Noise = 0.0,
+    observation: Observation = None,
+    communication: Communication = None,
+    seed: Seed = None,
+    tier: Tier = "own",
+    workers: Workers = None,
+    out: Out = None,
+) -> None:
+    """Build a dataset from its recipe, or from a task and policies.
+
+    With --task, networks of training runs are copied into the dataset, and its recipe.json makes it
+    again. An interrupted build resumes: run the same command again.
+    """
+    if (dataset is None) == (task is None):
+        raise typer.BadParameter(
+            "generate needs a dataset's ID or a recipe file, or --task TASK, and not both"
+        )
+    if dataset is not None:
+        refuse_all_but(context, RECIPE_OPTIONS, f"with {dataset}, whose recipe decides it")
+        _print_built(_build(dataset, steps, workers, out))
+        return
+    if not policy or new_id is None:
+        raise typer.BadParameter("--task needs --policy NAME and --id ID")
+    from swarmdata.evaluation.runs.generated_dataset import DEFAULT_STEPS
+    from swarmdata.evaluation.runs.generated_dataset import generate as generate_dataset
+
+    made = generate_dataset(
+        task or "", read_shares(policy), id=new_id, n_steps=steps or DEFAULT_STEPS, noise=noise,
+        observation=observation, communication=communication, seed=seed, tier=tier, out=out,
+        workers=workers, report=typer.echo,
+    )  # fmt: skip
+    _print_built(made.path)
+
+
+def read_shares(texts: list[str]) -> dict[str, float]:
+    """Reads `NAME` or `NAME=SHARE` of each text; a share that is not given is 1.
+
+    Raises:
+        typer.BadParameter: a share is no number, or a name is given twice.
+    """
+    shares: dict[str, float] = {}
+    for text in texts:
+        name, equals, share = text.rpartition("=")
+        if not equals:
+            name, share = text, "1"
+        try:
+            value = float(share)
+        except ValueError as error:
+            raise typer.BadParameter(
+                f"{text!r} has the share {share!r}, expected a number", param_hint="--policy"
+            ) from error
+        if name in shares:
+            raise typer.BadParameter(f"{name} is given twice", param_hint="--policy")
+        shares[name] = value
+    return shares
+
+
+def _build(dataset: str, steps: int | None, workers: int | None, out: Path | None) -> Path:
+    from swarmdata.building.build import build
+    from swarmdata.hub.catalog.catalog import dataset_folder
+    from swarmdata.specs.recipe import Recipe
+
+    recipe, beside = _find_recipe(dataset)
+    if out is None and (beside is not None or steps is not None):
+        raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
+    if steps is not None:
+        recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
+    return build(recipe, out or dataset_folder(recipe), checkpoints=beside, workers=workers)
+
+
+def _find_recipe(dataset: str) -> "tuple[Recipe, Path | None]":
+    """The recipe of an id, or of a file and the folder that the file is in."""
+    from swarmdata.behavior_policies.tiers import find_recipe
+    from swarmdata.specs.recipe import Recipe
+
+    path = Path(dataset)
+    if path.suffix not in (".json", ".yaml", ".yml"):
+        return find_recipe(dataset), None
+    if not path.exists():
+        raise typer.BadParameter(f"there is no file {dataset}")
+    return Recipe.from_file(path), path.parent
+
+
+def _print_built(folder: Path) -> None:
+    from swarmdata.store import read_manifest
+
+    manifest = read_manifest(folder)
+    typer.echo(f"{folder}\n{manifest.n_steps:,} joint steps, digest {manifest.digest}")

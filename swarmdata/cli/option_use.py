@@ -1,0 +1,36 @@
+"""Refuses options that a command would not use: whoever gives one expects an effect."""
+
+from collections.abc import Collection
+
+import typer
+
+
+def given(context: typer.Context, name: str) -> bool:
+    """Whether an option or argument was given, rather than its default taken."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name not in ("DEFAULT", "DEFAULT_MAP")
+
+
+def refuse(context: typer.Context, names: Collection[str], where: str) -> None:
+    """Refuses options that have no effect here.
+
+    Args:
+        context: of the command.
+        names: of the Python parameters that have none.
+        where: in which case, such as "with a recipe file".
+
+    Raises:
+        typer.BadParameter: one of them was given.
+    """
+    for parameter in context.command.params:
+        if parameter.name in names and given(context, parameter.name):
+            raise typer.BadParameter(
+                f"it has no effect {where}; leave it out",
+                param_hint=parameter.opts[0] if parameter.opts else parameter.name,
+            )
+
+
+def refuse_all_but(context: typer.Context, names: Collection[str], where: str) -> None:
+    """Refuses every option but some, as `refuse` does; arguments are not looked at."""
+    options = [each for each in context.command.params if each.param_type_name == "option"]
+    refuse(context, {each.name or "" for each in options} - {*names}, where)

@@ -1,0 +1,176 @@
+"""A dataset of one's own task and policies, in one call: `generate`."""
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from swarmdata.behavior_policies.tiers import part_size, shipped_recipes
+from swarmdata.building.build import build
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.runs.behavior_sources import Behavior, behaviors_of, takes_noise
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.registry.presets import find_spec
+from swarmdata.registry.published import published
+from swarmdata.registry.replaced_worlds import REPLACED_IDS, check_world
+from swarmdata.specs.model_choice import Source, with_models
+from swarmdata.specs.plain_names import repeated
+from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store.cache import cache_folder
+
+DEFAULT_STEPS = 50_000
+"""Joint steps of a dataset unless more are asked for: those of a mini."""
+
+DEFAULT_TIER = "own"
+
+
+def generate(
+    task: str | Path | TaskSpec,
+    policies: str | Path | Sequence[str | Path] | Mapping[str, float],
+    *,
+    id: str,
+    n_steps: int = DEFAULT_STEPS,
+    noise: float = 0.0,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    seed: int | None = None,
+    tier: str = DEFAULT_TIER,
+    out: Path | str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    report: Callable[[Behavior], None] = lambda behavior: None,
+) -> Dataset:
+    """Makes a dataset of policies in a task: with card, splits and a recipe that makes it again.
+
+        >>> mine = swarmdata.generate("my-task.yaml", ["runs/mine", "scripted"],
+        ...                           id="my_task-mine-v0", n_steps=200_000, noise=0.1)
+
+    The newest policy of each seed of a run is copied into the dataset. A perceptron that all robots
+    share, with its weights rounded to multiples of 2^-12, has the same bits on every machine and is
+    called `learned` in the recipe. Any other network (memories, sets, flows, a network for each
+    robot) is called `network`: another machine usually makes the same dataset from it, and does not
+    have to.
+
+    The call may be killed and repeated: parts that are finished are kept.
+
+    Args:
+        task: a preset's name, a spec file, or a spec.
+        policies: registered policies such as `scripted`, tiers such as `expert`, and run folders
+            of offline or online training; they have equal shares of the joint steps, and so have
+            the seeds of a run. A mapping gives their shares: `{"runs/mine": 3, "random": 1}`.
+        id: of the dataset, such as `my_task-mine-v0`. With it `load` finds the dataset in the
+            cache.
+        n_steps: least number of joint steps.
+        noise: standard deviation of the Gaussian noise on the actions of trained and scripted
+            policies.
+        observation: observation model, such as `lidar`; None: that of the task.
+        communication: communication model, such as `lossy-30`; None: that of the task.
+        seed: of the episodes, below 2^32. Datasets with different seeds share no episode. None: a
+            number made of the id.
+        tier: name of the data's quality, for the card.
+        out: folder of the dataset; None: in the cache.
+        workers: processes that simulate; by default one for each core.
+        progress: whether to show a bar.
+        report: called with each policy of the recipe once its network is copied.
+
+    Raises:
+        UnknownNameError: no such task, policy or model.
+        SpecError: the id is taken or malformed, or something in the recipe is.
+        PolicyFitError: the task does not provide what a trained policy needs.
+        RecipeConflictError: a dataset of another recipe is in the folder.
+        MissingExtraError: a run folder needs torch.
+    """
+    spec = task if isinstance(task, TaskSpec) else find_spec(str(task))
+    spec = with_models(spec, observation, communication)
+    check_world(spec)
+    _check_id(id)
+    shares = _shares(policies)
+    if noise and not any(takes_noise(name, spec) for name in shares):
+        raise SpecError(f"none of the policies {', '.join(shares)} has action noise; leave it out")
+    with TemporaryDirectory(prefix="swarmdata-generate-") as scratch:
+        behaviors = []
+        for name, share in shares.items():
+            for behavior in behaviors_of(name, share, spec, noise, Path(scratch)):
+                report(behavior)
+                behaviors.append(behavior)
+        recipe = _recipe(spec, _labelled(behaviors), id=id, tier=tier, seed=seed, n_steps=n_steps)
+        folder = cache_folder() / "datasets" / id if out is None else Path(out)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        build(recipe, folder, checkpoints=Path(scratch), workers=workers, progress=progress)
+    return load(folder)
+
+
+def _recipe(
+    spec: TaskSpec, policies: Sequence[PolicySource], *, id: str, tier: str, seed: int | None,
+    n_steps: int,
+) -> Recipe:  # fmt: skip
+    """Returns the recipe of a task and policies.
+
+    Raises:
+        SpecError: something in it is malformed, or there are too few steps.
+    """
+    _check_steps(n_steps, policies, spec)
+    content = {
+        "id": id,
+        "tier": tier,
+        "spec": spec.model_dump(mode="json"),
+        "policies": [source.model_dump() for source in policies],
+        "seed": zlib.crc32(id.encode()) if seed is None else seed,
+        "n_steps": n_steps,
+        "part_episodes": part_size(spec, policies, n_steps),
+    }
+    return Recipe.parse(content, f"the recipe of {id}")
+
+
+def _check_steps(n_steps: int, policies: Sequence[PolicySource], spec: TaskSpec) -> None:
+    """Refuses fewer steps than give every policy one episode as long as the horizon."""
+    rarest = min(policies, key=lambda source: source.share)
+    part = rarest.share / sum(source.share for source in policies)
+    if n_steps * part < spec.horizon:
+        raise SpecError(
+            f"{n_steps:,} steps leave {n_steps * part:,.0f} to policy {rarest.label!r}, less than "
+            f"one episode of {spec.horizon} steps; expected at least {spec.horizon / part:,.0f}"
+        )
+
+
+def _check_id(dataset_id: str) -> None:
+    """Refuses an id that means another dataset."""
+    if dataset_id in shipped_recipes() or dataset_id in published() or dataset_id in REPLACED_IDS:
+        raise SpecError(
+            f"{dataset_id} is the id of a dataset of the package; choose another, such as "
+            "my_task-mine-v0"
+        )
+
+
+def _shares(
+    policies: str | Path | Sequence[str | Path] | Mapping[str, float],
+) -> dict[str, float]:
+    """Returns the share of each name."""
+    if isinstance(policies, Mapping):
+        shares = {str(name): float(share) for name, share in policies.items()}
+    else:
+        names = [policies] if isinstance(policies, str | Path) else list(policies)
+        if twice := repeated(map(str, names)):
+            raise SpecError(f"policies are named twice: {', '.join(twice)}")
+        shares = dict.fromkeys(map(str, names), 1.0)
+    if not shares:
+        raise SpecError("no policies, expected at least one, such as 'scripted' or a run folder")
+    if wrong := [f"{name} {share:g}" for name, share in shares.items() if not 0 < share < 1e12]:
+        raise SpecError(f"the share of a policy is a positive number, got {', '.join(wrong)}")
+    return shares
+
+
+def _labelled(behaviors: Sequence[Behavior]) -> list[PolicySource]:
+    """Returns the policies with labels of their own: runs of one name get a number."""
+    taken: set[str] = set()
+    found = []
+    for behavior in behaviors:
+        label = behavior.source.label
+        free = next(
+            each for each in (label, *(f"{label}.{k}" for k in range(2, 300))) if each not in taken
+        )
+        taken.add(free)
+        found.append(behavior.source.model_copy(update={"label": free}))
+    return found

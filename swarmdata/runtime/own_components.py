@@ -1,0 +1,129 @@
+"""Components of users: tasks, policies, algorithms and remotes that are not in this package.
+
+They come from the entry points of installed distributions, and from `swarmdata.register_...` in
+this process. What was registered from a module that other processes can import is known to the
+workers of this process, too: its place is in `REGISTERED_VARIABLE` of their environment.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import MappingProxyType
+from typing import Any
+
+from swarmdata.errors import SpecError
+
+GROUPS = ("tasks", "policies", "algorithms", "online_algorithms", "remotes")
+"""Kinds of components; `swarmdata.tasks` and so on are the groups of entry points."""
+
+REGISTERED_VARIABLE = "SWARMDATA_REGISTERED"
+"""Variable of the environment with the registered components of the process that started this one:
+JSON, group -> name -> "module:Name"."""
+
+_here: dict[str, dict[str, Any]] = {group: {} for group in GROUPS}
+
+
+class ComponentTable(Mapping[str, Any]):
+    """Components of one kind by name: those of this package, then those of users.
+
+    Values are "module:Name", or the component itself where only this process has it.
+
+    Args:
+        group: one of `GROUPS`.
+        own: this package's.
+    """
+
+    def __init__(self, group: str, own: Mapping[str, str]) -> None:
+        self.group, self.own = group, MappingProxyType(dict(own))
+        _own_names[group] = frozenset(own)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.own[name] if name in self.own else components(self.group)[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**self.own, **components(self.group)})
+
+    def __len__(self) -> int:
+        return len(self.own) + len(components(self.group))
+
+
+_own_names: dict[str, frozenset[str]] = {}
+
+
+def components(group: str) -> Mapping[str, Any]:
+    """Returns the components of users by name: "module:Name", or the component itself.
+
+    Raises:
+        SpecError: an installed distribution has a name that is taken.
+    """
+    inherited = json.loads(os.environ.get(REGISTERED_VARIABLE, "{}")).get(group, {})
+    return {**_installed(group), **inherited, **_here[group]}
+
+
+def register(group: str, name: str, component: Any) -> None:
+    """Adds a component under a name, in this process and in the workers that it starts.
+
+    Args:
+        group: one of `GROUPS`.
+        name: that no component of the package has. Registering a name again replaces the component.
+        component: "module:Name", or a class. A class of a script or a notebook is known in this
+            process only.
+
+    Raises:
+        SpecError: the package has a component of this name, or `component` is neither.
+    """
+    _check_free(group, name, "register it under another name")
+    if not (callable(component) or (isinstance(component, str) and component.count(":") == 1)):
+        raise SpecError(
+            f"got {component!r} for {name!r}, expected a class, or text such as 'my_package:Name'"
+        )
+    _here[group][name] = component
+    place = component if isinstance(component, str) else _place_of(component)
+    if place is not None:
+        known = json.loads(os.environ.get(REGISTERED_VARIABLE, "{}"))
+        known.setdefault(group, {})[name] = place
+        os.environ[REGISTERED_VARIABLE] = json.dumps(known)
+
+
+def import_component(component: Any) -> Any:
+    """Returns the component that "module:Name" names, or the component itself."""
+    if not isinstance(component, str):
+        return component
+    module, _, attribute = component.partition(":")
+    return getattr(import_module(module), attribute)
+
+
+@cache
+def _installed(group: str) -> Mapping[str, str]:
+    """The entry points of installed distributions, "module:Name" by name."""
+    found: dict[str, str] = {}
+    for point in entry_points(group=f"swarmdata.{group}"):
+        where = f"uninstall {getattr(point.dist, 'name', 'the distribution')}, or rename it there"
+        _check_free(group, point.name, where)
+        if found.setdefault(point.name, point.value) != point.value:
+            raise SpecError(
+                f"two installed distributions have {point.name!r} among the entry points "
+                f"swarmdata.{group}: {found[point.name]} and {point.value}; {where}"
+            )
+    return MappingProxyType(found)
+
+
+def _check_free(group: str, name: str, advice: str) -> None:
+    if name in _own_names.get(group, ()):
+        raise SpecError(
+            f"{name!r} among {group} is a component of swarmdata, which cannot be replaced; "
+            f"{advice}"
+        )
+
+
+def _place_of(component: Any) -> str | None:
+    """The "module:Name" by which other processes find a class, None if they cannot."""
+    module, name = getattr(component, "__module__", ""), getattr(component, "__qualname__", "")
+    if module in ("", "__main__") or "." in name:
+        return None
+    found = getattr(sys.modules.get(module), name, None)
+    return f"{module}:{name}" if found is component else None

@@ -1,0 +1,85 @@
+"""What an algorithm gets when its contract is checked: a setup, batches and a step, all random."""
+
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from swarmdata.types import Batch, Step, no_messages
+
+N_AGENTS, N_OBSERVATION, N_ACTION, N_STATE = 3, 7, 2, 12
+BATCH, N_EPISODES = 16, 5
+
+
+def sample_setup(seeds: Sequence[int]) -> Any:
+    """Returns what an offline algorithm of these seeds is made from, a `Setup`; it needs torch."""
+    setup = import_module("swarmdata.learn.training.setup").Setup
+    sizes = import_module("swarmdata.learn.networks.sizes").Sizes(
+        n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE
+    )
+    return setup(sizes, seeds, sample_statistics(), n_episodes=N_EPISODES)
+
+
+def sample_statistics() -> Any:
+    """Returns statistics of data that have these sizes."""
+    rng = np.random.default_rng(0)
+    kind = import_module("swarmdata.learn.training.dataset_statistics").Statistics
+    return kind(
+        observation_mean=rng.normal(size=N_OBSERVATION),
+        observation_std=rng.uniform(0.5, 2, N_OBSERVATION),
+        state_mean=rng.normal(size=N_STATE),
+        state_std=rng.uniform(0.5, 2, N_STATE),
+        return_std=2.0,
+        max_return=5.0,
+        own_return_std=2.0,
+        own_max_return=5.0,
+        return_range=400.0,
+        own_return_range=400.0,
+    )
+
+
+def sample_batch(seeds: Sequence[int], index: int) -> Batch:
+    """What each seed sees depends on its own number only."""
+    shapes = {
+        "observations": (BATCH, N_AGENTS, N_OBSERVATION),
+        "actions": (BATCH, N_AGENTS, N_ACTION),
+        "rewards": (BATCH, N_AGENTS),
+        "next_observations": (BATCH, N_AGENTS, N_OBSERVATION),
+        "states": (BATCH, N_STATE),
+        "next_states": (BATCH, N_STATE),
+        "next_actions": (BATCH, N_AGENTS, N_ACTION),
+        "log_probs": (BATCH, N_AGENTS),
+    }
+    rngs = [np.random.default_rng([seed, index]) for seed in seeds]
+    columns = {
+        name: np.stack([rng.uniform(-1, 1, shape) for rng in rngs]).astype(np.float32)
+        for name, shape in shapes.items()
+    }
+    episodes = np.stack([rng.integers(N_EPISODES, size=BATCH) for rng in rngs])
+    ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
+    flags, cut = ends < 0.2, ends > 0.8
+    mask = np.ones_like(flags)
+    return Batch(
+        **columns, terminations=flags, truncations=cut, mask=mask, episodes=episodes
+    ).to_torch()
+
+
+def sample_step() -> Step:
+    """Returns observations of five copies to act on."""
+    copies, rng = 5, np.random.default_rng(1)
+    flags = np.zeros(copies, dtype=np.bool_)
+    return Step(
+        observations=rng.normal(size=(copies, N_AGENTS, N_OBSERVATION)).astype("f4"),
+        states=rng.normal(size=(copies, N_STATE)).astype("f4"),
+        rewards=np.zeros((copies, N_AGENTS), dtype=np.float32),
+        reward_terms=np.zeros((copies, N_AGENTS, 0), np.float32),
+        terminations=flags,
+        truncations=flags,
+        successes=flags,
+        events=np.zeros((copies, N_AGENTS, 4), dtype=np.uint8),
+        seeds=np.arange(copies, dtype=np.uint64),
+        times=np.zeros(copies, dtype=np.int64),
+        layouts=np.zeros((copies, 0, 8), dtype=np.float32),
+        **no_messages(copies, N_AGENTS),
+    )

@@ -1,0 +1,341 @@
+"""No command ignores an option: each one has an effect in some case, and elsewhere is refused.
+
+A case is a command line up to the library function that does the work, which is replaced and keeps
+its arguments. Every option of the command is added to it in turn. Then the arguments or the output
+must differ, or the command must exit with an error that names the option. `idle` lists the options
+that do nothing in one case for a reason that only the data know, such as `--repair` where nothing
+is broken. A command or an option that is added without a case fails here.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from swarmdata.cli.main import app
+
+SAMPLES = {
+    "--action-bounds": "-2,2",
+    "--agents": "a,b",
+    "--by": "algorithm/task",
+    "--communication": "lossy-30",
+    "--config": "coop_nav-expert",
+    "--data": "coop_nav-medium",
+    "--figures": "svg",
+    "--final": "cut",
+    "--frame": "world",
+    "--id": "coop_nav-other-v0",
+    "--like": "coop_nav-expert",
+    "--metric": "return",
+    "--noise": "0.5",
+    "--note": "license=mit",
+    "--observation": "lidar",
+    "--offline-share": "0.25",
+    "--out": "elsewhere.gif",
+    "--policy": "scripted=3",
+    "--regulariser": "bc",
+    "--reward": "time=2",
+    "--set": "batch_size=7",
+    "--task": "formation",
+    "--unfinished": "drop",
+}
+"""Values that differ from defaults; of other options, numbers and words."""
+
+AXES = {"--communication": "drop=0.1,0.2", "--observation": "noise=0.1,0.2"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to use a command.
+
+    Attributes:
+        line: the command and what it needs.
+        boundary: functions that are replaced, as "module:name"; the first that is called ends it.
+        stubs: what other functions return instead of working.
+        samples: values of options in this case.
+        idle: options without effect here, with the reason.
+    """
+
+    line: str
+    boundary: tuple[str, ...] = ()
+    stubs: Mapping[str, Any] = field(default_factory=dict)
+    samples: Mapping[str, str] = field(default_factory=dict)
+    idle: Mapping[str, str] = field(default_factory=dict)
+
+
+RUNS = "swarmdata.evaluation.runs"
+RESULTS = "swarmdata.evaluation.results"
+CATALOG = "swarmdata.hub.catalog.catalog"
+EDIT = "swarmdata.building.edit"
+REPAIR = "swarmdata.hub.catalog.repair"
+REGENERATE = "swarmdata.hub.publishing.regenerate"
+STORED = SimpleNamespace(n_steps=3, digest="0" * 64)
+BROKEN = (SimpleNamespace(file="recipe.json", problem="is absent"),)
+SOUND = {f"{CATALOG}:find_folder": Path("data"), f"{REPAIR}:examine": ()}
+OPENED = {f"{CATALOG}:load": "a dataset"}
+
+CASES = (
+    Case("list"),
+    Case("info coop_nav-medium"),
+    Case("generate coop_nav-medium", ("swarmdata.building.build:build",)),
+    Case("generate coop_nav-medium --out a", ("swarmdata.building.build:build",)),
+    Case(
+        "generate --task coop_nav --policy idle --id coop_nav-a-v0",
+        (f"{RUNS}.generated_dataset:generate",),
+    ),
+    Case(
+        "verify data", ("swarmdata.audit.resimulation:replay",),
+        {**SOUND, "swarmdata.cli.integrity_commands:_compare": None,
+         "swarmdata.datasets.dataset:Dataset.open": str},
+        idle={"--repair": "nothing is broken"},
+    ),
+    Case(
+        "verify data --repair", (f"{REPAIR}:repair",), {**SOUND, f"{REPAIR}:examine": BROKEN},
+        idle={"--replay": "the repair comes first, and the boundary ends the command"},
+    ),
+    Case("card data", ("swarmdata.cards.card:write_card", "swarmdata.cards.publish:publish_card"),
+         {f"{CATALOG}:find_folder": Path("data"), "swarmdata.cards.card:card_of": "a card\n"}),
+    Case("card data --out a", ("swarmdata.cards.publish:publish_card",),
+         {f"{CATALOG}:find_folder": Path("data")},
+         idle={"--write": "the boundary ends the command before it"}),
+    Case("audit data", ("swarmdata.audit:audit",),
+         {"swarmdata.cli.audit_commands:_folder": Path("data")},
+         idle={"--json": "the boundary ends the command before it prints"}),
+    Case("audit data", (),
+         {"swarmdata.cli.audit_commands:_folder": Path("data"),
+          "swarmdata.audit:audit": SimpleNamespace(
+              problems=(), to_json=lambda: "{}", to_text=lambda: "text")},
+         idle={"--sample": "the audit is a stub here"}),
+    Case("filter data --id coop_nav-a-v0", (f"{EDIT}:filter_dataset",), OPENED,
+         {"--success": "", "--policy": "a"}),
+    Case("combine one two --id coop_nav-a-v0", (f"{EDIT}:combine_datasets",), OPENED),
+    Case("subsample data --id coop_nav-a-v0", (f"{EDIT}:subsample_dataset",), OPENED),
+    Case("subsample data --id coop_nav-a-v0 --steps 9", (f"{EDIT}:subsample_dataset",), OPENED),
+    Case("subsample data --id coop_nav-a-v0 --like b", (f"{EDIT}:subsample_dataset",),
+         {f"{CATALOG}:load": str}),
+    Case("push data file:///a"),
+    Case("pull coop_nav-medium --from file:///a",
+         ("swarmdata.hub.remotes:find_release",), {}, {"--from": "file:///b"},
+         idle={"--out": "the boundary ends the command before it writes"}),
+    Case("pull coop_nav-medium --from file:///a", ("swarmdata.hub.catalog.sources:obtain_release",),
+         {"swarmdata.hub.remotes:find_release":
+              (None, SimpleNamespace(id="coop_nav-medium-v1", address="file:///a"))},
+         idle={"--from": "the release is a stub here"}),
+    Case("pull file:///a/coop_nav-medium-v1", ("swarmdata.hub.catalog.sources:obtain",
+                                              "swarmdata.hub.remotes:locate"),
+         samples={"--from": "file:///b"}),
+    Case("train bc coop_nav-medium", (f"{RUNS}.train:train",)),
+    Case("train mappo --task coop_nav", (f"{RUNS}.train:train_online",),
+         samples={"--regulariser": "bc"}),
+    Case("train vdn --task coop_nav --data coop_nav-expert", (f"{RUNS}.train:train_online",)),
+    Case("ship coop_nav --out a", ("swarmdata.online_algos.runs.checkpoint_selection:ship",),
+         {"swarmdata.online_algos.runs.checkpoint_selection:seeds_of": list}),
+    Case("learning run --out a", (f"{RESULTS}.online_report:write_online_report",)),
+    Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),
+         samples={"--by": "td_error"},
+         idle={"--out": "the boundary ends the command before it writes"}),
+    Case("rank run", (), {"swarmdata.evaluation.policy_selection.rank:rank":
+         SimpleNamespace(write=typer.echo, to_text=lambda: "text")},
+         {"--by": "td_error"},
+         dict.fromkeys(["--dataset", "--by", "--checkpoints", "--episodes", "--results", "--set",
+                        "--device"], "the ranking is a stub here")),
+    Case("convert data a --to minari", ("swarmdata.interop.export:export_dataset",),
+         {f"{CATALOG}:load": SimpleNamespace(filter=lambda **kept: kept)},
+         {"--to": "vault", "--from": "minari"}),
+    Case("convert data a --from minari --id a-b-v0", ("swarmdata.interop.convert:import_dataset",),
+         samples={"--from": "vault", "--to": "minari"}),
+    Case("evaluate idle", (f"{RESULTS}.target_evaluation:evaluate_target",)),
+    Case("evaluate idle --out a", (f"{RESULTS}.target_evaluation:evaluate_target",)),
+    Case("evaluate coop_nav-scripted", (f"{RESULTS}.target_evaluation:evaluate_target",)),
+    Case("report a --out b", (f"{RESULTS}.report:write_report",)),
+    Case("study plan.yaml", ("swarmdata.evaluation.study.run_study:run_study",
+                             "swarmdata.evaluation.study.run_study:reproduce_study_cell")),
+    Case("study plan.yaml --check bc/a",
+         ("swarmdata.evaluation.study.run_study:reproduce_study_cell",)),
+    Case("study folder", ("swarmdata.evaluation.study.pages.study_folder:rewrite_pages",)),
+    Case("study-pages", ("swarmdata.evaluation.study.answers.write_answers:write_answers",)),
+    Case("sweep expert --out a --observation noise=0..0.2",
+         ("swarmdata.evaluation.robustness.sweep:sweep",), samples=AXES),
+    Case("sweep expert --out a --observation noise=0.1,0.2",
+         ("swarmdata.evaluation.robustness.sweep:sweep",),
+         samples={**AXES, "--observation": "range=2,1"}),
+    Case("curves a.csv --out a.png", (f"{RESULTS}.curve_plots:draw_training",
+                                      f"{RESULTS}.curve_plots:draw_learning")),
+    Case("curves a.csv --out a.png --by task", (f"{RESULTS}.curve_plots:draw_learning",)),
+    Case("render idle --out a.gif", (f"{RESULTS}.clips:write_clip",)),
+    Case("references coop_nav", (f"{RESULTS}.target_evaluation:measure_references",),
+         idle={"--out": "the boundary ends the command before it writes"}),
+    Case("references coop_nav", (f"{REGENERATE}:put_entries",),
+         {f"{RESULTS}.target_evaluation:measure_references":
+              SimpleNamespace(model_dump=lambda mode: {})},
+         idle={"--episodes": "nothing is measured here"}),
+    Case("catalogue build coop_nav-medium",
+         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
+    Case("catalogue build coop_nav-medium --all",
+         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
+    Case("catalogue open", ("swarmdata.catalogue.site_folder:is_site",)),
+    Case("task list"),
+    Case("task show coop_nav"),
+    Case("task validate coop_nav", ("swarmdata.rollouts.spec_check:probe",)),
+    Case("task table --out a", ("swarmdata.store:write_file",)),
+    Case("task play coop_nav --out a.gif", (f"{RESULTS}.clips:draw_target",),
+         samples={"--policy": "idle"}),
+    Case("task play coop_nav --out a.png", (f"{RESULTS}.clips:draw_target",),
+         samples={"--policy": "idle", "--out": "b.png"}),
+    Case("registry list"),
+    Case("registry check", (f"{REGENERATE}:check",), samples={"--id": "coop_nav-medium"}),
+    Case("registry update --id coop_nav-medium", (f"{REGENERATE}:make_again",),
+         idle={"--id": "the boundary ends the command at the first id",
+               "--out": "the boundary ends the command before it writes"}),
+    Case("registry update --id coop_nav-medium", (f"{REGENERATE}:put_entries",),
+         {f"{REGENERATE}:make_again":
+              SimpleNamespace(model_dump=lambda mode: {}, n_steps=1, digest="")},
+         idle={"--id": "the boundary ends the command at the first id",
+               "--cached": "nothing is built here",
+               "--workers": "nothing is built here"}),
+    Case("remote list"),
+    Case("remote add file:///a", ("swarmdata.hub.remotes.addresses:store_remotes",),
+         idle={"--first": "the order is in the function that the boundary gets"}),
+    Case("remote add file:///a", (),
+         {"swarmdata.hub.remotes.addresses:store_remotes": lambda put: put(("file:///b",))}),
+    Case("remote remove file:///a"),
+    Case("record recover a"),
+    Case("record show a"),
+)  # fmt: skip
+
+
+def commands() -> Iterator[tuple[str, Any]]:
+    """Every command of the app by its words."""
+
+    def below(group: Any, words: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+        for name, command in group.commands.items():
+            if hasattr(command, "commands"):
+                yield from below(command, (*words, name))
+            else:
+                yield " ".join((*words, name)), command
+
+    return below(typer.main.get_command(app), ())
+
+
+COMMANDS = dict(commands())
+
+
+def command_of(case: Case) -> str:
+    words = case.line.split()
+    return next(" ".join(words[:n]) for n in (2, 1) if " ".join(words[:n]) in COMMANDS)
+
+
+def options_of(command: str) -> dict[str, Any]:
+    """The options of a command by their first name, without `--help`."""
+    params = COMMANDS[command].params
+    return {p.opts[0]: p for p in params if p.param_type_name == "option" and p.name != "help"}
+
+
+def sample_of(case: Case, option: str, parameter: Any) -> list[str]:
+    if parameter.is_flag:
+        is_default = bool(parameter.default)
+        return [parameter.secondary_opts[0] if is_default else option]
+    value = case.samples.get(option) or SAMPLES.get(option)
+    if value is None:
+        kind = parameter.type_descriptor.annotation
+        value = {int: "77", list[int]: "77", float: "5"}.get(kind, "other")
+    return [option, value]
+
+
+class Reached(Exception):  # noqa: N818  (it ends a command, and is no error)
+    """A boundary was called."""
+
+
+def run(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
+    """Exit code, and the output with the arguments of the boundary."""
+    called: list[str] = []
+
+    def boundary(name: str) -> Any:
+        def reached(*arguments: Any, **options: Any) -> Any:
+            called.append(f"{name} {shown(arguments)} {shown(options)}")
+            raise Reached
+
+        return reached
+
+    with monkeypatch.context() as patch:
+        for name, value in case.stubs.items():
+            work = value if callable(value) and not isinstance(value, SimpleNamespace) else None
+            patch.setattr(name.replace(":", "."), work or (lambda *a, _v=value, **k: _v))
+        for name in case.boundary:
+            patch.setattr(name.replace(":", "."), boundary(name))
+        result = CliRunner().invoke(app, [*case.line.split(), *extra])
+    if result.exception is not None and not isinstance(result.exception, Reached | SystemExit):
+        raise result.exception
+    code = 0 if isinstance(result.exception, Reached) else result.exit_code
+    return code, result.output + "".join(called)
+
+
+def shown(value: Any) -> str:
+    """Arguments as text, without the addresses of objects."""
+    if isinstance(value, Mapping):
+        return str({key: shown(each) for key, each in value.items()})
+    if isinstance(value, tuple | list):
+        return str([shown(each) for each in value])
+    if hasattr(value, "spec") and hasattr(value, "provenances"):
+        return f"{value.spec.hash()} {value.provenances}"
+    return re.sub(r" at 0x[0-9a-f]+", "", str(value))
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that cases name."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plan.yaml").write_text("name: a\ndatasets: [a-b]\nalgorithms: [bc]\nseeds: 1\n")
+    (tmp_path / "folder").mkdir()
+
+
+def test_every_command_with_options_has_a_case() -> None:
+    assert {command_of(case) for case in CASES} == set(COMMANDS)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.line)
+def test_every_option_has_an_effect_or_is_refused(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch", reason="training, ranking and studies need torch")
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    options = options_of(command_of(case))
+    assert case.idle.keys() <= options.keys()
+    if not options:
+        return
+    base = run(case, [], monkeypatch)
+    for option, parameter in options.items():
+        if option in case.idle:
+            continue
+        extra = sample_of(case, option, parameter)
+        if extra[0] in case.line.split() and parameter.is_flag:
+            continue
+        code, output = run(case, extra, monkeypatch)
+        is_refused = code in (1, 2) and option in output and "Traceback" not in output
+        assert (code, output) != base or is_refused, f"{case.line} ignores {' '.join(extra)}"
+        assert is_refused or code == base[0] or "Error" not in output, (extra, output)
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_option_has_an_effect_in_some_case(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An option that every case refuses, or lists as idle, has no use."""
+    pytest.importorskip("torch", reason="training, ranking and studies need torch")
+    cases = [case for case in CASES if command_of(case) == command]
+    for option, parameter in options_of(command).items():
+        reached = False
+        for case in cases:
+            reached = reached or f" {option} " in f"{case.line} "
+            if reached or option in case.idle:
+                continue
+            code, output = run(case, sample_of(case, option, parameter), monkeypatch)
+            base = run(case, [], monkeypatch)
+            reached = (code, output) != base and code == base[0]
+        assert reached, f"{command} {option}"

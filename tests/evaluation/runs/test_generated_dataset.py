@@ -1,0 +1,175 @@
+"""Datasets of one's own task and policies: copies of networks, shares, recipes, errors."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="training needs the torch extra")
+
+import swarmdata
+from swarmdata.audit import problems_of
+from swarmdata.building.build import build, build_folder
+from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
+from swarmdata.evaluation.runs.generated_dataset import generate
+from swarmdata.evaluation.runs.train import train, train_online
+from swarmdata.hub.catalog.repair import examine, repair
+from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import read_manifest
+from swarmdata.store.stored_dataset import open_store
+from tests.support.tiny import Shelf
+
+pytestmark = pytest.mark.usefixtures("one_process")
+
+SPEC = TaskSpec(horizon=40)
+TRAINING = {"n_updates": "2", "hidden": "8"}
+
+
+@pytest.fixture(scope="module")
+def runs(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of two seeds each: one whose network is exact, one whose network is not."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, changes in {"bc": TRAINING, "vdn": TRAINING}.items():
+        train(name, str(tiny), folder / name, n_seeds=2, changes=changes, progress=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mine(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Dataset:
+    return generate(
+        SPEC, {str(runs / "bc"): 2, str(runs / "vdn"): 1, "scripted": 0.5, "random": 0.5},
+        id="coop_nav-mine-v0", n_steps=1200, noise=0.1, progress=False,
+        out=tmp_path_factory.mktemp("mine") / "data",
+    )  # fmt: skip
+
+
+def test_a_run_becomes_one_behavior_policy_for_each_seed(mine: swarmdata.Dataset) -> None:
+    recipe = mine.recipe.recipe
+    assert recipe is not None
+    found = {p.label: (p.name, p.share, p.noise) for p in recipe.policies}
+    assert found == {
+        "bc-0": ("learned", 1.0, 0.1),
+        "bc-1": ("learned", 1.0, 0.1),
+        "vdn-0": ("network", 0.5, 0.1),
+        "vdn-1": ("network", 0.5, 0.1),
+        "scripted": ("scripted", 0.5, 0.1),
+        "random": ("random", 0.5, 0.0),
+    }
+    kept = {path.name for path in (mine.path / "checkpoints").iterdir()}
+    assert kept == {p.checkpoint for p in recipe.policies if p.checkpoint}
+    steps = np.bincount(mine.episodes.policy, weights=mine.episodes.lengths)
+    np.testing.assert_allclose(steps / steps.sum(), np.array([2, 2, 1, 1, 1, 1]) / 8, atol=0.05)
+
+
+def test_it_passes_the_audit_and_its_card_marks_inexact_networks(mine: swarmdata.Dataset) -> None:
+    assert problems_of(mine.path) == ()
+    card = (mine.path / "card.md").read_text()
+    assert "episodes of all policies but vdn-0, vdn-1" in card
+    assert "`network` runs those that cannot be run so" in card
+
+
+def test_its_recipe_makes_it_again_without_the_runs(
+    mine: swarmdata.Dataset, tmp_path: Path
+) -> None:
+    moved = tmp_path / "elsewhere"
+    shutil.copytree(mine.path, moved)
+    recipe = Recipe.from_file(moved / "recipe.json")
+    again = build(recipe, tmp_path / "again", checkpoints=moved, progress=False)
+    assert read_manifest(again) == read_manifest(mine.path)
+    assert not build_folder(tmp_path / "again").exists()
+    with pytest.raises(CheckpointError, match=r"'bc-0' needs the checkpoint .* build from the rec"):
+        build(recipe, tmp_path / "lost", progress=False)
+    assert not (tmp_path / "lost.build").exists()
+
+
+def test_a_killed_build_goes_on_without_the_runs(mine: swarmdata.Dataset, tmp_path: Path) -> None:
+    recipe = Recipe.from_file(mine.path / "recipe.json")
+    parts = build_folder(tmp_path / "out")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swarmdata.building.build.assemble", _killed)
+        with pytest.raises(KeyboardInterrupt):
+            build(recipe, tmp_path / "out", checkpoints=mine.path, progress=False)
+    assert (parts / "checkpoints").is_dir()
+    build(recipe, tmp_path / "out", progress=False)
+    assert read_manifest(tmp_path / "out").digest == mine.digest
+    assert not parts.exists()
+
+
+def _killed(*arguments: object, **options: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_damaged_arrays_are_repaired_and_a_damaged_network_is_named(
+    mine: swarmdata.Dataset, tmp_path: Path
+) -> None:
+    data = tmp_path / "data"
+    shutil.copytree(mine.path, data)
+    rewards = data / "data.zarr/rewards/c.0.0"
+    rewards.write_bytes(b"\0" * rewards.stat().st_size)
+    assert [each.file for each in repair(data, progress=False)] == ["data.zarr/rewards/c.0.0"]
+    network = next((data / "checkpoints").iterdir())
+    network.write_bytes(b"x" * network.stat().st_size)
+    assert [each.file for each in examine(data)] == [f"checkpoints/{network.name}"]
+    with pytest.raises(CheckpointError, match=f"{network.name} has SHA-256"):
+        repair(data, progress=False)
+    with pytest.raises(swarmdata.SwarmdataError, match=network.name):
+        open_store(data, "full")
+
+
+def test_networks_travel_to_remotes_and_into_edits(mine: swarmdata.Dataset, tmp_path: Path) -> None:
+    shelf = Shelf(tmp_path / "shelf", mine.path)
+    fetched = swarmdata.load(f"{shelf.address}/{mine.id}", progress=False)
+    names = {path.name for path in (mine.path / "checkpoints").iterdir()}
+    assert {path.name for path in (fetched.path / "checkpoints").iterdir()} == names
+    edit = swarmdata.filter_dataset(mine, tmp_path / "edit", id="coop_nav-some-v0", policy="bc-0")
+    (kept,) = (edit.path / "checkpoints").iterdir()
+    assert kept.name.startswith("bc-0-")
+    assert problems_of(edit.path) == ()
+
+
+def test_online_runs_and_tiers_act_too(tmp_path: Path) -> None:
+    small = {"n_copies": "4", "rollout_steps": "4", "hidden": "8", "minibatch": "64"}
+    changes = {**small, "n_steps": "32"}
+    train_online("mappo", "coop_nav", tmp_path / "on", seeds=[4], changes=changes, progress=False)
+    made = generate(
+        "coop_nav", [tmp_path / "on", "expert"], id="coop_nav-on-v0", n_steps=1300, progress=False
+    )
+    assert [p.label for p in made.recipe.policies] == ["on-4", *(f"expert-{k}" for k in range(4))]
+    assert {p.name for p in made.recipe.policies} == {"learned"}
+    assert swarmdata.load("coop_nav-on-v0").digest == made.digest
+    assert len(list((made.path / "checkpoints").iterdir())) == 1  # the package has the experts
+
+
+@pytest.mark.parametrize(
+    ("policies", "options", "error", "message"),
+    [
+        ([], {}, SpecError, "no policies, expected at least one"),
+        ("randm", {}, UnknownNameError, "Did you mean 'random'"),
+        ("runs/absent", {}, SpecError, "runs/absent is not a run folder"),
+        ({"random": 0.0}, {}, SpecError, "positive number, got random 0"),
+        (["idle", "idle"], {}, SpecError, "named twice: idle"),
+        (["idle", "random"], {"noise": 0.1}, SpecError, "idle, random has action noise"),
+        ("expert", {}, UnknownNameError, "unknown policy, tier or run folder 'expert'"),
+        ("learned", {}, UnknownNameError, "unknown policy, tier or run folder 'learned'"),
+        ("idle", {"id": "coop_nav-medium-v1"}, SpecError, "is the id of a dataset of the package"),
+        ("idle", {"id": "Mine"}, SpecError, "invalid Recipe in the recipe of Mine: id"),
+        (["idle", "random"], {"n_steps": 79}, SpecError, "leave 40 to policy 'idle', .* least 80"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_in_one_sentence(
+    tmp_path: Path, policies: object, options: dict[str, object], error: type[Exception],
+    message: str,
+) -> None:  # fmt: skip
+    settings = {"id": "coop_nav-mine-v0", "n_steps": 80, "out": tmp_path / "out", **options}
+    with pytest.raises(error, match=message):
+        generate(SPEC, policies, progress=False, **settings)  # type: ignore[arg-type]
+
+
+def test_seeds_follow_from_the_id(tmp_path: Path) -> None:
+    one, other = (
+        generate(SPEC, "idle", id=f"coop_nav-{name}-v0", n_steps=400, progress=False)
+        for name in ("one", "other")
+    )
+    assert not set(one.episodes.seeds.tolist()) & set(other.episodes.seeds.tolist())
