@@ -59,3 +59,20 @@ def test_graphs_of_torch_compile_have_the_same_products() -> None:
     assert torch.equal(*results)
     gradients = [torch.autograd.grad(y.square().sum(), parts) for y in results]
     torch.testing.assert_close(*gradients)
+
+
+@pytest.mark.usefixtures("with_tiles")
+def test_without_inputs_or_rows_products_are_those_of_torch() -> None:
+    """A layer without inputs is its bias, as in deviations that depend on nothing."""
+    bias = torch.randn(3, 1, 18, requires_grad=True)
+    x, weight = torch.zeros(3, 11, 0), torch.zeros(3, 0, 18, requires_grad=True)
+    assert torch.equal(affine(x, weight, bias), bias.expand(3, 11, 18))
+    x, weight, bias = torch.zeros(3, 0, 20), *operands(18)[1:]
+    gradients = torch.autograd.grad(affine(x, weight, bias).sum(), (weight, bias))
+    assert not any(each.any() for each in gradients)
+
+
+def test_a_bias_may_be_a_view() -> None:
+    x, weight, _ = operands(18)
+    bias = torch.randn(3, 1, 36)[..., ::2]
+    torch.testing.assert_close(tiled_product(x, weight, bias), torch.bmm(x, weight) + bias)
