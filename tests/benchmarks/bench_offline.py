@@ -46,7 +46,9 @@ INTRODUCTION = f"""\
 `bc` and `maddpg_bc` on `{DATASET}` (4 robots, batches of {BATCH} joint transitions), without
 evaluation and files, on one core: seed-updates per second of processor time. Five sequential runs
 have the rate of one. The plain loops are written as in single-file implementations, with the same
-networks, batches and losses (`tests/benchmarks/plain_loops.py`); `maddpg_bc` has one stage here.
+networks and batches (`tests/benchmarks/plain_loops.py`); their losses differ in scales and bounds,
+they have no schedule, and robots' views are computed beforehand, which favors them. `maddpg_bc` has
+one stage here.
 The last column is the share of the limit: floating-point operations of the matrix products of an
 update, times updates a second, over the fastest rate that a product of two 1024 x 1024 matrices
 reached on this core in the same run. Everything else that an update does, and products of narrow
