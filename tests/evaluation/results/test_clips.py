@@ -53,15 +53,15 @@ def test_a_recorded_episode_is_drawn_as_other_robots_would_have_seen_it(
     episode = play(Recorded.task)
     monkeypatch.setattr(clips, "is_dataset", lambda _: True)
     monkeypatch.setattr(clips, "load", lambda _: Recorded([episode]))
-    seen = draw_target("x", tmp_path / "seen.png", 0, "coop_nav", "lidar", "lossy-40")
-    plain = draw_target("x", tmp_path / "plain.png", 0, "coop_nav")
+    seen = draw_target("x", tmp_path / "seen.png", 0, None, "lidar", "lossy-40")
+    plain = draw_target("x", tmp_path / "plain.png", 0, None)
 
     live = play(with_models(Recorded.task, "lidar", "lossy-40"))
     np.testing.assert_array_equal(seen.observations, live.observations)
     np.testing.assert_array_equal(plain.observations, episode.observations)
     assert (tmp_path / "seen.png").read_bytes() != (tmp_path / "plain.png").read_bytes()
     with pytest.raises(SchemaError, match="has 1 episodes, none numbered 1"):
-        draw_target("x", tmp_path / "x.png", 1, "coop_nav")
+        draw_target("x", tmp_path / "x.png", 1, None)
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from swarmdata.cards.sections.baselines import baselines_section, read_estimates
-from swarmdata.errors import StudyError
+from swarmdata.errors import DiskFullError, StudyError
 from swarmdata.evaluation.results.result_files import load_result
+from swarmdata.evaluation.study.cells import cell_worker
 from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages import safety_section, study_folder
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
@@ -129,7 +130,10 @@ def test_pages_are_made_again_from_the_folder_alone(
 
 
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
-    make_study: Callable[..., Study], data: Path, tmp_path: Path
+    make_study: Callable[..., Study],
+    data: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
     other = tmp_path / "other-v0"
@@ -138,11 +142,17 @@ def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
     _, files = run_study(study, options, "x")
     assert "On other-v0, `bc` has no results: not run yet." in files[0].read_text()
-    study = make_study(algorithms={"bc": BC}, device="nowhere")
+    monkeypatch.setattr(cell_worker, "_evaluate", _run_out_of_space)
+    study = make_study(algorithms={"bc": BC})
     empty = StudyOptions(tmp_path / "out", tmp_path / "empty", progress=False)
     with pytest.raises(StudyError, match="no cell on the study's datasets is done"):
         run_study(study, empty, "x")
-    assert "nowhere" in (tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt").read_text()
+    error = tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt"
+    assert "no space is left" in error.read_text()
+
+
+def _run_out_of_space(*_: object) -> None:
+    raise DiskFullError("no space is left")
 
 
 def test_a_row_with_other_rewards_stands_beside_the_one_without(
