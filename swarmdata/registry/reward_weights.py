@@ -22,8 +22,8 @@ threatens. In shorter trials, collisions times 3 left as many clean episodes and
 ones. On `coop_nav-medium-replay` (`cards/studies/safe`), `maddpg_bc` collides a third as often with
 them and solves fewer episodes, clean ones too: .45 with recorded rewards, .32 with these.
 
-The factors of `formation`, `transport` and `warehouse` are those of `coop_nav`. On their minis they
-changed nothing clearly in 1,500 updates of 2 seeds (`cards/studies/safe-tasks`).
+The factors of `formation`, `transport` and `warehouse` are those of `coop_nav`. On their minis,
+they changed nothing clearly in 1,500 updates of 2 seeds (`cards/studies/safe-tasks`).
 """
 
 

@@ -1,4 +1,4 @@
-"""The second stage of training: the policy is extracted again, from critics that are final.
+"""The second stage of training: the policy is extracted again, and a density holds it to the data.
 
 An actor that climbs a critic while the critic learns decides what the critic values, and TD3+BC
 holds it to the data by an error that is the same everywhere. So actor-critics can train in two
