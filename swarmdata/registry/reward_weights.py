@@ -18,9 +18,9 @@ SAFE_FACTORS: dict[str, dict[str, float]] = {
 
 `proximity` is the one term that is felt before a contact, in every step and in proportion to the
 depth: it teaches robots to keep clear. The terms of contacts teach them not to move where a contact
-threatens. In shorter trials, collisions times 3 left as many clean episodes and a third fewer solved
-ones. On `coop_nav-medium-replay` (`cards/studies/safe`), `maddpg_bc` collides a third as often with
-them and solves fewer episodes, clean ones too: .45 with recorded rewards, .32 with these.
+threatens. On `coop_nav-medium-replay` (`cards/studies/safe`), `maddpg_bc` collides a third as often
+with these factors and solves fewer episodes, clean ones too: .45 with recorded rewards, .32 with
+these. In shorter trials, collisions times 3 left as many clean episodes and a third fewer solved.
 
 The factors of `formation`, `transport` and `warehouse` are those of `coop_nav`. On their minis,
 they changed nothing clearly in 1,500 updates of 2 seeds (`cards/studies/safe-tasks`).
