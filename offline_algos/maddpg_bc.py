@@ -18,9 +18,9 @@ with a behavior density beta that was learned in the first stage,
     1/N sum_i min_j Q_j(x_i, pi(o)) + 1/eta log beta(pi(o_i, i) | o_i)
 
 Where a second stage follows, the first one has alpha `first_rl_weight` 0: its actor clones the data
-and the critics value the clone, so that policy improvement begins with a sound value (Brandfonbrener
-et al. 2021, "Offline RL without off-policy evaluation"; with `frozen_critics` one step is all there
-is). With 0.6 in its place, critics learn the value of actors that they themselves lead astray where
+and the critics value the clone, so that policy improvement begins with a sound value
+(Brandfonbrener et al. 2021, "Offline RL without off-policy evaluation"; with `frozen_critics`, one
+step is all there is). With 0.6 in its place, critics learn the value of actors that they themselves lead astray where
 data are narrow: 72 instead of 91 on `coop_nav-expert` (there with decentralized critics; both with
 an inverse temperature of half a deviation of Q under the density). Scores of 5 seeds on 1,000
 validation episodes, 64 units (`cards/studies/validation`, `budgets`):
