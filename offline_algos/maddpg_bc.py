@@ -20,10 +20,11 @@ with a behavior density beta that was learned in the first stage,
 Where a second stage follows, the first one has alpha `first_rl_weight` 0: its actor clones the data
 and the critics value the clone, so that policy improvement begins with a sound value
 (Brandfonbrener et al. 2021, "Offline RL without off-policy evaluation"; with `frozen_critics`, one
-step is all there is). With 0.6 in its place, critics learn the value of actors that they themselves lead astray where
-data are narrow: 72 instead of 91 on `coop_nav-expert` (there with decentralized critics; both with
-an inverse temperature of half a deviation of Q under the density). Scores of 5 seeds on 1,000
-validation episodes, 64 units (`cards/studies/validation`, `budgets`):
+step is all there is). With 0.6 in its place, critics learn the value of actors that they themselves
+lead astray where data are narrow: 72 instead of 91 on `coop_nav-expert` (there with decentralized,
+frozen critics; both with an inverse temperature of half a deviation of Q under the density).
+
+Scores of 5 seeds on 1,000 validation episodes, 64 units (`cards/studies/validation`, `budgets`):
 
     updates of 128 rows         4,500   18,000   18,000, no bound on slopes
     coop_nav-medium-replay       72.7     80.7                                 data 24.5, bc 22.3
