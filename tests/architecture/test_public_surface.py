@@ -3,9 +3,11 @@
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 import swarmdata
 from swarmdata.runtime.own_components import GROUPS
@@ -24,6 +26,13 @@ def test_all_is_sorted_and_complete() -> None:
 @pytest.mark.parametrize("name", swarmdata.__all__)
 def test_public_name_resolves_and_is_documented(name: str) -> None:
     assert getattr(swarmdata, name).__doc__
+
+
+def test_the_citation_is_of_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    metadata = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert citation["version"] == metadata["version"] == swarmdata.__version__
+    assert citation["license"] == metadata["license"]
 
 
 def test_no_public_name_is_shadowed_by_a_submodule() -> None:
