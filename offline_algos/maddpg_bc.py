@@ -28,7 +28,7 @@ Scores of 5 seeds on 1,000 validation episodes, 64 units (`cards/studies/validat
 
     updates of 128 rows         4,500   18,000   18,000, no bound on slopes
     coop_nav-medium-replay       72.7     80.7                                 data 24.5, bc 22.3
-    coop_nav-medium              74.6                                          data 57.1, bc 53.8
+    coop_nav-medium              74.6     77.9                                 data 57.1, bc 53.8
     coop_nav-expert              94.5     98.4     93.6                        bc 99.9
 
 The inverse temperature was chosen with frozen critics and without a bound, 3 seeds, 256 validation
