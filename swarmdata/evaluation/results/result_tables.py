@@ -268,4 +268,6 @@ def _target(found: ComparableScores) -> str:
 def _over(found: ComparableScores) -> str:
     """The datasets of an aggregate, and what is left out."""
     left = "".join(f"; {name} left out, {why}" for name, why in found.left_out.items())
-    return f"over runs and {len(found.datasets)} datasets ({', '.join(found.datasets)}{left})"
+    n_datasets = len(found.datasets)
+    several = "one dataset" if n_datasets == 1 else f"{n_datasets} datasets"
+    return f"over runs and {several} ({', '.join(found.datasets)}{left})"
