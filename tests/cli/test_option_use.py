@@ -7,8 +7,11 @@ that do nothing in one case for a reason that only the data know, such as `--rep
 is broken. A command or an option that is added without a case fails here.
 """
 
+import importlib
+import pkgutil
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +21,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import swarmdata
 from swarmdata.cli.main import app
 
 SAMPLES = {
@@ -285,6 +289,14 @@ def shown(value: Any) -> str:
     if hasattr(value, "spec") and hasattr(value, "provenances"):
         return f"{value.spec.hash()} {value.provenances}"
     return re.sub(r" at 0x[0-9a-f]+", "", str(value))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def every_module() -> None:
+    """Imports all modules: one that is first imported beside a replaced function would keep it."""
+    for module in pkgutil.walk_packages(swarmdata.__path__, "swarmdata."):
+        with suppress(ImportError):  # of an extra that is not installed
+            importlib.import_module(module.name)
 
 
 @pytest.fixture(autouse=True)
