@@ -29,9 +29,12 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="drives the browser; the dependency group 'test' has playwright"
 )
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="needs a Chromium; on Debian: apt-get install chromium"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="needs a Chromium; on Debian: apt-get install chromium"
+    ),
+]
 
 
 @pytest.fixture(scope="module")
@@ -255,6 +258,7 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     page.goto("about:blank")
     page.goto(address)
     page.wait_for_selector("body[data-ready=yes]")
+    visit.wait("swarmdata.views?.every((view) => view.replay)")
     assert page.is_visible("figure >> nth=1")
     assert visit.run("swarmdata.views.map((view) => view.replay.position)") == [2, 5]
 
