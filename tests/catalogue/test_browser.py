@@ -258,7 +258,6 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     page.goto("about:blank")
     page.goto(address)
     page.wait_for_selector("body[data-ready=yes]")
-    visit.wait("swarmdata.views?.every((view) => view.replay)")
     assert page.is_visible("figure >> nth=1")
     assert visit.run("swarmdata.views.map((view) => view.replay.position)") == [2, 5]
 

@@ -33,5 +33,4 @@
       }
     });
   }
-  document.body.dataset.ready = "yes";
 })();

@@ -34,7 +34,7 @@ def dataset_page(
         sources: all results; those on this dataset are listed.
     """
     is_world = spec.world is not None
-    scripts: tuple[str, ...] = ("core.js", "sorting.js")
+    scripts: tuple[str, ...] = ("core.js", "sorting.js", "ready.js")
     viewer = _absent(entry)
     if n_shown:
         scripts = WORLD_SCRIPTS if is_world else SERIES_SCRIPTS

@@ -44,7 +44,7 @@ def results_page(sources: Sequence[ResultSource], known: frozenset[str]) -> Page
         ),
         *(_charts(each) for each in sources if each.charts),
     )
-    scripts = ("core.js", "sorting.js")
+    scripts = ("core.js", "sorting.js", "ready.js")
     return Page("results.html", "swarmdata: results", body, scripts, {})
 
 
