@@ -5,6 +5,8 @@ add a row to `ORIGIN_KINDS`. Everything else asks the protocol: the store, cards
 """
 
 from swarmdata.specs.origins.edit_origin import Edit, EpisodeNumber, Parent
+from swarmdata.specs.origins.log_map import LogMap
+from swarmdata.specs.origins.log_origin import ImportedLogs, LogFile
 from swarmdata.specs.origins.origin_kinds import ORIGIN_KINDS, Origin, parse_origin, task_of
 from swarmdata.specs.origins.recorded_spec import MAX_COLUMNS, RecordedAgent, RecordedSpec
 from swarmdata.specs.origins.recording_origin import Id, Recording
@@ -18,6 +20,9 @@ __all__ = [
     "Edit",
     "EpisodeNumber",
     "Id",
+    "ImportedLogs",
+    "LogFile",
+    "LogMap",
     "Origin",
     "Parent",
     "RecordedAgent",

@@ -60,6 +60,11 @@ class Edit(Frozen):
         return
 
     @property
+    def remaking(self) -> None:
+        """None: a card lists the parents instead."""
+        return
+
+    @property
     def license(self) -> str:
         """Unknown: that of the parents, which are not at hand."""
         return "unknown"

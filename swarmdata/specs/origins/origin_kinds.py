@@ -8,6 +8,7 @@ from typing import Any, Protocol, Self
 
 from swarmdata.errors import SpecError
 from swarmdata.specs.origins.edit_origin import Edit, Parent
+from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.origins.spec_kinds import Spec
 from swarmdata.specs.recipe import PolicySource, Recipe, SplitRule
@@ -76,6 +77,11 @@ class Origin(Protocol):
         ...
 
     @property
+    def remaking(self) -> str | None:
+        """How its source gives it again, for a card; None where a recipe does, or nothing."""
+        ...
+
+    @property
     def license(self) -> str:
         """The license, as the Hugging Face Hub names it; `unknown` where nobody gave one."""
         ...
@@ -116,7 +122,12 @@ class Origin(Protocol):
         ...
 
 
-ORIGIN_KINDS: dict[str, type[Origin]] = {"recipe": Recipe, "recording": Recording, "edit": Edit}
+ORIGIN_KINDS: dict[str, type[Origin]] = {
+    "recipe": Recipe,
+    "recording": Recording,
+    "edit": Edit,
+    "logs": ImportedLogs,
+}
 """Every kind of origin by its `kind`; a recipe's JSON has none."""
 
 

@@ -2,9 +2,14 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Name, Text, repeated
 from swarmdata.specs.spaces import Space, is_continuous, width
 
@@ -37,6 +42,15 @@ class RecordedSpec(Frozen):
     state_size: Annotated[int, Field(ge=0, le=MAX_COLUMNS)]
     state_from: Literal["environment", "observations"]  # observations: all of them, concatenated
     horizon: Annotated[int, Field(ge=1, le=10**9)] | None = None  # None: not known
+    time_step: Positive | None = None  # s, of a joint step; None: not known
+
+    @model_serializer(mode="wrap")
+    def _without_unknown_time_step(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out a duration that is not known: older specs, and their hashes, have none."""
+        content: dict[str, Any] = write(self)
+        if content.get("time_step", 0) is None:
+            del content["time_step"]
+        return content
 
     @model_validator(mode="after")
     def _check_agents(self) -> Self:
@@ -86,11 +100,6 @@ class RecordedSpec(Frozen):
     def observation_spaces(self, n_columns: int) -> tuple[Space, ...]:
         """The space of each agent's observations, N long; `n_columns` adds nothing here."""
         return tuple(agent.observation for agent in self.agents)
-
-    @property
-    def time_step(self) -> None:
-        """None: the duration of a step is not known."""
-        return
 
     @property
     def state_meaning(self) -> str:

@@ -47,6 +47,11 @@ class Recording(Frozen):
         return False
 
     @property
+    def remaking(self) -> None:
+        """None: what was recorded is at hand only once."""
+        return
+
+    @property
     def license(self) -> str:
         """The one its author gave it."""
         return self.metadata.get("license", "unknown")

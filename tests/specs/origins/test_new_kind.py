@@ -82,6 +82,7 @@ class RobotLog(Frozen):
     parents: tuple[()] = ()
     has_world_seeds: bool = False
     source_sha256: None = None
+    remaking: None = None
     license: str = "mit"
     metadata: Mapping[str, str] = Field(default={"author": "Ada"})
     about_tier: str = "Logged on real robots."

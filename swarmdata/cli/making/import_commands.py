@@ -1,0 +1,66 @@
+"""`swarmdata import`: datasets of the logs of robots."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarmdata.cli.making.convert_commands import Notes, read_notes
+from swarmdata.cli.option_use import refuse
+
+Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="LOG...", help="CSV and Parquet files, ROS 1 and 2 bags, MCAP; folders of files"
+    ),
+]
+Map = Annotated[
+    Path,
+    typer.Option(
+        "--map",
+        metavar="FILE",
+        help="YAML file that says which columns and topics are poses, commands and observations; "
+        "mrclam, which the package has; or the recipe.json of an imported dataset, to make it "
+        "again",
+    ),
+]
+NewId = Annotated[
+    str | None,
+    typer.Option("--id", metavar="ID", help="of the new dataset, such as hall-monday-v0"),
+]
+Out = Annotated[Path | None, typer.Option(help="folder of the dataset; default: in the cache")]
+Seed = Annotated[int, typer.Option(min=0, help="seed of the splits")]
+
+
+def import_command(
+    context: typer.Context,
+    logs: Logs,
+    log_map: Map,
+    id_: NewId = None,
+    out: Out = None,
+    seed: Seed = 0,
+    note: Notes = None,
+) -> None:
+    """Make a dataset of the logs of robots.
+
+    Nothing is invented: gaps are masked, and columns that the map does not name are refused.
+    """
+    from swarmdata.interop.logs import import_logs, remake_logs
+    from swarmdata.interop.logs.map_files import read_map
+    from swarmdata.specs.origins import ImportedLogs
+    from swarmdata.store.cache import cache_folder
+
+    found = read_map(log_map)
+    if isinstance(found, ImportedLogs):
+        refuse(context, ("id_", "seed", "note"), f"with {log_map}, which has decided it")
+    elif id_ is None:
+        raise typer.BadParameter("required with a map", param_hint="--id")
+    name = found.id if isinstance(found, ImportedLogs) else str(id_)
+    folder = out or cache_folder() / "datasets" / name
+    if isinstance(found, ImportedLogs):
+        made = remake_logs(logs, folder, found)
+    else:
+        notes = read_notes(note or [])
+        made = import_logs(logs, folder, log_map=found, id=name, seed=seed, metadata=notes)
+    counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
+    typer.echo(f"{made.path}\n{counts}, digest {made.digest}")

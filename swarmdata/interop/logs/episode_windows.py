@@ -1,0 +1,155 @@
+"""Cuts the grid of a log into episodes, and makes the episodes of robots' tracks.
+
+An episode of T steps has T + 1 states, and no two episodes share a state. The last state is one
+that was observed: the command that was given in it is left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.interop.conversion.imported_data import build_episode
+from swarmdata.interop.logs.resampling import Samples, hold
+from swarmdata.interop.logs.robot_tracks import RobotTrack
+from swarmdata.specs.origins.log_map import LogMap
+from swarmdata.specs.spaces import stack_agents
+from swarmdata.types import Bool, Episode, Float, Int
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """The steps of one episode: the actions of times `start` to `stop - 1`, and how it ended."""
+
+    start: int
+    stop: int
+    end: str  # `termination` or `truncation`
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return self.stop - self.start
+
+
+def acting_robots(tracks: Sequence[RobotTrack]) -> Bool:
+    """Which robots act at each time: placed now and at the next time, and commanded, [K, N]."""
+    placed = np.stack([each.is_placed for each in tracks], axis=1)
+    commanded = np.stack([each.is_commanded for each in tracks], axis=1)
+    acting = commanded & placed
+    acting[:-1] &= placed[1:]
+    acting[-1] = False
+    return np.asarray(acting)
+
+
+def find_windows(
+    tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
+) -> tuple[list[Window], int]:
+    """Finds the episodes.
+
+    Args:
+        tracks: of all robots, on the grid.
+        marker: the map's column of markers, if it has one.
+        grid: [K] ns.
+        log_map: how to cut.
+
+    Returns:
+        the episodes, and the number of steps in those that were too short.
+    """
+    acting = acting_robots(tracks)
+    goes_on: Bool = np.asarray(acting.any(axis=1) if log_map.gaps == "mask" else acting.all(axis=1))
+    breaks = _breaks(tracks, marker, grid, log_map)
+    if marker is not None:
+        _, is_marked = hold(marker, grid, None)
+        goes_on &= is_marked
+    broken = np.append(breaks[1:], False)  # the step to a break belongs to no episode
+    edges = np.diff((goes_on & ~broken).astype(np.int8), prepend=0, append=0)
+    starts, stops = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    found = []
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        is_end = stop < len(grid) and bool(broken[stop]) and bool(goes_on[stop])
+        found += _pieces(start, stop, log_map.episodes.ends if is_end else "truncation", log_map)
+    kept = [each for each in found if len(each) >= log_map.episodes.min_steps]
+    return kept, sum(map(len, found)) - sum(map(len, kept))
+
+
+def _breaks(
+    tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
+) -> Bool:
+    """At which times a marker or a goal has changed since the time before, [K]."""
+    breaks = np.zeros(len(grid), np.bool_)
+    if marker is not None:
+        values, _ = hold(marker, grid, None)
+        breaks[1:] |= values[1:, 0] != values[:-1, 0]
+    limit = log_map.episodes.goal_change
+    if limit is not None:
+        for each in tracks:
+            moved = np.hypot(*np.diff(each.goals, axis=0).T)
+            appeared = np.isnan(each.goals[:-1, 0]) & ~np.isnan(each.goals[1:, 0])
+            breaks[1:] |= (moved > limit) | appeared  # NaN is not more than the limit
+    return breaks
+
+
+def most_steps(log_map: LogMap) -> int | None:
+    """Most steps of an episode, None without a limit."""
+    length = log_map.episodes.length
+    return None if length is None else max(1, round(length / log_map.dt))
+
+
+def _pieces(start: int, stop: int, end: str, log_map: LogMap) -> list[Window]:
+    """Cuts a run of steps at the greatest length; the step between two pieces is left out."""
+    length = most_steps(log_map)
+    if length is None:
+        return [Window(start, stop, end)]
+    starts = range(start, stop, length + 1)
+    pieces = [Window(each, min(each + length, stop), "truncation") for each in starts]
+    if pieces[-1].stop == stop:
+        pieces[-1] = Window(pieces[-1].start, stop, end)
+    return pieces
+
+
+class EpisodeMaker:
+    """Makes the episodes of tracks.
+
+    Args:
+        tracks: of all robots.
+        windows: of the episodes.
+    """
+
+    def __init__(self, tracks: Sequence[RobotTrack], windows: Sequence[Window]) -> None:
+        self._tracks, self._windows = tracks, windows
+        self._acting = acting_robots(tracks)
+        self.n_absent = sum(int((~self._acting[w.start : w.stop]).sum()) for w in windows)
+
+    def make(self, number: int) -> Episode:
+        """The episode of a window; robots with gaps are absent if any episode has such."""
+        window = self._windows[number]
+        steps = slice(window.start, window.stop)
+        acting = self._acting[steps]
+        seen = np.zeros((len(window) + 1, len(self._tracks)), np.bool_)
+        seen[:-1] |= acting
+        seen[1:] |= acting  # a robot also observes the state in which it stops acting
+        observed = [
+            each.observations[window.start : window.stop + 1] * seen[:, k, None]
+            for k, each in enumerate(self._tracks)
+        ]
+        rows: dict[str, Float | Bool] = {
+            "observations": stack_agents(observed),
+            "states": np.concatenate(observed, axis=1),
+            "actions": stack_agents(
+                [each.actions[steps] * acting[:, k, None] for k, each in enumerate(self._tracks)]
+            ),
+            "rewards": np.stack([each.rewards[steps] for each in self._tracks], axis=1) * acting,
+        }
+        if self.n_absent:
+            rows |= _absences(acting, window.end)
+        return build_episode(rows, seed=number, policy=0, end=window.end)
+
+
+def _absences(acting: Bool, end: str) -> dict[str, Float | Bool]:
+    """Which robots act, and where each of them stops, as arrays of an episode."""
+    alive = np.zeros((len(acting) + 1, acting.shape[1]), np.bool_)
+    alive[:-1] = acting
+    stops = acting & ~alive[1:]
+    ended = stops.copy()
+    ended[:-1] = False
+    ended &= end == "termination"
+    return {"alive": alive, "agent_terminations": ended, "agent_truncations": stops & ~ended}

@@ -1,0 +1,215 @@
+"""Makes a dataset of the logs of robots."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from swarmdata.cards.side_files import finish
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import ConversionError, SpecError
+from swarmdata.interop.convert import write_parts
+from swarmdata.interop.logs.episode_windows import EpisodeMaker, find_windows, most_steps
+from swarmdata.interop.logs.map_files import read_map
+from swarmdata.interop.logs.open_logs import OpenLogs
+from swarmdata.interop.logs.planar_frames import PlanarFrames
+from swarmdata.interop.logs.resampling import make_grid
+from swarmdata.interop.logs.robot_signals import SignalReader, topics_of
+from swarmdata.interop.logs.robot_tracks import RobotTrack, make_track, span_of
+from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.locking import locked
+from swarmdata.specs.frozen import differences
+from swarmdata.specs.origins import ImportedLogs, LogMap, RecordedSpec
+from swarmdata.specs.origins.log_map import StaticTransform
+from swarmdata.specs.recipe import Splits
+from swarmdata.specs.spaces import width
+from swarmdata.store import assemble
+from swarmdata.store.scratch import remove_scratch, scratch_folder
+from swarmdata.types import Episode
+
+IMPORT_VERSION = "1"
+"""Version of the rules of this folder: the same logs, map and version give the same dataset."""
+
+
+def import_logs(
+    logs: Sequence[Path | str] | Path | str,
+    out: Path | str,
+    *,
+    log_map: LogMap | Path | str,
+    id: str,
+    splits: Splits | None = None,
+    seed: int = 0,
+    metadata: Mapping[str, str] | None = None,
+) -> Dataset:
+    """Makes a dataset of logs of robots: tables (CSV, Parquet) and bags (ROS 1, ROS 2, MCAP).
+
+    The resampled log is held in memory. A killed import leaves nothing at `out`; run it again.
+
+    Args:
+        logs: files, bags, and folders of files.
+        out: where the dataset appears once it is complete.
+        log_map: which columns and topics are poses, commands and observations, or its YAML
+            file, or the name of a map that the package has, such as `mrclam`.
+        id: id of the dataset, such as `hall-monday-v0`; its first part names the environment.
+        splits: how many episodes are held out.
+        seed: seed of the splits.
+        metadata: information for readers, such as the author and license.
+
+    Raises:
+        DatasetNotFoundError: there is no log at a path.
+        SpecError: the map is malformed.
+        ConversionError: the logs and the map do not fit together, or nothing is left.
+        MissingExtraError: the logs' format needs a library that is not installed.
+        BuildError: something else is at `out`, or no episode falls into the train split.
+    """
+    if not isinstance(log_map, LogMap):
+        found = read_map(log_map)
+        if isinstance(found, ImportedLogs):
+            raise SpecError(
+                f"{log_map} is the recipe of {found.id}, expected a map; `swarmdata import --map` "
+                "or `remake_logs` makes that dataset again"
+            )
+        log_map = found
+    paths = [Path(each).expanduser().absolute() for each in _listed(logs)]
+    open_logs = OpenLogs(paths, log_map, topics_of(log_map))
+    episodes, tracks, notes = _read(open_logs, log_map)
+    content = {
+        "id": id,
+        "spec": _spec(tracks, log_map, id.partition("-")[0]),
+        "policies": ({"label": log_map.policy, "name": "external"},),
+        "seed": seed,
+        "splits": splits or Splits(),
+        "files": open_logs.files(),
+        "log_map": log_map,
+        "metadata": {**notes, **(metadata or {})},
+    }
+    origin = ImportedLogs.parse(content, f"the import of {', '.join(open_logs.paths)}")
+    return _store(Path(out).expanduser().absolute(), origin, episodes)
+
+
+def remake_logs(
+    logs: Sequence[Path | str] | Path | str, out: Path | str, origin: ImportedLogs
+) -> Dataset:
+    """Makes an imported dataset again from the same logs, with the same digest.
+
+    Args:
+        logs: as in `import_logs`.
+        out: where the dataset appears once it is complete.
+        origin: of the dataset, its `recipe.json`.
+
+    Raises:
+        ConversionError: the logs are not those that the dataset was made of.
+        BuildError: something else is at `out`.
+    """
+    paths = [Path(each).expanduser().absolute() for each in _listed(logs)]
+    open_logs = OpenLogs(paths, origin.log_map, topics_of(origin.log_map))
+    found = open_logs.files()
+    if found != origin.files:
+        theirs = {file.name: file.sha256 for file in origin.files}
+        wrong = sorted({f.name for f in {*found} ^ {*origin.files}})
+        raise ConversionError(
+            f"{origin.id} was made of other logs: {', '.join(wrong)} differ in digest, are missing "
+            f"or are new. Expected {', '.join(theirs)}, as recipe.json lists them."
+        )
+    episodes, tracks, _ = _read(open_logs, origin.log_map)
+    spec = _spec(tracks, origin.log_map, origin.spec.task)
+    if different := [path for path, *_ in differences(spec, origin.spec)]:
+        raise ConversionError(
+            f"{origin.id} has another {different[0]} than these logs give now: it was made with "
+            "other rules of import. Install the version of swarmdata on its card."
+        )
+    return _store(Path(out).expanduser().absolute(), origin, episodes)
+
+
+def _listed(logs: Sequence[Path | str] | Path | str) -> list[Path | str]:
+    return [logs] if isinstance(logs, Path | str) else list(logs)
+
+
+def _read(
+    logs: OpenLogs, log_map: LogMap
+) -> tuple[list[Episode], list[RobotTrack], dict[str, str]]:
+    """The episodes of the logs, the robots' tracks, and what was done to them, for the card."""
+    reader = SignalReader(logs, PlanarFrames(log_map.world, _transforms(logs, log_map)))
+    signals = [reader.robot(robot) for robot in log_map.robots]
+    marker = log_map.episodes.marker
+    markers = None if marker is None else reader.marker(marker)
+    logs.check_all_used()
+    grid = make_grid(*span_of(signals), log_map.dt)
+    tracks = [make_track(each, log_map, grid) for each in signals]
+    windows, n_short = find_windows(tracks, markers, grid, log_map)
+    if not windows:
+        raise ConversionError(
+            f"no episode of at least {log_map.episodes.min_steps} steps is in the logs. "
+            + "; ".join(_coverage(track) for track in tracks)
+            + f". A pose or command is unknown where samples are more than {log_map.max_gap:g} s "
+            "apart (`max_gap`)."
+        )
+    maker = EpisodeMaker(tracks, windows)
+    episodes = [maker.make(number) for number in range(len(windows))]
+    counts = Counter(reader.counts)
+    counts["steps_of_short_episodes"] = n_short
+    counts["absent_robot_steps"] = maker.n_absent
+    counts["clipped_commands"] = sum(track.n_clipped for track in tracks)
+    notes = {"seeds": "numbers of the episodes"}
+    notes |= {name: f"{n:,}" for name, n in sorted(counts.items()) if n}
+    guessed = [robot.name for robot in log_map.robots if robot.command.differences]
+    lists = {
+        "actions_from_poses": guessed,
+        "unread_topics": logs.unread_topics(),
+        "ignored": [*log_map.ignore, *log_map.ignore_logs],
+    }
+    return episodes, tracks, notes | {k: ", ".join(names) for k, names in lists.items() if names}
+
+
+def _transforms(logs: OpenLogs, log_map: LogMap) -> list[StaticTransform]:
+    return [*log_map.transforms, *logs.transforms()]
+
+
+def _coverage(track: RobotTrack) -> str:
+    return (
+        f"{track.agent.name}: pose known at {np.mean(track.is_placed):.0%} of the times, command "
+        f"at {np.mean(track.is_commanded):.0%}"
+    )
+
+
+def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedSpec:
+    agents = tuple(track.agent for track in tracks)
+    content = {
+        "task": task,
+        "library": "logs of robots",
+        "version": IMPORT_VERSION,
+        "options": {
+            "frame": log_map.world,
+            "commands": {
+                robot.name: [each.column for each in robot.command.components]
+                for robot in log_map.robots
+            },
+        },
+        "agents": agents,
+        "state_size": sum(width(agent.observation) for agent in agents),
+        "state_from": "observations",
+        "horizon": most_steps(log_map),
+        "time_step": log_map.dt,
+    }
+    return RecordedSpec.parse(content, "the map")
+
+
+def _store(out: Path, origin: ImportedLogs, episodes: Sequence[Episode]) -> Dataset:
+    """Writes the dataset and its card."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with locked(out):
+        if out.exists():  # either this dataset, finished before, or an error
+            assemble(out, recipe=origin, parts={}, order=[])
+        else:
+            build = scratch_folder(out, "import")
+            remove_scratch(build)  # left by a killed import: this process holds the lock
+            build.mkdir()
+            try:
+                parts, order = write_parts(build, iter(episodes))
+                assemble(out, recipe=origin, parts=parts, order=order)
+            finally:
+                remove_scratch(build)
+            sync(out.parent)
+        finish(out)
+    return Dataset.open(out)

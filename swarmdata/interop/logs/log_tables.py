@@ -1,0 +1,246 @@
+"""LogTable: named columns of one table or topic, and the readers of CSV and Parquet files."""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import ConversionError, did_you_mean, listed
+from swarmdata.interop.parquet.parquet_rows import arrow
+from swarmdata.specs.origins.log_map import TableForm
+from swarmdata.types import Bool, Int
+
+PARQUET_SUFFIXES = (".parquet", ".pq")
+
+NANOSECONDS_IN = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+"""Nanoseconds in each unit of time."""
+
+MOST_NANOSECONDS = 1 << 62
+"""Greatest absolute value of a time, 146 years."""
+
+Cells = Sequence[str] | NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogTable:
+    """Rows of one table, or messages of one topic.
+
+    Attributes:
+        name: file or topic, for errors.
+        cells: texts or numbers of each column, by name, [n] or [n, B].
+        units: of the columns whose format fixes it, by name.
+        frame: of what it holds, if its messages say so.
+        used: columns that were read.
+    """
+
+    name: str
+    cells: Mapping[str, Cells]
+    units: Mapping[str, str] = field(default_factory=dict)
+    frame: str = ""
+    used: set[str] = field(default_factory=set)
+
+    def _column(self, name: str) -> Cells:
+        if name not in self.cells:
+            raise ConversionError(
+                f"{self.name} has no column {name!r}.{did_you_mean(name, self.cells)} "
+                f"It has {listed(name, self.cells)}."
+            )
+        self.used.add(name)
+        return self.cells[name]
+
+    def numbers(self, name: str) -> NDArray[Any]:
+        """A column of numbers, int64 or float64, [n] or [n, B]; empty cells are NaN.
+
+        Raises:
+            ConversionError: there is no such column, or a cell is no number.
+        """
+        cells = self._column(name)
+        if isinstance(cells, np.ndarray):
+            if cells.dtype.kind not in "biuf":
+                raise ConversionError(f"{self.name}: column {name!r} has no numbers")
+            return cells.astype(np.int64 if cells.dtype.kind in "iu" else np.float64)
+        return np.array([_number(text, f"{self.name}, row {k}, {name}")
+                         for k, text in enumerate(cells, 1)], np.float64)  # fmt: skip
+
+    def nanoseconds(self, name: str, unit: str) -> Int:
+        """A column of times as whole nanoseconds, exact where it is text or whole numbers, [n].
+
+        Args:
+            name: of the column.
+            unit: of time.
+
+        Raises:
+            ConversionError: a cell is no time.
+        """
+        size, cells = NANOSECONDS_IN[unit], self._column(name)
+        where = f"{self.name}: times in column {name!r}"
+        if not isinstance(cells, np.ndarray):
+            return np.array([_exact(text, size, where) for text in cells], np.int64)
+        if cells.ndim != 1 or cells.dtype.kind not in "iuf":
+            raise ConversionError(f"{where} are no numbers")
+        if cells.dtype.kind in "iu":
+            return cells.astype(np.int64) * size
+        values = np.round(cells * size)
+        if not (np.abs(values) <= MOST_NANOSECONDS).all():  # NaN is not, too
+            raise ConversionError(f"{where} are missing, or out of bounds")
+        return values.astype(np.int64)
+
+    def texts(self, name: str) -> list[str]:
+        """A column as text, [n].
+
+        Raises:
+            ConversionError: there is no such column.
+        """
+        return [str(cell) for cell in self._column(name)]
+
+    def rows_with(self, name: str, value: str | int, *, may_lack: bool = False) -> Bool:
+        """Which rows have a value in a column; numbers are compared as numbers, [n].
+
+        Args:
+            name: of the column.
+            value: wanted.
+            may_lack: whether it is right that no row has it.
+
+        Raises:
+            ConversionError: there is no such column, or no such row.
+        """
+        cells = self.texts(name)
+        same = {text: _is_same(text, value) for text in dict.fromkeys(cells)}
+        if not may_lack and not any(same.values()):
+            raise ConversionError(
+                f"{self.name}: no row has {value!r} in column {name!r}, which has "
+                f"{listed(str(value), same)}"
+            )
+        return np.array([same[text] for text in cells], np.bool_)
+
+    def matching(self, pattern: str) -> list[str]:
+        """Columns whose names match a pattern with `*`, in their order."""
+        return [name for name in self.cells if is_match(name, [pattern])]
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.cells.values())))
+
+    def unused(self, ignored: Sequence[str]) -> list[str]:
+        """Columns that neither were read nor match an ignored name."""
+        rest = [name for name in self.cells if name not in self.used]
+        return [name for name in rest if not is_match(name, ignored)]
+
+
+def is_match(name: str, patterns: Sequence[str]) -> bool:
+    """Whether a name is one of these, or matches one of them, where `*` stands for any text."""
+    return any(
+        re.fullmatch(".*".join(map(re.escape, pattern.split("*"))), name) for pattern in patterns
+    )
+
+
+def _exact(text: str, size: int, where: str) -> int:
+    try:
+        found = round(Decimal(text.strip()) * size)
+    except (ArithmeticError, ValueError) as error:  # of no number, and of an infinite one
+        raise ConversionError(f"{where} have {text!r:.80}, expected a number") from error
+    if abs(found) > MOST_NANOSECONDS:
+        raise ConversionError(f"{where} have {text!r:.80}, which is out of bounds")
+    return found
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        return float(text) if text.strip() else float("nan")
+    except ValueError as error:
+        raise ConversionError(f"{where} is {text!r:.80}, expected a number") from error
+
+
+def _is_same(text: str, value: str | int) -> bool:
+    try:
+        return float(text) == float(value)
+    except ValueError:
+        return text.strip() == str(value)
+
+
+def read_table(path: Path, forms: Mapping[str, TableForm]) -> LogTable:
+    """Reads a Parquet file, or a text table as the form for its name says.
+
+    Raises:
+        ConversionError: it is no such table, or has no rows.
+        MissingExtraError: a Parquet file needs pyarrow.
+    """
+    if path.suffix in PARQUET_SUFFIXES:
+        cells, units = _parquet_columns(path)
+        table = LogTable(path.name, cells, units)
+    else:
+        form = next((form for name, form in forms.items() if is_match(path.name, [name])), None)
+        table = LogTable(path.name, _text_columns(path, form or TableForm()))
+    if not table.cells or not table.n_rows:
+        raise ConversionError(f"{path} has no rows, expected at least 1")
+    return table
+
+
+def _text_columns(path: Path, form: TableForm) -> dict[str, list[str]]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(_rows(file, form))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConversionError(f"{path} is not a text table: {error}") from error
+    header = list(form.header or (rows.pop(0)[1] if rows else ()))
+    if len(set(header)) < len(header):
+        raise ConversionError(f"{path} has several columns of one name: {header}")
+    for line, cells in rows:
+        if len(cells) != len(header):
+            raise ConversionError(
+                f"{path}, line {line} has {len(cells)} cells, expected {len(header)}: "
+                f"{', '.join(header)}. `tables` of the map has the delimiter, the header and the "
+                "mark of comments."
+            )
+    return {name: [cells[k] for _, cells in rows] for k, name in enumerate(header)}
+
+
+def _rows(file: Any, form: TableForm) -> Iterator[tuple[int, list[str]]]:
+    """The cells of each line that is neither empty nor a comment, with its number."""
+
+    def lines() -> Iterator[str]:
+        for line in file:
+            is_comment = form.comment and line.lstrip().startswith(form.comment)
+            yield "\n" if is_comment or not line.strip() else line
+
+    if form.delimiter == "whitespace":
+        split: Iterator[list[str]] = (line.split() for line in lines())
+    else:
+        reader = csv.reader(lines(), delimiter=form.delimiter)
+        split = ([cell.strip() for cell in cells] for cells in reader)
+    yield from ((number, cells) for number, cells in enumerate(split, 1) if cells)
+
+
+def _parquet_columns(path: Path) -> tuple[dict[str, Cells], dict[str, str]]:
+    """The columns by name, and the units of those that are time stamps."""
+    library = arrow()
+    try:
+        table = library.parquet.read_table(path)
+    except (library.ArrowException, OSError) as error:
+        raise ConversionError(f"{path} is not a Parquet file: {error}") from error
+    found: dict[str, Cells] = {}
+    units = {}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if library.types.is_timestamp(column.type):
+            stamps = column.cast(library.timestamp("ns", column.type.tz))
+            found[name], units[name] = stamps.cast(library.int64()).to_numpy(), "ns"
+        elif library.types.is_list(column.type) or library.types.is_fixed_size_list(column.type):
+            found[name] = _stacked(column.to_pylist(), f"{path}: column {name!r}")
+        elif library.types.is_floating(column.type) or library.types.is_integer(column.type):
+            found[name] = column.to_numpy()
+        else:
+            found[name] = ["" if cell is None else str(cell) for cell in column.to_pylist()]
+    return found, units
+
+
+def _stacked(rows: Sequence[Any], where: str) -> NDArray[np.float64]:
+    if len({None if row is None else len(row) for row in rows}) != 1 or rows[0] is None:
+        raise ConversionError(f"{where} has rows of different lengths, expected the same in all")
+    return np.array(rows, np.float64)

@@ -1,0 +1,127 @@
+"""OpenLogs: the files and folders that a user named, and the tables in them."""
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from swarmdata.errors import ConversionError, DatasetNotFoundError, did_you_mean
+from swarmdata.interop.convert import source_digest
+from swarmdata.interop.logs.bag_tables import BagContents, is_bag, read_bag
+from swarmdata.interop.logs.log_tables import LogTable, is_match, read_table
+from swarmdata.specs.origins.log_map import LogMap, StaticTransform
+from swarmdata.specs.origins.log_origin import LogFile
+from swarmdata.specs.plain_names import repeated
+
+
+class OpenLogs:
+    """The logs by name; each is read once, when its first signal is.
+
+    Args:
+        paths: files, folders of files, and folders that are bags.
+        log_map: what they hold.
+        topics: all topics that the map names.
+
+    Raises:
+        DatasetNotFoundError: there is nothing at a path.
+        ConversionError: two logs have the same name.
+    """
+
+    def __init__(self, paths: Sequence[Path], log_map: LogMap, topics: Collection[str]) -> None:
+        self._map, self._topics = log_map, topics
+        found = [log for path in paths for log in _logs_at(path)]
+        kept = [log for log in found if not is_match(log.name, log_map.ignore_logs)]
+        if twice := repeated(log.name for log in kept):
+            raise ConversionError(
+                f"several logs are named {', '.join(twice)}; the map tells them apart by name only"
+            )
+        if not kept:
+            raise ConversionError("there are no logs, expected at least one")
+        self.paths = {log.name: log for log in kept}
+        self._tables: dict[str, LogTable] = {}
+        self._bags: dict[str, BagContents] = {}
+
+    def table(self, log: str | None, topic: str | None, signal: str) -> LogTable:
+        """The table of a signal.
+
+        Args:
+            log: its name; None if there is only one.
+            topic: of a bag; None for a table.
+            signal: in words, for errors, such as "pose of robot_0".
+
+        Raises:
+            ConversionError: there is no such log or topic, or it cannot be read.
+        """
+        name = self._name(log, signal)
+        path = self.paths[name]
+        if not is_bag(path):
+            if topic is not None:
+                raise ConversionError(f"the {signal} has the topic {topic}, but {path} is no bag")
+            if name not in self._tables:
+                self._tables[name] = read_table(path, self._map.tables)
+            return self._tables[name]
+        if topic is None:
+            raise ConversionError(f"the {signal} has no topic, which it needs in the bag {path}")
+        tables = self._bag(name).tables
+        if topic not in tables:
+            known = sorted({*tables, *self._bag(name).unread})
+            raise ConversionError(
+                f"{path} has no topic {topic} (of the {signal}).{did_you_mean(topic, known)} "
+                f"It has {', '.join(known)}."
+            )
+        return tables[topic]
+
+    def _name(self, log: str | None, signal: str) -> str:
+        if log is None and len(self.paths) == 1:
+            return next(iter(self.paths))
+        if log not in self.paths:
+            raise ConversionError(
+                f"the {signal} is in {log or 'a log that the map does not name'}, expected one of "
+                f"{', '.join(self.paths)}; `log` of the map names it"
+            )
+        return log
+
+    def _bag(self, name: str) -> BagContents:
+        if name not in self._bags:
+            self._bags[name] = read_bag(self.paths[name], self._topics)
+        return self._bags[name]
+
+    def transforms(self) -> list[StaticTransform]:
+        """The static transforms of all bags."""
+        bags = [self._bag(name) for name, path in self.paths.items() if is_bag(path)]
+        return [transform for bag in bags for transform in bag.transforms]
+
+    def unread_topics(self) -> list[str]:
+        """Topics of the bags that the map does not name, sorted."""
+        return sorted({topic for bag in self._bags.values() for topic in bag.unread})
+
+    def check_all_used(self) -> None:
+        """Checks that nothing of the tables was left out without being told.
+
+        Raises:
+            ConversionError: a log, or a column of a table, is neither mapped nor ignored.
+        """
+        if idle := [name for name in self.paths if name not in {**self._tables, **self._bags}]:
+            raise ConversionError(
+                f"the map uses nothing of {', '.join(idle)}. Leave the log out, name it in "
+                "`ignore_logs`, or map it."
+            )
+        for table in self._tables.values():
+            if rest := table.unused(self._map.ignore):
+                raise ConversionError(
+                    f"{table.name} has columns that the map does not use: {', '.join(rest)}. "
+                    "Keep them as `features`, or name them in `ignore`."
+                )
+
+    def files(self) -> tuple[LogFile, ...]:
+        """Name and digest of each log, by name."""
+        return tuple(
+            LogFile(name=name, sha256=source_digest(path))
+            for name, path in sorted(self.paths.items())
+        )
+
+
+def _logs_at(path: Path) -> list[Path]:
+    if not path.exists():
+        raise DatasetNotFoundError(f"there is no log at {path}")
+    if path.is_dir() and not is_bag(path):
+        return sorted(each for each in path.iterdir() if each.is_file())
+    return [path]

@@ -1,0 +1,73 @@
+"""Frames that stand still in each other, in the plane: poses of one become poses of the world."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from swarmdata.errors import ConversionError
+from swarmdata.interop.logs.resampling import Samples
+from swarmdata.specs.origins.log_map import StaticTransform
+from swarmdata.types import Double
+
+
+def yaw_of(x: Double, y: Double, z: Double, w: Double) -> Double:
+    """The rotation about the vertical axis of quaternions, rad, [n].
+
+    It is the Z of the Tait-Bryan angles Z-Y-X, as robots in the plane have only that one.
+    """
+    yaw: Double = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return yaw
+
+
+class PlanarFrames:
+    """The static transforms of a map and of its bags.
+
+    Args:
+        world: the frame of the dataset.
+        transforms: of the map first, which win over those of bags.
+    """
+
+    def __init__(self, world: str, transforms: Iterable[StaticTransform]) -> None:
+        self.world = world
+        self._parents: dict[str, StaticTransform] = {}
+        for transform in transforms:
+            self._parents.setdefault(transform.frame, transform)
+
+    def pose_of(self, frame: str, what: str) -> tuple[float, float, float]:
+        """The pose of a frame in the world: x and y in m, heading in rad.
+
+        Args:
+            frame: its name; empty for the world.
+            what: is in this frame, for the error, such as "poses of robot_0".
+
+        Raises:
+            ConversionError: no transforms lead from it to the world.
+        """
+        x, y, heading = 0.0, 0.0, 0.0
+        passed = [frame]
+        while passed[-1] not in ("", self.world):
+            transform = self._parents.get(passed[-1])
+            if transform is None or transform.parent in passed:
+                raise ConversionError(
+                    f"{what} are in the frame {frame!r}, and no static transforms lead from it to "
+                    f"{self.world!r} (the way was {' > '.join(passed)}). Add one to `transforms` "
+                    f"of the map, or set `world: {frame}` if it is the dataset's frame."
+                )
+            cosine, sine = np.cos(transform.heading), np.sin(transform.heading)
+            x, y = transform.x + cosine * x - sine * y, transform.y + sine * x + cosine * y
+            heading += transform.heading
+            passed.append(transform.parent)
+        return float(x), float(y), float(heading)
+
+    def points(self, samples: Samples, frame: str, what: str) -> Samples:
+        """Points [n, 2] of a frame as points of the world.
+
+        Raises:
+            ConversionError: no transforms lead from the frame to the world.
+        """
+        x, y, heading = self.pose_of(frame, what)
+        if (x, y, heading) == (0.0, 0.0, 0.0):
+            return samples
+        cosine, sine = np.cos(heading), np.sin(heading)
+        turned = samples.values @ np.array([[cosine, sine], [-sine, cosine]])
+        return Samples(samples.times, turned + np.array([x, y]))

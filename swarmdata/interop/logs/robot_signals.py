@@ -1,0 +1,293 @@
+"""RobotSignals: what a map says of one robot, read as samples in SI units and in the world."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import ConversionError
+from swarmdata.interop.logs.open_logs import OpenLogs
+from swarmdata.interop.logs.planar_frames import PlanarFrames, yaw_of
+from swarmdata.interop.logs.resampling import Samples, nanoseconds
+from swarmdata.specs.origins.log_map import (
+    UNITS,
+    CodeOf,
+    ColumnOf,
+    CommandSignal,
+    FeatureSignal,
+    GoalSignal,
+    LoggedRobot,
+    LogMap,
+    LogSource,
+    MarkerSignal,
+    PoseSignal,
+    RewardSignal,
+    ScanSignal,
+)
+from swarmdata.types import Bool, Double, Int
+
+DEFAULT_TIME = ColumnOf(column="time")
+
+POSITION, ANGLE = ("length", "m"), ("angle", "rad")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotSignals:
+    """The samples of one robot; a signal that the map does not name is None."""
+
+    robot: LoggedRobot
+    positions: Samples  # x, y in the world, m
+    headings: Samples  # in the world, rad
+    commands: Samples | None  # components in SI units; None: differences of the poses
+    goals: Samples | None  # x, y in the world, m
+    scans: Samples | None  # ranges, m
+    features: tuple[Samples, ...]
+    rewards: Samples | None
+
+
+def sources_of(log_map: LogMap) -> Iterator[LogSource]:
+    """Every source of a map, the robots' own ones included."""
+    for robot in log_map.robots:
+        yield from (robot, robot.pose, robot.command, *robot.features)
+        yield from (each for each in (robot.goal, robot.scan, robot.reward) if each is not None)
+    if log_map.episodes.marker is not None:
+        yield log_map.episodes.marker
+
+
+def topics_of(log_map: LogMap) -> frozenset[str]:
+    """Every topic that a map names."""
+    return frozenset(each.topic for each in sources_of(log_map) if each.topic is not None)
+
+
+class SignalReader:
+    """Reads signals of open logs.
+
+    Args:
+        logs: the logs.
+        frames: the static transforms.
+
+    Attributes:
+        counts: rows that were put in order, and that repeat the time of another, by what they are.
+    """
+
+    def __init__(self, logs: OpenLogs, frames: PlanarFrames) -> None:
+        self._logs, self._frames = logs, frames
+        self.counts: Counter[str] = Counter()
+
+    def robot(self, robot: LoggedRobot) -> RobotSignals:
+        """Reads everything that a map says of a robot.
+
+        Raises:
+            ConversionError: a column is absent, is no number, or has another unit.
+        """
+        positions, headings = self._poses(robot, robot.pose)
+        is_logged = not robot.command.differences
+        return RobotSignals(
+            robot=robot,
+            positions=positions,
+            headings=headings,
+            commands=self._commands(robot, robot.command) if is_logged else None,
+            goals=None if robot.goal is None else self._goals(robot, robot.goal),
+            scans=None if robot.scan is None else self._scans(robot, robot.scan),
+            features=tuple(self._feature(robot, each) for each in robot.features),
+            rewards=None if robot.reward is None else self._rewards(robot, robot.reward),
+        )
+
+    def marker(self, marker: MarkerSignal) -> Samples:
+        """A column of markers; texts become the numbers of their values, in order."""
+        rows = _Rows(self._logs, None, marker, "marker of episodes")
+        cells = rows.texts(marker.column)
+        codes = {text: code for code, text in enumerate(dict.fromkeys(cells))}
+        return self._samples(rows, [np.array([codes[text] for text in cells], np.float64)])
+
+    def _poses(self, robot: LoggedRobot, pose: PoseSignal) -> tuple[Samples, Samples]:
+        rows = _Rows(self._logs, robot, pose, f"pose of {robot.name}")
+        if pose.quaternion is None:
+            heading = rows.quantity(pose.heading, ANGLE)
+        else:
+            heading = yaw_of(*(rows.quantity(ColumnOf(column=c)) for c in pose.quaternion))
+        columns = [*(rows.quantity(each, POSITION) for each in (pose.x, pose.y)), heading]
+        samples = self._samples(rows, columns)
+        frame, what = pose.frame or rows.table.frame, f"poses of {robot.name}"
+        positions = Samples(samples.times, samples.values[:, :2])
+        _, _, turn = self._frames.pose_of(frame, what)
+        return (
+            self._frames.points(positions, frame, what),
+            Samples(samples.times, samples.values[:, 2:] + turn),
+        )
+
+    def _commands(self, robot: LoggedRobot, command: CommandSignal) -> Samples:
+        rows = _Rows(self._logs, robot, command, f"command of {robot.name}")
+        return self._samples(rows, [rows.quantity(each) for each in command.components])
+
+    def _goals(self, robot: LoggedRobot, goal: GoalSignal) -> Samples:
+        rows = _Rows(self._logs, robot, goal, f"goal of {robot.name}")
+        samples = self._samples(rows, [rows.quantity(each, POSITION) for each in (goal.x, goal.y)])
+        frame = goal.frame or rows.table.frame
+        return self._frames.points(samples, frame, f"goals of {robot.name}")
+
+    def _scans(self, robot: LoggedRobot, scan: ScanSignal) -> Samples:
+        rows = _Rows(self._logs, robot, scan, f"scan of {robot.name}")
+        names = [name for each in scan.columns for name in rows.table.matching(each) or [each]]
+        columns = [rows.quantity(ColumnOf(column=n, unit=scan.unit), POSITION) for n in names]
+        ranges = np.concatenate([_two(column) for column in columns], axis=1)
+        return self._samples(rows, [clean_scans(ranges, scan, robot.name)])
+
+    def _feature(self, robot: LoggedRobot, feature: FeatureSignal) -> Samples:
+        rows = _Rows(self._logs, robot, feature, f"feature {feature.name} of {robot.name}")
+        wanted = ANGLE if feature.between == "angle" else None
+        return self._samples(rows, [rows.quantity(feature.column, wanted)])
+
+    def _rewards(self, robot: LoggedRobot, reward: RewardSignal) -> Samples:
+        rows = _Rows(self._logs, robot, reward, f"reward of {robot.name}")
+        return self._samples(rows, [rows.quantity(reward.column)], is_kept_twice=True)
+
+    def _samples(
+        self, rows: "_Rows", columns: Iterable[NDArray[Any]], *, is_kept_twice: bool = False
+    ) -> Samples:
+        """The rows in the order of time, without those that have no value.
+
+        Of rows with the same time the last is taken; rewards are added up.
+        """
+        values: Double = np.concatenate([_two(column) for column in columns], axis=1)
+        times = rows.times()
+        if np.isinf(values).any():
+            raise ConversionError(f"the {rows.what} ({rows.table.name}) has infinite values")
+        whole = ~np.isnan(values).any(axis=1)
+        times, values = times[whole], values[whole]
+        order = np.argsort(times, kind="stable")
+        self.counts["reordered_rows"] += int((np.diff(times) < 0).sum())
+        times, values = times[order], values[order]
+        last = np.append(np.diff(times) > 0, True)[: len(times)]
+        self.counts["repeated_rows"] += int((~last).sum())
+        if is_kept_twice and len(times):
+            values = np.add.reduceat(values, np.flatnonzero(np.append(True, last[:-1])))
+            return Samples(times[last], values)
+        return Samples(times[last], values[last])
+
+
+class _Rows:
+    """The rows of one signal.
+
+    Args:
+        logs: the logs.
+        robot: whose signal it is; its source holds where the signal's says nothing.
+        source: of the signal.
+        what: the signal in words, for errors.
+    """
+
+    def __init__(
+        self, logs: OpenLogs, robot: LoggedRobot | None, source: LogSource, what: str
+    ) -> None:
+        sources = [source] if robot is None else [source, robot]
+        log = next((each.log for each in sources if each.log is not None), None)
+        topic = next((each.topic for each in sources if each.topic is not None), None)
+        wanted = next((each.rows for each in sources if each.rows is not None), None)
+        self.what, self.table = what, logs.table(log, topic, what)
+        self._time = next((each.time for each in sources if each.time), DEFAULT_TIME)
+        self._offset = 0 if robot is None else nanoseconds(robot.clock_offset)
+        self._chosen: Bool = np.ones(self.table.n_rows, np.bool_)
+        for column, value in (wanted or {}).items():
+            is_code = isinstance(value, CodeOf)
+            text = _look_up(logs, value, what) if isinstance(value, CodeOf) else value
+            self._chosen &= self.table.rows_with(column, text, may_lack=is_code)
+
+    def texts(self, column: str) -> list[str]:
+        """A column as text."""
+        cells = self.table.texts(column)
+        return [cells[k] for k in np.flatnonzero(self._chosen)]
+
+    def quantity(self, column: ColumnOf, wanted: tuple[str, str] | None = None) -> Double:
+        """A column in SI units, [n] or [n, B].
+
+        Args:
+            column: name and unit.
+            wanted: the quantity and its SI unit; None: that of the column's unit.
+
+        Raises:
+            ConversionError: the unit is of another quantity, or the format has another one.
+        """
+        values = self.table.numbers(column.column)[self._chosen]
+        unit = self._unit(column, wanted[1] if wanted else "1")
+        if wanted and UNITS[unit][0] != wanted[0]:
+            raise ConversionError(
+                f"the {self.what} has the unit {unit} in column {column.column!r}, expected a "
+                f"unit of {wanted[0]} such as {wanted[1]}"
+            )
+        factor = UNITS[unit][1]
+        return np.asarray(values if factor == 1 else values * factor, np.float64)
+
+    def times(self) -> Int:
+        """The times of the rows, on the clock of the map, [n] ns.
+
+        Raises:
+            ConversionError: a row has none, or the unit is none of time.
+        """
+        unit = self._unit(self._time, "s")
+        if UNITS[unit][0] != "time":
+            raise ConversionError(
+                f"the times of the {self.what} have the unit {unit}, expected s, ms, us or ns"
+            )
+        return self.table.nanoseconds(self._time.column, unit)[self._chosen] + self._offset
+
+    def _unit(self, column: ColumnOf, default: str) -> str:
+        fixed = self.table.units.get(column.column)
+        if fixed and column.unit and fixed != column.unit:
+            raise ConversionError(
+                f"the {self.what} has the unit {column.unit} in column {column.column!r}, whose "
+                f"unit in {self.table.name} is {fixed}; leave it out"
+            )
+        return column.unit or fixed or default
+
+
+def _look_up(logs: OpenLogs, code: CodeOf, what: str) -> str:
+    """The value that another table has.
+
+    Raises:
+        ConversionError: not exactly one row of that table is meant.
+    """
+    table = logs.table(code.log, None, what)
+    chosen = np.ones(table.n_rows, np.bool_)
+    for column, value in code.rows.items():
+        chosen &= table.rows_with(column, value)
+    if chosen.sum() != 1:
+        raise ConversionError(
+            f"{table.name} has {chosen.sum()} rows with {code.rows}, expected one for the {what}"
+        )
+    return table.texts(code.column)[int(np.argmax(chosen))]
+
+
+def clean_scans(ranges: Double, scan: ScanSignal, name: str) -> Double:
+    """Ranges in [range_min, range_max], the smallest of each sector; unknown scans are NaN.
+
+    REP 117 of ROS: `inf` is nothing in range, `-inf` too near to measure, NaN an invalid range.
+
+    Args:
+        ranges: as they were logged, m, [n, B].
+        scan: what the map says of them.
+        name: of the robot, for errors.
+
+    Raises:
+        ConversionError: the beams cannot be divided into sectors of the same size.
+    """
+    n_beams = ranges.shape[1]
+    invalid = np.isnan(ranges) | (ranges < scan.range_min)
+    found = np.where(invalid, scan.range_max, ranges).clip(max=scan.range_max)
+    if scan.invalid == "unknown":
+        found[invalid] = np.nan
+    if scan.beams in (None, n_beams):
+        return found
+    if n_beams % scan.beams:
+        raise ConversionError(
+            f"scans of {name} have {n_beams} beams, which {scan.beams} sectors do not divide; "
+            "choose a divisor for `beams`"
+        )
+    sectors: Double = found.reshape(len(found), scan.beams, -1).min(axis=2)
+    return sectors
+
+
+def _two(values: NDArray[Any]) -> NDArray[Any]:
+    return values[:, None] if values.ndim == 1 else values

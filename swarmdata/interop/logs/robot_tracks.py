@@ -1,0 +1,190 @@
+"""RobotTrack: the signals of one robot at the times of the grid, as rows of a dataset."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.errors import ConversionError
+from swarmdata.interop.logs.resampling import (
+    Samples,
+    add_up,
+    hold,
+    interpolate,
+    interpolate_angles,
+    nanoseconds,
+    wrap,
+)
+from swarmdata.interop.logs.robot_signals import RobotSignals
+from swarmdata.specs.gymnasium_spaces import common_bound
+from swarmdata.specs.origins.log_map import FeatureSignal, LogMap, Signal
+from swarmdata.specs.origins.recorded_spec import RecordedAgent
+from swarmdata.specs.spaces import BoxSpace, DictSpace, Space
+from swarmdata.types import Bool, Double, Float, Int
+
+POSE_SPACE = BoxSpace(shape=(4,), dtype="float32")
+"""x and y in the world (m), cosine and sine of the heading."""
+
+POINT_SPACE = BoxSpace(shape=(2,), dtype="float32")
+
+KNOWN_SPACE = BoxSpace(shape=(1,), dtype="float32", low=0.0, high=1.0)
+"""1 where a signal is known; where it is not, its columns are 0, and so is this."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotTrack:
+    """One robot on a grid of K times."""
+
+    agent: RecordedAgent
+    observations: Float  # [K, O] 0 where a signal is unknown
+    is_placed: Bool  # [K] whether its pose is known
+    actions: Float  # [K, A] in force from each time on
+    is_commanded: Bool  # [K] whether they are known
+    rewards: Float  # [K] of the step from each time on
+    goals: Double  # [K, 2] m; NaN where unknown
+    n_clipped: int  # commands outside their bounds
+
+
+def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
+    """Resamples one robot.
+
+    Raises:
+        ConversionError: a command is outside its bounds, and the map does not say `clip`.
+    """
+    robot, K = signals.robot, len(grid)
+    gap = _gap(robot.pose, log_map)
+    positions, is_placed = interpolate(signals.positions, grid, gap)
+    headings, _ = interpolate_angles(signals.headings, grid, gap)
+    pose = np.concatenate([positions, np.cos(headings), np.sin(headings)], axis=1)
+    parts: dict[str, tuple[Space, Double]] = {"pose": (POSE_SPACE, pose * is_placed[:, None])}
+    goals = np.full((K, 2), np.nan)
+    if signals.goals is not None:
+        held, known = hold(signals.goals, grid, None)
+        goals[known] = held[known]
+        parts |= _flagged("goal", POINT_SPACE, held, known)
+    if robot.scan is not None and signals.scans is not None:
+        n_beams = signals.scans.values.shape[1]
+        farthest = float(np.float32(robot.scan.range_max))
+        space = BoxSpace(shape=(n_beams,), dtype="float32", low=0.0, high=farthest)
+        parts |= _flagged("scan", space, *hold(signals.scans, grid, _gap(robot.scan, log_map)))
+    for feature, samples in zip(robot.features, signals.features, strict=True):
+        values, known = _feature(feature, samples, grid, _gap(feature, log_map))
+        space = BoxSpace(shape=(values.shape[1],), dtype="float32")
+        parts |= _flagged(feature.name, space, values, known)
+    commands, is_commanded = _commands(signals, log_map, grid, positions, headings, is_placed)
+    actions, n_clipped = _bounded(signals, commands, is_commanded, grid)
+    return RobotTrack(
+        agent=_agent(signals, {name: space for name, (space, _) in parts.items()}),
+        # the entries of a dictionary stand in the order of its sorted keys
+        observations=np.concatenate(
+            [values.astype(np.float32) for _, (_, values) in sorted(parts.items())], axis=1
+        ),
+        is_placed=is_placed,
+        actions=actions,
+        is_commanded=is_commanded,
+        rewards=_rewards(signals, grid),
+        goals=goals,
+        n_clipped=n_clipped,
+    )
+
+
+def _gap(signal: Signal, log_map: LogMap) -> int:
+    return nanoseconds(signal.max_gap or log_map.max_gap)
+
+
+def _flagged(
+    name: str, space: Space, values: Double, known: Bool
+) -> dict[str, tuple[Space, Double]]:
+    """A signal that may be unknown, and the column that says where it is."""
+    flags = known[:, None].astype(np.float64)
+    return {name: (space, values * flags), f"{name}_known": (KNOWN_SPACE, flags)}
+
+
+def _feature(feature: FeatureSignal, samples: Samples, grid: Int, gap: int) -> tuple[Double, Bool]:
+    if feature.between == "held":
+        return hold(samples, grid, gap)
+    if feature.between == "linear":
+        return interpolate(samples, grid, gap)
+    angles, known = interpolate_angles(samples, grid, gap)
+    return np.concatenate([np.cos(angles), np.sin(angles)], axis=1), known
+
+
+def _commands(
+    signals: RobotSignals, log_map: LogMap, grid: Int, positions: Double, headings: Double,
+    is_placed: Bool,
+) -> tuple[Double, Bool]:  # fmt: skip
+    """Commands in force from each time on, in SI units, [K, A], and which are known, [K]."""
+    command = signals.robot.command
+    if signals.commands is not None:
+        return hold(signals.commands, grid, _gap(command, log_map))
+    moved = np.diff(positions, axis=0, append=positions[-1:]) / log_map.dt
+    turned = wrap(np.diff(headings, axis=0, append=headings[-1:])) / log_map.dt
+    cosine, sine = np.cos(headings[:, 0]), np.sin(headings[:, 0])
+    found = {
+        "vx": moved[:, 0],
+        "vy": moved[:, 1],
+        "omega": turned[:, 0],
+    }
+    if command.frame == "body":
+        found["v"] = cosine * moved[:, 0] + sine * moved[:, 1]
+        found["vy"] = -sine * moved[:, 0] + cosine * moved[:, 1]
+    known = is_placed & np.append(is_placed[1:], False)
+    values = np.stack([found[each.column] for each in command.components], axis=1)
+    return values * known[:, None], known
+
+
+def _bounded(signals: RobotSignals, commands: Double, known: Bool, grid: Int) -> tuple[Float, int]:
+    """Commands within their bounds, [K, A], and how many were not."""
+    command = signals.robot.command
+    lows = np.array([each.low for each in command.components], np.float32)
+    highs = np.array([each.high for each in command.components], np.float32)
+    actions = commands.astype(np.float32)
+    outside = ((actions < lows) | (actions > highs)) & known[:, None]
+    if outside.any() and command.outside == "refuse":
+        time, column = np.argwhere(outside)[0].tolist()
+        each = command.components[column]
+        raise ConversionError(
+            f"the command {each.column} of {signals.robot.name} is {commands[time, column]:g} at "
+            f"{(grid[time] - grid[0]) / 1e9:g} s, expected {each.low:g} to {each.high:g} (one of "
+            f"{int(outside.any(axis=1).sum()):,} commands outside their bounds). Widen the bounds, "
+            "or say `outside: clip`."
+        )
+    return np.where(known[:, None], actions.clip(lows, highs), np.float32(0)), int(
+        outside.any(axis=1).sum()
+    )
+
+
+def _rewards(signals: RobotSignals, grid: Int) -> Float:
+    """Rewards of the step from each time on, 0 where none were logged, [K]."""
+    rewards = np.zeros(len(grid))
+    if signals.rewards is not None and signals.robot.reward is not None:
+        if signals.robot.reward.over == "sum":
+            rewards[:-1] = add_up(signals.rewards, grid)[:, 0]
+        else:
+            rewards[:] = hold(signals.rewards, grid, None)[0][:, 0]
+    return rewards.astype(np.float32)
+
+
+def _agent(signals: RobotSignals, spaces: dict[str, Space]) -> RecordedAgent:
+    components = signals.robot.command.components
+    action = BoxSpace(
+        shape=(len(components),),
+        dtype="float32",
+        low=common_bound(np.array([each.low for each in components], np.float32)),
+        high=common_bound(np.array([each.high for each in components], np.float32)),
+    )
+    return RecordedAgent(
+        name=signals.robot.name, observation=DictSpace(spaces=spaces), action=action
+    )
+
+
+def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
+    """First and last time at which a pose of any robot was logged, ns.
+
+    Raises:
+        ConversionError: a robot has no poses.
+    """
+    for each in tracks:
+        if not len(each.positions.times):
+            raise ConversionError(f"{each.robot.name} has no poses, expected at least two")
+    first = min(int(each.positions.times[0]) for each in tracks)
+    return first, max(int(each.positions.times[-1]) for each in tracks)

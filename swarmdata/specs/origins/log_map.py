@@ -1,0 +1,263 @@
+"""LogMap, where in the logs of robots a dataset's columns are, as a YAML file says it."""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from swarmdata.specs.frozen import Frozen, Positive
+from swarmdata.specs.plain_names import Label, Name, Text, repeated
+
+UNITS: Mapping[str, tuple[str, float]] = {
+    "m": ("length", 1.0), "cm": ("length", 1e-2), "mm": ("length", 1e-3), "km": ("length", 1e3),
+    "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180),
+    "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6), "ns": ("time", 1e-9),
+    "m/s": ("speed", 1.0), "cm/s": ("speed", 1e-2), "mm/s": ("speed", 1e-3),
+    "rad/s": ("turn rate", 1.0), "deg/s": ("turn rate", math.pi / 180),
+    "1": ("number", 1.0),
+}  # fmt: skip
+"""Quantity and size in SI units of each unit that a map may name."""
+
+Unit = Literal[
+    "m", "cm", "mm", "km", "rad", "deg", "s", "ms", "us", "ns",
+    "m/s", "cm/s", "mm/s", "rad/s", "deg/s", "1",
+]  # fmt: skip
+
+BODY_DIFFERENCES, WORLD_DIFFERENCES = ("v", "vy", "omega"), ("vx", "vy", "omega")
+"""Commands that finite differences of poses give, in the robot's frame and in the world's."""
+
+Finite = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+
+
+def _column_alone(value: Any) -> Any:
+    return {"column": value} if isinstance(value, str) else value
+
+
+class ColumnOf(Frozen):
+    """One column of a table, or one field of a message such as `pose.position.x`."""
+
+    column: Text  # its name
+    unit: Unit | None = None  # none: as the format says, else metres, radians, seconds
+
+
+ColumnOrName = Annotated[ColumnOf, BeforeValidator(_column_alone)]
+"""A column, of which the name alone may be given."""
+
+
+class CodeOf(Frozen):
+    """A value that another table has, such as the barcode of a robot."""
+
+    log: Text  # file name of the table
+    rows: dict[Text, Text | int]  # of that table; one row has these values
+    column: Text  # that holds the value
+
+
+class LogSource(Frozen):
+    """Where a signal is. What a signal leaves out is that of its robot."""
+
+    log: Text | None = None  # file name of the log; none: the only one
+    topic: Text | None = None  # of a bag; a table has none
+    rows: dict[Text, Text | int | CodeOf] | None = None  # only rows with these values, by column
+    time: ColumnOrName | None = None  # none: the column `time`
+
+
+class Signal(LogSource):
+    """A signal that is unknown where its samples are too far apart."""
+
+    max_gap: Positive | None = None  # s; none: that of the map
+
+
+class PoseSignal(Signal):
+    """Poses of a robot in the plane."""
+
+    x: ColumnOrName = ColumnOf(column="x")  # position
+    y: ColumnOrName = ColumnOf(column="y")  # likewise
+    heading: ColumnOrName = ColumnOf(column="heading")  # counter-clockwise from the x axis
+    quaternion: tuple[Text, Text, Text, Text] | None = None  # columns of x, y, z, w, for a heading
+    frame: Text | None = None  # of the poses; none: that of the messages, else the world
+
+
+class CommandComponent(ColumnOf):
+    """One component of a command, with its bounds in SI units."""
+
+    low: Finite  # least value, in SI units
+    high: Finite  # greatest value, likewise
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.low >= self.high:
+            raise ValueError(f"low is {self.low:g}, expected less than high ({self.high:g})")
+        return self
+
+
+class CommandSignal(Signal):
+    """Commands of a robot, each held until the next one: the actions of the dataset."""
+
+    components: Annotated[tuple[CommandComponent, ...], Field(min_length=1, max_length=64)]
+    """Of the action, in order."""
+    frame: Literal["body", "world"] = "body"  # of the components
+    differences: bool = False  # computed of the poses, because no commands were logged
+    outside: Literal["refuse", "clip"] = "refuse"  # commands beyond their bounds
+
+    @model_validator(mode="after")
+    def _check_differences(self) -> Self:
+        names = [each.column for each in self.components]
+        if twice := repeated(names):
+            raise ValueError(f"several components are of the column {', '.join(twice)}")
+        known = BODY_DIFFERENCES if self.frame == "body" else WORLD_DIFFERENCES
+        if self.differences and (wrong := [name for name in names if name not in known]):
+            raise ValueError(
+                f"differences in the frame {self.frame} give {', '.join(known)}, not "
+                f"{', '.join(wrong)}"
+            )
+        return self
+
+
+class GoalSignal(LogSource):
+    """Goals of a robot, each held until the next one, however long that takes."""
+
+    x: ColumnOrName = ColumnOf(column="x")  # position
+    y: ColumnOrName = ColumnOf(column="y")  # likewise
+    frame: Text | None = None  # of the goals; none: that of the messages, else the world
+
+
+class ScanSignal(Signal):
+    """Ranges of a robot's scanner; `inf` and more than `range_max` is nothing in range."""
+
+    columns: Annotated[tuple[Text, ...], Field(min_length=1)] = ("ranges",)
+    """Columns in order; `scan_*` stands for all that begin so, in the order of the table."""
+    unit: Unit = "m"  # of the ranges
+    range_min: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # m; smaller ranges are invalid
+    range_max: Positive  # m; what is farther is out of range
+    beams: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    """Sectors to keep, of each the smallest range; none: every beam."""
+    invalid: Literal["unknown", "nothing"] = "unknown"
+    """What a beam means that is no number or too near: a scan of which nothing is known, or
+    nothing in range."""
+
+
+class FeatureSignal(Signal):
+    """A further column, for observations."""
+
+    name: Name  # of the entry in observations
+    column: ColumnOrName  # that holds it
+    between: Literal["linear", "held", "angle"] = "linear"  # samples; angles become cosine and sine
+
+
+class RewardSignal(LogSource):
+    """Rewards of a robot, in a column."""
+
+    column: ColumnOrName = ColumnOf(column="reward")  # that holds them
+    over: Literal["sum", "held"] = "sum"  # of a step: the sum of its rows, or the value before it
+
+
+class LoggedRobot(LogSource):
+    """One robot; `{robot}` in any text is its name. What it says of logs holds for its signals."""
+
+    name: Name  # unique in the team
+    clock_offset: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0  # s, added to its times
+    pose: PoseSignal = PoseSignal()  # where it was
+    command: CommandSignal  # what it was told to do
+    goal: GoalSignal | None = None  # where it should go, if that was logged
+    scan: ScanSignal | None = None  # what its scanner measured, if it had one
+    features: tuple[FeatureSignal, ...] = ()  # what else it observes
+    reward: RewardSignal | None = None  # none: rewards are 0
+
+    @model_validator(mode="after")
+    def _check_names(self) -> Self:
+        fixed = [name for name in ("pose", "goal", "scan") if getattr(self, name) is not None]
+        names = [*fixed, *(feature.name for feature in self.features)]
+        if twice := repeated(name for each in names for name in (each, f"{each}_known")):
+            raise ValueError(f"{', '.join(twice)} is the name of several signals of {self.name}")
+        return self
+
+
+class StaticTransform(Frozen):
+    """A frame that stands still in its parent: where its origin is, and how it is turned."""
+
+    frame: Text  # its name
+    parent: Text  # the frame that it stands in
+    x: Finite = 0.0  # m, of its origin in the parent
+    y: Finite = 0.0  # m, likewise
+    heading: Finite = 0.0  # rad, counter-clockwise
+
+
+class TableForm(Frozen):
+    """How text tables are written."""
+
+    delimiter: Annotated[str, Field(pattern=r"^(.|\t|whitespace)$")] = ","
+    """One character, or `whitespace` for any number of spaces and tabs."""
+    header: tuple[Text, ...] | None = None  # names of the columns; none: the first line has them
+    comment: Annotated[str, Field(max_length=8)] = ""  # lines that begin so are left out
+
+
+class MarkerSignal(LogSource):
+    """A column whose value changes where an episode begins."""
+
+    column: Text  # its name
+
+
+class EpisodeCuts(Frozen):
+    """How a log becomes episodes; it is cut wherever nobody acts, too."""
+
+    marker: MarkerSignal | None = None  # cut where this column changes
+    goal_change: Positive | None = None  # m; cut where a goal moves farther than this
+    length: Positive | None = None  # s; most of an episode
+    min_steps: Annotated[int, Field(ge=1, le=10**9)] = 2  # shorter ones are left out, and counted
+    ends: Literal["truncation", "termination"] = "truncation"  # at markers and changes of goals
+
+
+class LogMap(Frozen):
+    """Which topics and columns of logs are the poses, commands and observations of robots."""
+
+    dt: Annotated[float, Field(ge=1e-6, le=1e6)]  # s, duration of a step
+    robots: Annotated[tuple[LoggedRobot, ...], Field(min_length=1, max_length=1024)]
+    """The team, in order; a name alone takes everything from `each`."""
+    max_gap: Positive = 0.5  # s; a signal is unknown between samples that are farther apart
+    gaps: Literal["mask", "cut"] = "mask"  # a robot with a gap is absent, or the episode is cut
+    episodes: EpisodeCuts = EpisodeCuts()  # where they begin and end
+    policy: Label = "logged"  # who commanded
+    world: Text = "world"  # frame of the dataset
+    transforms: tuple[StaticTransform, ...] = ()  # beside those of the bags
+    tables: dict[Text, TableForm] = Field(default_factory=dict)  # by file name, `*` for any text
+    ignore: tuple[Text, ...] = ()  # columns that are left out, by name, `*` for any text
+    ignore_logs: tuple[Text, ...] = ()  # files of a folder that are left out, likewise
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, content: Any) -> Any:
+        """Gives every robot what `each` says, and puts its name in the place of `{robot}`."""
+        if not isinstance(content, Mapping) or not isinstance(content.get("robots"), list):
+            return content
+        rest = {key: value for key, value in content.items() if key != "each"}
+        shared = content.get("each", {})
+        if not isinstance(shared, Mapping):
+            raise ValueError("each: expected a mapping, which holds for every robot")
+        robots = [{"name": each} if isinstance(each, str) else each for each in content["robots"]]
+        rest["robots"] = [
+            _named({**shared, **each}, str(each.get("name", "")))
+            if isinstance(each, Mapping)
+            else each
+            for each in robots
+        ]
+        return rest
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if twice := repeated(robot.name for robot in self.robots):
+            raise ValueError(f"several robots are named {', '.join(twice)}, expected one each")
+        if twice := repeated(each.frame for each in self.transforms):
+            raise ValueError(f"several transforms place the frame {', '.join(twice)}")
+        if self.episodes.goal_change and not any(robot.goal for robot in self.robots):
+            raise ValueError("episodes.goal_change needs the goal of a robot, and there is none")
+        return self
+
+
+def _named(value: Any, name: str) -> Any:
+    """The value with a robot's name in every text."""
+    if isinstance(value, str):
+        return value.replace("{robot}", name)
+    if isinstance(value, Mapping):
+        return {key: _named(each, name) for key, each in value.items()}
+    return [_named(each, name) for each in value] if isinstance(value, list) else value

@@ -1,0 +1,95 @@
+"""ImportedLogs, a dataset made of the logs of robots."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins.log_map import LogMap
+from swarmdata.specs.origins.recording_origin import Id
+from swarmdata.specs.origins.spec_kinds import AnySpec
+from swarmdata.specs.plain_names import Label, Sha256, Text
+from swarmdata.specs.recipe import Policies, SplitRule, Splits
+
+
+class LogFile(Frozen):
+    """One log, and what it held; a bag of several files is one log."""
+
+    name: Text
+    sha256: Sha256
+
+
+class ImportedLogs(Frozen):
+    """A dataset made of logs of robots by a map; the same logs and map give it again."""
+
+    kind: Literal["logs"] = "logs"
+    id: Id
+    tier: Label = "logged"
+    spec: AnySpec
+    policies: Policies
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
+    splits: Splits = Splits()
+    files: Annotated[tuple[LogFile, ...], Field(min_length=1)]
+    log_map: LogMap
+    metadata: dict[Text, Text] = Field(default_factory=dict)  # of the author and of the import
+
+    @property
+    def recipe(self) -> None:
+        """None: no recipe generates what robots did."""
+        return
+
+    @property
+    def parents(self) -> tuple[()]:
+        """None: it was made from no other dataset."""
+        return ()
+
+    @property
+    def split_rule(self) -> SplitRule:
+        """The rule that splits its episodes."""
+        return SplitRule(self.splits, self.seed)
+
+    @property
+    def has_world_seeds(self) -> bool:
+        """False: robots have no seeds; the numbers of the episodes take their place."""
+        return False
+
+    @property
+    def source(self) -> str:
+        """The logs, with their digests."""
+        return "logs of robots, " + ", ".join(
+            f"{file.name} (SHA-256 {file.sha256})" for file in self.files
+        )
+
+    @property
+    def source_sha256(self) -> None:
+        """None: every log has a digest of its own."""
+        return
+
+    @property
+    def remaking(self) -> str:
+        """How the same logs give it again."""
+        return (
+            "The same logs give this dataset again, with the same digest: "
+            "`swarmdata import LOG... --map recipe.json --out FOLDER`, with the file beside this "
+            "card."
+        )
+
+    @property
+    def license(self) -> str:
+        """The one its author gave it."""
+        return self.metadata.get("license", "unknown")
+
+    @property
+    def about_tier(self) -> str:
+        """What the card says of the tier."""
+        text = (
+            f"Logged by robots and resampled to steps of {self.log_map.dt:g} s: positions "
+            "linearly, headings on the circle, each command held until the next. "
+        )
+        guessed = [robot.name for robot in self.log_map.robots if robot.command.differences]
+        if guessed:
+            text += (
+                f"**The actions of {', '.join(guessed)} are no commands**: none were logged, and "
+                "they are finite differences of the poses. "
+            )
+        return text + "Gaps are masked: where a robot's pose or command is not known, it is absent."

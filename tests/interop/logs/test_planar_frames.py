@@ -1,0 +1,43 @@
+"""Static transforms in the plane."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from swarmdata.errors import ConversionError
+from swarmdata.interop.logs.planar_frames import PlanarFrames, yaw_of
+from swarmdata.interop.logs.resampling import Samples
+from swarmdata.specs.origins.log_map import StaticTransform
+
+
+def transform(frame: str, parent: str, **pose: float) -> StaticTransform:
+    return StaticTransform(frame=frame, parent=parent, **pose)
+
+
+def test_a_chain_of_frames_is_followed() -> None:
+    quarter = np.pi / 2
+    frames = PlanarFrames(
+        "map", [transform("odom", "hall", x=1, heading=quarter), transform("hall", "map", y=2)]
+    )
+    points = frames.points(Samples(np.arange(1), np.array([[3.0, 0.5]])), "odom", "poses")
+    assert_allclose(points.values, [[1 - 0.5, 3 + 2]], atol=1e-12)
+    assert_allclose(frames.pose_of("odom", "poses"), (1, 2, quarter))
+    assert frames.pose_of("", "poses") == frames.pose_of("map", "poses") == (0, 0, 0)
+
+
+@pytest.mark.parametrize("parent", ["nowhere", "odom"])
+def test_a_frame_without_a_way_to_the_world_is_refused(parent: str) -> None:
+    frames = PlanarFrames("map", [transform("odom", parent)])
+    with pytest.raises(ConversionError, match="poses of anna are in the frame 'odom', and no"):
+        frames.pose_of("odom", "poses of anna")
+
+
+def test_the_first_of_two_transforms_wins() -> None:
+    frames = PlanarFrames("map", [transform("odom", "map", x=1), transform("odom", "map", x=2)])
+    assert frames.pose_of("odom", "poses")[0] == 1
+
+
+def test_yaws_of_quaternions() -> None:
+    angles = np.linspace(-3, 3, 13)
+    zeros = np.zeros(13)
+    assert_allclose(yaw_of(zeros, zeros, np.sin(angles / 2), np.cos(angles / 2)), angles)
