@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build, build_folder, make_part
+from swarmdata.building.build import build, make_part
+from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.numerics.random import EVALUATION_BASE
@@ -22,8 +23,9 @@ from swarmdata.registry.components import make_env
 from swarmdata.rollouts.recipe_episodes import episode_seeds
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import read_manifest
-from tests.support.one_process import OneProcessCrew
+from swarmdata.store import assembly, read_manifest
+from swarmdata.store.arrays.shards import write_shard
+from tests.support.one_process import OneProcessCrew, use_one_process
 
 SCRIPT = """
 import sys
@@ -53,8 +55,7 @@ def make_recipe(n_steps: int = 1500, part_episodes: int = 4, **changes: Any) -> 
 
 @pytest.fixture
 def one_process(monkeypatch: pytest.MonkeyPatch) -> type[OneProcessCrew]:
-    monkeypatch.setattr(OneProcessCrew, "made", [], raising=False)
-    monkeypatch.setattr(build_module, "Crew", OneProcessCrew)
+    use_one_process(monkeypatch)
     return OneProcessCrew
 
 
@@ -62,8 +63,7 @@ def one_process(monkeypatch: pytest.MonkeyPatch) -> type[OneProcessCrew]:
 def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Digest of the tiny recipe, built without workers."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(OneProcessCrew, "made", [], raising=False)
-        patch.setattr(build_module, "Crew", OneProcessCrew)
+        use_one_process(patch)
         folder = build(make_recipe(), tmp_path_factory.mktemp("one") / "d", progress=False)
     return read_manifest(folder).digest
 
@@ -211,9 +211,39 @@ def test_full_disk_is_noticed_before_most_of_the_work(
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1_000_000))
     recipe = make_recipe(100_000)
 
-    with pytest.raises(BuildError, match=r"needs 2[0-9][0-9] MB more .* 1 MB free"):
+    with pytest.raises(BuildError, match=r"needs 1[0-9][0-9] MB more .* 1 MB free"):
         build(recipe, tmp_path / "d", progress=False)
     assert len(OneProcessCrew.made) == len(recipe.policies)
+
+
+@pytest.mark.usefixtures("one_process")
+def test_parts_are_joined_without_room_for_a_copy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of parts are deleted as they are copied; what an interruption leaves is made again."""
+    recipe = make_recipe()
+    expected = read_manifest(build(recipe, tmp_path / "with-room", progress=False)).digest
+    monkeypatch.setattr(Parts, "has_room_for_copy", lambda self: False)
+    written: list[str] = []
+
+    def interrupted(folder: Path, name: str, *rest: Any) -> Any:
+        entry = write_shard(folder, name, *rest)
+        written.append(name)
+        if len(written) == 3:
+            raise KeyboardInterrupt
+        return entry
+
+    monkeypatch.setattr(assembly, "write_shard", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        build(recipe, tmp_path / "d", progress=False)
+    parts = sorted((tmp_path / "d.build").glob("policy-*"))
+    gone = [part for part in parts if not (part / f"{written[0]}.npy").exists()]
+    assert gone
+    assert len(gone) < len(parts)  # the last of each policy is there until all is done
+    made = len(OneProcessCrew.made)
+    assert read_manifest(build(recipe, tmp_path / "d", progress=False)).digest == expected
+    assert len(OneProcessCrew.made) == made + len(gone)
+    assert not (tmp_path / "d.build").exists()
 
 
 def test_part_is_a_pure_function() -> None:

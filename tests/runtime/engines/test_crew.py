@@ -11,13 +11,15 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import BuildError
-from swarmdata.runtime.workers import MAX_ATTEMPTS, Crew, Job
+from swarmdata.runtime import kernel_progress
+from swarmdata.runtime.engines import crew as crew_module
+from swarmdata.runtime.engines.crew import Crew
+from swarmdata.runtime.engines.jobs import MAX_ATTEMPTS, Job
 
 HANDLER = """
 import os, signal, sys, time
 from pathlib import Path
 from swarmdata.errors import SpecError
-from swarmdata.runtime.workers import serve
 
 def handle(payload, report):
     action, note = payload["action"], Path(payload["note"])
@@ -32,13 +34,16 @@ def handle(payload, report):
         raise SpecError("this cannot be done")
     if action == "crash":
         raise ZeroDivisionError("a bug")
+    if action == "compile":
+        from swarmdata.runtime.kernel_progress import PROGRESS
+        PROGRESS.say("compiling kernels")
     while action == "forever":
         report(1)
         time.sleep(0.02)
     report(4)
 
 def work():
-    serve(handle)
+    return handle
 """
 
 
@@ -55,6 +60,18 @@ def make_job(folder: Path, name: str, action: str = "work") -> Job:
 
 def starts(folder: Path, name: str) -> list[str]:
     return (folder / name).read_text().splitlines()
+
+
+def test_workers_leave_it_to_the_supervisor_to_say_once_that_kernels_are_compiled(
+    tmp_path: Path, entry: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(kernel_progress, "PROGRESS", kernel_progress.KernelProgress())
+    monkeypatch.setattr(crew_module, "PROGRESS", kernel_progress.PROGRESS)
+    kernel_progress.PROGRESS.tell = said.append
+    with Crew(entry, 2) as crew:
+        crew.run([make_job(tmp_path, name, "compile") for name in ("a", "b", "c")])
+    assert said == ["compiling kernels"]
 
 
 def test_all_jobs_are_done_once_and_progress_adds_up(tmp_path: Path, entry: str) -> None:
@@ -114,7 +131,8 @@ def test_crew_needs_a_worker() -> None:
 def test_workers_end_when_the_supervisor_is_killed(tmp_path: Path, entry: str) -> None:
     script = textwrap.dedent(f"""
         import sys; sys.path[:] = {sys.path!r}
-        from swarmdata.runtime.workers import Crew, Job
+        from swarmdata.runtime.engines.crew import Crew
+        from swarmdata.runtime.engines.jobs import Job
         with Crew({entry!r}, 1) as crew:
             crew.run([Job("long", {{"action": "forever", "note": {str(tmp_path / "long")!r}}})])
     """)

@@ -1,4 +1,4 @@
-"""A crew of worker processes that do named jobs; a worker that is killed costs its job one retry.
+"""The engine `local`: worker processes of this machine; one that is killed costs its job a retry.
 
 `concurrent.futures.ProcessPoolExecutor` fails as a whole when one worker is killed, and
 `multiprocessing` runs the caller's script again in every worker unless it is guarded. Here a worker
@@ -14,27 +14,22 @@ import signal
 import subprocess
 import sys
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Self
 
 from swarmdata.errors import BuildError, SwarmdataError
-
-MAX_ATTEMPTS = 3
-"""How often a job is begun at most, when its workers are killed."""
-
-Report = Callable[[int], None]
-
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-
-@dataclass(frozen=True)
-class Job:
-    """One piece of work; doing it twice must be the same as doing it once."""
-
-    name: str  # for messages, such as "part 3 of expert-0"
-    payload: dict[str, Any]  # JSON values, given to the worker's handler
+from swarmdata.runtime.engines.jobs import (
+    MAX_ATTEMPTS,
+    THREAD_VARIABLES,
+    Job,
+    OnFailure,
+    Report,
+    load_handler,
+    stop_at_failure,
+)
+from swarmdata.runtime.kernel_progress import PROGRESS
 
 
 @dataclass(eq=False)
@@ -79,17 +74,19 @@ class _Worker:
 
 @dataclass
 class Crew:
-    """Up to `n_workers` processes that run `module:function`, kept from one `run` to the next.
+    """Up to `n_workers` processes, kept from one `run` to the next.
 
-    The function must call `serve`. Use the crew as a context manager; leaving it kills the workers.
+    Use the crew as a context manager; leaving it kills the workers.
 
     Args:
-        entry: "module:function" that a worker calls.
+        entry: "module:function" that returns the handler of a worker.
         n_workers: how many processes at most, at least 1.
+        renews: whether each job gets a new process, which frees memory.
     """
 
     entry: str
     n_workers: int
+    renews: bool = False
     _workers: list[_Worker] = field(default_factory=list)
     _selector: selectors.BaseSelector = field(default_factory=selectors.DefaultSelector)
 
@@ -109,15 +106,22 @@ class Crew:
         self._workers.clear()
         self._selector.close()
 
-    def run(self, jobs: Iterable[Job], progress: Report = lambda amount: None) -> None:
+    def run(
+        self,
+        jobs: Iterable[Job],
+        progress: Report = lambda amount: None,
+        on_failure: OnFailure = stop_at_failure,
+    ) -> None:
         """Does all jobs, in any order.
 
         Args:
             jobs: what to do.
-            progress: called with what handlers report; negative when a killed job starts again.
+            progress: gets what handlers report; negative when a killed job starts again.
+            on_failure: gets jobs that raised an error or whose workers were killed `MAX_ATTEMPTS`
+                times.
 
         Raises:
-            BuildError: a job raised an error, or its workers were killed `MAX_ATTEMPTS` times.
+            BuildError: a worker could not start; or a job failed, by default.
         """
         queue, attempts = deque(jobs), Counter[str]()
         while queue or any(worker.job for worker in self._workers):
@@ -126,14 +130,14 @@ class Crew:
                 if queue and worker.job is None:
                     worker.assign(queue.popleft())
             for key, _ in self._selector.select():
-                worker = key.data
-                lost = self._listen(worker, progress)
+                lost = self._listen(key.data, progress, on_failure)
                 if lost is None:
                     continue
                 attempts[lost.name] += 1
                 if attempts[lost.name] == MAX_ATTEMPTS:
-                    raise _killed(lost, worker.process.returncode)
-                queue.appendleft(lost)
+                    on_failure(lost, _killed(lost, key.data.process.returncode))
+                else:
+                    queue.appendleft(lost)
 
     def _hire(self, n_waiting: int) -> None:
         """Starts workers until all waiting jobs have one, or there are `n_workers`."""
@@ -144,49 +148,63 @@ class Crew:
             assert worker.process.stdout is not None
             self._selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
 
-    def _listen(self, worker: _Worker, progress: Report) -> Job | None:
+    def _listen(self, worker: _Worker, progress: Report, on_failure: OnFailure) -> Job | None:
         """Takes a worker's messages; returns the job that was lost if the worker has ended."""
         messages = worker.messages()
         if messages is None:
-            return self._dismiss(worker, progress)
+            return self._dismiss(worker, progress, on_failure)
         for message in messages:
-            if "error" in message:
-                name = worker.job.name if worker.job else "starting a worker"
-                raise BuildError(f"{name} failed: {message['error']}")
-            if "done" in message:
-                worker.job = None
-            else:
+            if "kernels" in message:
+                PROGRESS.say(message["kernels"])
+                continue
+            if "progress" in message:
                 worker.reported += message["progress"]
                 progress(message["progress"])
+                continue
+            job, worker.job = worker.job, None
+            if "error" in message:
+                name = job.name if job else "starting a worker"
+                error = BuildError(f"{name} failed: {message['error']}")
+                if job is None:
+                    raise error
+                on_failure(job, error)
+            if self.renews:
+                self._remove(worker)
+                break
         return None
 
-    def _dismiss(self, worker: _Worker, progress: Report) -> Job | None:
-        """Removes a worker that has ended; an idle one is simply gone."""
+    def _remove(self, worker: _Worker) -> None:
         assert worker.process.stdout is not None
         self._selector.unregister(worker.process.stdout)
         self._workers.remove(worker)
-        worker.process.wait()
-        code = worker.process.returncode
         worker.stop()
-        if code > 0:
-            name = worker.job.name if worker.job else "no job"
-            raise BuildError(
-                f"a worker process ended with exit code {code} while doing {name}; "
-                "its error is printed above"
-            )
-        if worker.job is not None:
+
+    def _dismiss(self, worker: _Worker, progress: Report, on_failure: OnFailure) -> Job | None:
+        """Removes a worker that has ended; an idle one is simply gone."""
+        worker.process.wait()
+        code, job = worker.process.returncode, worker.job
+        self._remove(worker)
+        if job is not None:
             progress(-worker.reported)
-        return worker.job
+        if code > 0:
+            error = BuildError(
+                f"a worker process ended with exit code {code} while doing "
+                f"{job.name if job else 'no job'}; its error is printed above"
+            )
+            if job is None:
+                raise error
+            on_failure(job, error)
+            return None
+        return job
 
 
 def _start(entry: str) -> "subprocess.Popen[bytes]":
-    module, function = entry.split(":")
-    code = f"import sys; sys.path[:] = {sys.path!r}; from {module} import {function}; {function}()"
+    code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({entry!r})"
     return subprocess.Popen(
         [sys.executable, "-c", code],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        env={**os.environ, **dict.fromkeys(_THREADS, "1")},
+        env={**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")},
     )
 
 
@@ -199,11 +217,11 @@ def _killed(job: Job, code: int) -> BuildError:
     )
 
 
-def serve(handle: Callable[[dict[str, Any], Report], None]) -> None:
+def serve(entry: str) -> None:
     """Does jobs from standard input until it ends; the main loop of a worker.
 
     Args:
-        handle: does one job, given its payload and a function that reports progress. An error that
+        entry: "module:function" that returns what does a job. A `SwarmdataError` or `OSError` that
             it raises is sent to the supervisor.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone; the supervisor acts
@@ -213,6 +231,8 @@ def serve(handle: Callable[[dict[str, Any], Report], None]) -> None:
     def send(**message: Any) -> None:
         lines.write(json.dumps(message) + "\n")
 
+    PROGRESS.tell = lambda text: send(kernels=text)
+    handle = load_handler(entry)
     for line in sys.stdin:
         try:
             handle(json.loads(line), lambda amount: send(progress=amount))

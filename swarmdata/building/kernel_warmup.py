@@ -1,0 +1,155 @@
+"""Compiles every kernel beforehand, by using each world, sensor, radio and controller once.
+
+A kernel is compiled for the types that it is called with, so a list of kernels would not do: it
+would have to name the types of each call, and be out of date with the next change. Here the code
+that calls them runs, for a few steps.
+"""
+
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numba.core import config
+from numba.core.caching import _CacheLocator
+from tqdm import tqdm
+
+from swarmdata.behavior_policies.conventions import conventions_of
+from swarmdata.behavior_policies.tiers import find_recipe
+from swarmdata.building.build import build
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.numerics.random import evaluation_seeds
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset, preset_names
+from swarmdata.runtime.engines.crew import Crew
+from swarmdata.runtime.engines.jobs import Handler, Job, Report
+from swarmdata.runtime.kernel_progress import PROGRESS
+from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.recipe import Recipe
+
+TASKS = ("coop_nav", "formation", "transport", "warehouse")
+"""Presets that are played with every sensor and radio, and of which a dataset is made."""
+
+CONTROLLERS = ("scripted", "straight", "random", "idle")
+"""Policies without networks."""
+
+OBSERVATIONS = (
+    "state", "lidar", "bearing", "occupancy", "lidar+noise-0.05+dropout-0.1+delay-2+stack-2",
+    "bearing+noise-0.05", "state+noise-0.05",
+)  # fmt: skip
+"""One name for each way to sense."""
+
+COMMUNICATIONS = (
+    "perfect", "lossy-30", "bursty-30+delayed-2", "aloha-8", "goal+nearest-2", "errand+ring",
+    "state+star", "learned-4+bits-8", "range-1.5+bandwidth-1", "goal+expires-5",
+)  # fmt: skip
+"""One name for each kind of payload, link, loss and limit."""
+
+N_STEPS = 12
+"""Control steps of each use; some things happen only after a few, such as a delayed message."""
+
+N_DATASET_STEPS = 1000
+"""Joint steps of each dataset, a few episodes."""
+
+N_COPIES = 2
+
+
+def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
+    """Compiles what is not compiled yet, and keeps it in `kernel_folder()`.
+
+    Args:
+        workers: processes that compile; by default one for each core. They share the kernels.
+        progress: whether to show a bar on standard error, where that is a terminal.
+
+    Returns:
+        How many kernels were compiled, each counted once for the types that it is called with.
+    """
+    before = kept_kernels()
+    jobs = _jobs()
+    bar = tqdm(
+        total=len(jobs), desc="compiling kernels", unit="use", disable=None if progress else True
+    )
+    crew = Crew(f"{__name__}:kernel_user", workers or os.cpu_count() or 1)
+
+    def report(n_uses: int) -> None:
+        bar.update(n_uses)
+
+    with bar, crew, PROGRESS.silent():
+        crew.run(jobs, report)
+    return len(kept_kernels() - before)
+
+
+def kernel_folder() -> Path:
+    """Where compiled kernels are kept."""
+    return cache_folder("", config.CACHE_DIR).parent
+
+
+def kept_kernels() -> set[Path]:
+    """Files of this installation's kernels; others, such as those of a clone, lie beside them."""
+    folders = [folder for folder, *_ in os.walk(PACKAGE_FOLDER, followlinks=True)]
+    places = {_CacheLocator.get_suitable_cache_subpath(f"{f}/any.py") for f in folders}
+    return {file for file in kernel_folder().glob("*/*/*.nbc") if file.parent.name in places}
+
+
+def kernel_user() -> Handler:
+    """Returns what uses kernels in a worker process."""
+
+    def handle(payload: dict[str, Any], report: Report) -> None:
+        if "dataset" in payload:
+            _make_dataset(payload["dataset"])
+        else:
+            _play(**payload)
+        report(1)
+
+    return handle
+
+
+def _jobs() -> list[Job]:
+    """The uses of kernels; neighbors differ, so that processes seldom wait for each other."""
+    models = [
+        (OBSERVATIONS[i % len(OBSERVATIONS)], COMMUNICATIONS[i % len(COMMUNICATIONS)])
+        for i in range(max(len(OBSERVATIONS), len(COMMUNICATIONS)))
+    ]
+    sensing = [(task, "idle", *model) for model in models for task in TASKS]
+    controllers = [(task, policy, None, None) for policy in CONTROLLERS for task in TASKS]
+    presets = [(name, "scripted", None, None) for name in preset_names() if name not in TASKS]
+    plays = [
+        dict(zip(("name", "policy", "observation", "communication"), play, strict=True))
+        for play in (*controllers, *presets, *sensing)
+    ]
+    datasets = [{"dataset": f"{task}-medium-mini"} for task in TASKS]
+    uses: list[dict[str, Any]] = [*plays, *datasets]
+    return [Job(" ".join(map(str, use.values())), use) for use in uses]
+
+
+def _play(name: str, policy: str, observation: str | None, communication: str | None) -> None:
+    """Plays a few steps of a preset, with each of its conventions."""
+    spec = with_models(preset(name), observation, communication)
+    env = make_env(spec, N_COPIES)
+    for convention in (None, *conventions_of(spec)):
+        options = {} if convention is None or policy != "scripted" else {"convention": convention}
+        actor = make_policy(policy, spec, **options)
+        step = env.reset(evaluation_seeds(N_COPIES))
+        actor.reset(step, np.arange(N_COPIES))
+        for _ in range(N_STEPS):
+            step = env.step(actor.act(step))
+        step = env.reset(evaluation_seeds(1), np.array([0]))
+        actor.reset(step, np.array([0]))
+
+
+def _make_dataset(name: str) -> None:
+    """Makes a small dataset with its card, and looks at it with another sensor and reward."""
+    content = find_recipe(name).model_dump()
+    small = {
+        "n_steps": N_DATASET_STEPS,
+        "part_episodes": 4,
+        "policies": content["policies"][:1],  # each would have to make an episode
+    }
+    recipe = Recipe.parse({**content, **small})
+    with TemporaryDirectory() as folder:
+        path = build(recipe, Path(folder) / recipe.id, workers=1, progress=False)
+        dataset = Dataset.open(path)
+        dataset.reobserve("lidar", "lossy-30", progress=False)
+        dataset.with_rewards(team_share=0.5)

@@ -1,0 +1,137 @@
+"""The engine over any `concurrent.futures.Executor`; lost jobs are submitted again.
+
+What the processes of an executor need: this package and its extras in the same versions, and the
+folders that jobs name, as on a shared file system.
+"""
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Self
+
+from swarmdata.errors import BuildError, EngineError
+from swarmdata.runtime.engines.jobs import (
+    MAX_ATTEMPTS,
+    Job,
+    OnFailure,
+    Report,
+    do_job,
+    stop_at_failure,
+)
+
+MAX_SUBMITTED = 1_000
+"""Jobs that an executor holds at once."""
+
+
+@dataclass
+class ExecutorEngine:
+    """Does jobs by an executor, kept from one `run` to the next.
+
+    Leaving it cancels what has not begun; the executor is shut down if the engine has opened it.
+
+    Args:
+        entry: "module:function" that returns the handler of a process.
+        open_executor: makes an executor; again, when the last one is broken.
+        is_owned: whether the engine shuts executors down.
+    """
+
+    entry: str
+    open_executor: Callable[[], Executor]
+    is_owned: bool = True
+    _executor: Executor | None = None
+    _running: dict["Future[dict[str, Any]]", Job] = field(default_factory=dict)
+
+    def __enter__(self) -> Self:
+        self._executor = self.open_executor()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._cancel()
+        self._close()
+
+    def run(
+        self,
+        jobs: Iterable[Job],
+        progress: Report = lambda amount: None,
+        on_failure: OnFailure = stop_at_failure,
+    ) -> None:
+        """Does all jobs, in any order.
+
+        Args:
+            jobs: what to do.
+            progress: gets the sum of what the handler of a job reported, once it is done.
+            on_failure: gets jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
+
+        Raises:
+            BuildError: a job failed, by default; or there is no executor any more.
+        """
+        queue, attempts = deque(jobs), Counter[str]()
+        while queue or self._running:
+            while queue and len(self._running) < MAX_SUBMITTED:
+                self._submit(queue.popleft())
+            done, _ = wait(self._running, return_when=FIRST_COMPLETED)
+            for future in done:
+                job = self._running.pop(future)
+                try:
+                    outcome = future.result()
+                except (Exception, CancelledError) as error:  # the engine's own: it lost the job
+                    attempts[job.name] += 1
+                    if attempts[job.name] == MAX_ATTEMPTS:
+                        on_failure(job, _lost(job, error))
+                    else:
+                        queue.append(job)
+                    continue
+                if "error" in outcome:
+                    on_failure(job, BuildError(f"{job.name} failed: {outcome['error']}"))
+                else:
+                    progress(outcome["progress"])
+
+    def _submit(self, job: Job) -> None:
+        """Hands a job to the executor; to a new one, if it takes no more."""
+        assert self._executor is not None
+        try:
+            future = self._executor.submit(do_job, self.entry, job.payload)
+        except (RuntimeError, OSError) as error:  # it is broken, shut down or disconnected
+            if not self.is_owned:
+                raise EngineError(
+                    f"the executor takes no more jobs ({error}). What is finished is kept: call "
+                    "again with a new one."
+                ) from error
+            self._close()
+            self._executor = self.open_executor()
+            future = self._executor.submit(do_job, self.entry, job.payload)
+        self._running[future] = job
+
+    def _cancel(self) -> None:
+        for future in self._running:
+            future.cancel()
+        self._running.clear()
+
+    def _close(self) -> None:
+        if self._executor is not None and self.is_owned:
+            # a broken one may wait for ever
+            ending = threading.Thread(target=self._executor.shutdown, kwargs={"wait": False})
+            ending.daemon = True
+            ending.start()
+            ending.join(timeout=SHUTDOWN_SECONDS)
+        self._executor = None
+
+
+SHUTDOWN_SECONDS = 10
+"""An executor that does not end in this time is left to itself."""
+
+
+def _lost(job: Job, error: BaseException) -> BuildError:
+    return BuildError(
+        f"{job.name} failed: it was lost {MAX_ATTEMPTS} times, last by {type(error).__name__}: "
+        f"{error}. If memory ran out, let fewer jobs run at once. What is finished is kept: run "
+        "the same command again to continue."
+    )

@@ -1,0 +1,109 @@
+"""Jobs: pieces of work that any process may do, described by JSON values.
+
+A job names what does it and what it is about. Its result is what it leaves in files, written in one
+rename, so doing it twice, or in two processes at once, is the same as doing it once.
+"""
+
+import threading
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from swarmdata.errors import BuildError, SwarmdataError
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+"""Environment variables that are 1 in processes that do jobs: each job has one core."""
+
+MAX_ATTEMPTS = 3
+"""How often a job is begun at most, when the processes that do it are lost."""
+
+Report = Callable[[int], None]
+"""Gets the progress since its last call; negative when a lost job starts again."""
+
+Handler = Callable[[dict[str, Any], Report], None]
+"""Does a job, given its payload."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One piece of work."""
+
+    name: str  # for messages, such as "part 3 of expert-0"
+    payload: dict[str, Any]  # JSON values, given to the handler
+
+
+OnFailure = Callable[[Job, BuildError], None]
+"""Gets a job that failed, and why; the others go on."""
+
+
+def stop_at_failure(_job: Job, error: BuildError) -> None:
+    """Raises the error: the first failure ends the whole run."""
+    raise error
+
+
+class Engine(Protocol):
+    """Does jobs of one kind in several processes; a context manager, which ends them."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None: ...
+
+    def run(
+        self, jobs: Iterable[Job], progress: Report, on_failure: OnFailure = stop_at_failure
+    ) -> None:
+        """Does all jobs, in any order.
+
+        Args:
+            jobs: what to do.
+            progress: gets what handlers report.
+            on_failure: gets the jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
+        """
+        ...
+
+
+def load_handler(entry: str) -> Handler:
+    """Returns what `module:function` returns, which is called without arguments."""
+    module, function = entry.split(":")
+    handler: Handler = getattr(import_module(module), function)()
+    return handler
+
+
+_handlers: dict[str, Handler] = {}
+_one_at_a_time = threading.Lock()
+
+
+def do_job(entry: str, payload: dict[str, Any]) -> dict[str, Any]:
+    """Does a job in this process, which keeps the handler for the next one.
+
+    Args:
+        entry: "module:function" that returns the handler.
+        payload: of the job.
+
+    Returns:
+        `progress`, the sum of what the handler reported, or `error`, in one line or, for a bug,
+        with its traceback. Nothing is raised: not every engine can send every exception.
+    """
+    reports: list[int] = []
+    with _one_at_a_time:  # an engine's process may have several threads; handlers have one
+        try:
+            if entry not in _handlers:
+                _handlers[entry] = load_handler(entry)
+            _handlers[entry](payload, reports.append)
+        except (SwarmdataError, OSError) as error:
+            return {"error": f"{type(error).__name__}: {error}"}
+        except Exception:
+            return {"error": f"a bug:\n{traceback.format_exc()}"}
+    return {"progress": sum(reports)}

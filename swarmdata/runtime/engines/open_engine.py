@@ -1,0 +1,62 @@
+"""Engines by name: `local`, `dask://HOST:PORT`, `slurm[:PARTITION]`, `ray[://HOST:PORT]`."""
+
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+from swarmdata.errors import EngineError
+from swarmdata.runtime.engines.crew import Crew
+from swarmdata.runtime.engines.dask_executor import open_dask
+from swarmdata.runtime.engines.executor_engine import ExecutorEngine
+from swarmdata.runtime.engines.jobs import Engine
+from swarmdata.runtime.engines.ray_executor import open_ray
+from swarmdata.runtime.engines.slurm_executor import open_slurm
+
+LOCAL = "local"
+
+SLURM_MINUTES = 60
+"""Length of a SLURM job, unless the engine's name says another."""
+
+FORMS = "local, dask://HOST:PORT, slurm[:PARTITION][?minutes=60], ray or ray://HOST:PORT"
+
+
+def open_engine(
+    engine: str | Executor, entry: str, *, n_workers: int, folder: Path, renews: bool = False
+) -> Engine:
+    """Returns an engine, which begins as a context manager.
+
+    Args:
+        engine: its name, or an executor, which stays open.
+        entry: "module:function" that returns what does a job.
+        n_workers: processes of `local`; the others have their own.
+        folder: where `slurm` keeps scripts and logs, `<folder>.slurm`; all nodes see it.
+        renews: whether each job gets a new process, of `local`.
+
+    Raises:
+        EngineError: the name is none of the known forms.
+    """
+    if isinstance(engine, Executor):
+        return ExecutorEngine(entry, lambda: engine, is_owned=False)
+    if engine == LOCAL:
+        return Crew(entry, n_workers, renews)
+    kind, _, rest = engine.partition(":")
+    if kind == "dask" and rest.startswith("//") and len(rest) > len("//"):
+        return ExecutorEngine(entry, partial(open_dask, rest[2:]))
+    if engine == "ray" or (kind == "ray" and rest.startswith("//")):
+        return ExecutorEngine(entry, partial(open_ray, engine if rest else None))
+    name, _, options = engine.partition("?")
+    kind, _, partition = name.partition(":")
+    if kind == "slurm":
+        logs = folder.resolve().parent / f"{folder.name}.slurm"
+        minutes = _minutes(options, engine)
+        return ExecutorEngine(entry, partial(open_slurm, partition or None, logs, minutes))
+    raise EngineError(f"unknown engine {engine!r}, expected {FORMS}")
+
+
+def _minutes(options: str, engine: str) -> int:
+    found = dict(parse_qsl(options, keep_blank_values=True))
+    text = found.pop("minutes", str(SLURM_MINUTES))
+    if found or not text.isdecimal() or int(text) < 1:
+        raise EngineError(f"engine {engine!r} has {options!r}, expected such as ?minutes=60")
+    return int(text)

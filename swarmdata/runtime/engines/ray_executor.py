@@ -1,0 +1,50 @@
+"""The executor of a Ray cluster: `ray://HOST:PORT`, or `ray` for processes of this machine."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any
+
+from swarmdata.errors import EngineError
+from swarmdata.runtime.extras import require_extra
+
+
+class RayExecutor(Executor):
+    """Submits to a Ray that has been initialized; one core for each call."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        """Calls a function in a process of the cluster, once."""
+        import ray  # noqa: PLC0415  (an extra)
+
+        remote = ray.remote(num_cpus=1, max_retries=0)(fn)
+        future: Future[Any] = remote.remote(*args, **kwargs).future()
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Disconnects; processes that were started for this executor end."""
+        import ray  # noqa: PLC0415  (an extra)
+
+        ray.shutdown()
+
+
+def open_ray(address: str | None) -> Executor:
+    """Connects to a cluster, or starts processes on this machine.
+
+    Args:
+        address: such as `ray://HOST:PORT`; None: this machine.
+
+    Raises:
+        MissingExtraError: Ray is not installed.
+        EngineError: no cluster answers.
+    """
+    require_extra("ray", "ray", "the engine ray")
+    import ray  # noqa: PLC0415  (an extra)
+
+    try:
+        ray.init(address, ignore_reinit_error=True, log_to_driver=False, include_dashboard=False)
+    except Exception as error:  # ray.init raises plain ones, too, such as for a slow start
+        raise EngineError(
+            f"no Ray cluster answers at {address or 'this machine'} ({error}). Start one with "
+            "`ray start --head`, or use the engine ray without an address. What is finished "
+            "is kept: run the same command again to continue."
+        ) from error
+    return RayExecutor()

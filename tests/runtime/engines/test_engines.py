@@ -1,0 +1,247 @@
+"""What every engine does: jobs once, errors, lost jobs, and the same datasets."""
+
+import importlib.util
+import multiprocessing
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from swarmdata.building.build import build
+from swarmdata.errors import BuildError, EngineError
+from swarmdata.runtime.engines.jobs import Job
+from swarmdata.runtime.engines.open_engine import open_engine
+from swarmdata.store import read_manifest
+from tests.support.tiny import TINY
+
+HANDLER = """
+import os, signal, time
+from pathlib import Path
+from swarmdata.errors import SpecError
+
+def handle(payload, report):
+    action, note = payload["action"], Path(payload["note"])
+    report(3)
+    with note.open("a") as file:
+        file.write(f"{os.getpid()}\\n")
+    starts = len(note.read_text().splitlines())
+    if action == "die" or (action == "die once" and starts == 1):
+        os.kill(os.getpid(), signal.SIGKILL)
+    if action == "refuse":
+        raise SpecError("this cannot be done")
+    if action == "wait":
+        time.sleep(2)
+    if action == "compile":
+        from engine_kernel import double
+        assert double(1.5) == 3.0
+        note.write_text(str(sum(double.stats.cache_misses.values())))
+    report(4)
+
+def work():
+    return handle
+"""
+
+KERNEL = """
+import time
+from numba.extending import overload
+from swarmdata.runtime.kernels import kernel
+
+def twice(x): ...
+
+@overload(twice)
+def compile_twice(x):
+    time.sleep(2.0)  # as long as two processes that start together need to meet here
+    return lambda x: 2.0 * x
+
+@kernel
+def double(x: float) -> float:
+    return twice(x)
+"""
+
+START_SECONDS = 120
+"""For schedulers and their workers, on a busy machine."""
+
+Engines = Callable[[], str | Executor]
+
+
+def start_dask(command: str, *arguments: str) -> "subprocess.Popen[bytes]":
+    program = [sys.executable, "-m", f"distributed.cli.{command}", *arguments, "--no-dashboard"]
+    return subprocess.Popen(program, stderr=subprocess.DEVNULL)
+
+
+@contextmanager
+def dask_cluster() -> Iterator[str]:
+    """A scheduler and two workers, which are started again when they are killed."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    scheduler = start_dask("dask_scheduler", "--host", address)
+    worker = start_dask("dask_worker", f"tcp://{address}", "--nworkers", "2", "--nthreads", "1")
+    try:
+        yield f"dask://{address}"
+    finally:
+        for process in (worker, scheduler):
+            process.terminate()
+            process.wait(START_SECONDS)
+
+
+@contextmanager
+def pool() -> Iterator[Executor]:
+    """Processes of this machine, as a user's own executor."""
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+        yield executor
+
+
+@contextmanager
+def local() -> Iterator[str]:
+    """Processes of this machine."""
+    yield "local"
+
+
+@contextmanager
+def ray_processes() -> Iterator[str]:
+    """Ray on this machine."""
+    yield "ray"
+
+
+SLOW = pytest.mark.slow
+
+ENGINES = [
+    pytest.param(local, id="local"),
+    pytest.param(pool, id="executor"),
+    pytest.param(dask_cluster, id="dask", marks=SLOW),
+    pytest.param(ray_processes, id="ray", marks=SLOW),
+]
+
+PACKAGES = {dask_cluster: "distributed", ray_processes: "ray"}
+
+
+@pytest.fixture(params=ENGINES)
+def engine(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[str | Executor]:
+    """Each engine; its processes find the handler."""
+    package = PACKAGES.get(request.param)
+    if package is not None and importlib.util.find_spec(package) is None:
+        pytest.skip(f"needs {package}")
+    (tmp_path / "engine_handler.py").write_text(HANDLER)
+    (tmp_path / "engine_kernel.py").write_text(KERNEL)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path.cwd())]))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    with request.param() as found:
+        yield found
+
+
+def job(folder: Path, name: str, action: str = "work") -> Job:
+    return Job(name, {"action": action, "note": str(folder / name)})
+
+
+def starts(folder: Path, name: str) -> int:
+    return len((folder / name).read_text().splitlines())
+
+
+def test_jobs_are_done_once_and_progress_adds_up(engine: str | Executor, tmp_path: Path) -> None:
+    reports: list[int] = []
+    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+        opened.run([job(tmp_path, f"job-{k}") for k in range(5)], reports.append)
+        opened.run([job(tmp_path, "later")], reports.append)
+    assert sum(reports) == 6 * 7
+    assert [starts(tmp_path, f"job-{k}") for k in range(5)] == [1] * 5
+
+
+def test_an_error_stops_everything_or_is_handed_over(
+    engine: str | Executor, tmp_path: Path
+) -> None:
+    failed: list[tuple[str, str]] = []
+    jobs = [job(tmp_path, "picky", "refuse"), job(tmp_path, "good")]
+    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+        opened.run(jobs, lambda n: None, lambda each, why: failed.append((each.name, str(why))))
+        with pytest.raises(BuildError, match="picky failed: SpecError: this cannot be done"):
+            opened.run(jobs[:1], lambda n: None)
+    assert failed == [("picky", "picky failed: SpecError: this cannot be done")]
+    assert starts(tmp_path, "picky") == 2  # not tried again in a run
+    assert starts(tmp_path, "good") == 1
+
+
+def test_a_job_whose_process_dies_is_done_again_and_named_in_the_end(
+    engine: str | Executor, tmp_path: Path
+) -> None:
+    if isinstance(engine, Executor):
+        pytest.skip("a pool of the user's is broken then: see the next test")
+    reports: list[int] = []
+    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+        opened.run([job(tmp_path, "victim", "die once"), job(tmp_path, "good")], reports.append)
+        assert starts(tmp_path, "good") == 1
+        assert starts(tmp_path, "victim") == 2
+        assert sum(reports) == 2 * 7
+        with pytest.raises(BuildError, match=r"doomed failed.*3 times"):
+            opened.run([job(tmp_path, "doomed", "die")], reports.append)
+
+
+def test_a_broken_executor_is_said_to_be_broken(tmp_path: Path) -> None:
+    with pool() as executor:
+        assert executor.submit(os._exit, 1).exception() is not None
+        with open_engine(executor, "a:b", n_workers=1, folder=tmp_path) as opened:
+            jobs = [job(tmp_path, "any")]
+            with pytest.raises(EngineError, match="takes no more jobs"):
+                opened.run(jobs, lambda n: None)
+
+
+@pytest.mark.parametrize(
+    "name", ["dask", "dask://", "dask:host", "rays", "slurm:debug?hours=2", "slurm?minutes=0", ""]
+)
+def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(EngineError, match=r"expected (local, dask|such as \?minutes)"):
+        open_engine(name, "a:b", n_workers=1, folder=tmp_path)
+
+
+def test_processes_of_a_node_compile_a_kernel_once(engine: str | Executor, tmp_path: Path) -> None:
+    names = [f"kernel-{k}" for k in range(4)]
+    jobs = [job(tmp_path, name, "compile") for name in names]
+    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+        opened.run(jobs, lambda n: None)
+    assert max(int((tmp_path / name).read_text()) for name in names) == 1
+    index = list((tmp_path / "kernels").rglob("*.nbi"))
+    code = list((tmp_path / "kernels").rglob("*.nbc"))
+    assert (len(index), len(code)) == (1, 1)
+
+
+def test_ctrl_c_cancels_what_has_not_begun(engine: str | Executor, tmp_path: Path) -> None:
+    def stop(each: Job, error: BuildError) -> None:
+        raise KeyboardInterrupt
+
+    names = [f"job-{k}" for k in range(20)]
+    jobs = [job(tmp_path, "picky", "refuse"), *[job(tmp_path, name, "wait") for name in names]]
+    opened = open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x")
+    with pytest.raises(KeyboardInterrupt), opened:
+        opened.run(jobs, lambda n: None, stop)
+    assert len(list(tmp_path.glob("job-*"))) < len(names)
+    if isinstance(engine, str):
+        return
+    assert engine.submit(os.getpid).result() > 0, "the user's executor stays open"
+
+
+def test_a_dataset_is_the_same_from_every_engine(engine: str | Executor, tmp_path: Path) -> None:
+    out = build(TINY, tmp_path / "d", engine=engine, workers=2, progress=False)
+    expected = build(TINY, tmp_path / "e", progress=False)
+    assert read_manifest(out).digest == read_manifest(expected).digest
+
+
+@pytest.mark.slow
+def test_a_study_has_the_same_tables_from_every_engine(
+    engine: str | Executor, tmp_path: Path
+) -> None:
+    pytest.importorskip("torch", reason="cells are trained")
+    pytest.importorskip("matplotlib", reason="a study has figures")
+    from tests.support.small_study import study_tables
+
+    data = tmp_path / TINY.id
+    there = study_tables(engine, data, tmp_path / "there")
+    assert there == study_tables("local", data, tmp_path / "here")
