@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import action_scale
-from swarmdata.datasets.sampling import Rows, Sampler, gather_transitions
+from swarmdata.datasets.normalization import Moments, Statistics
+from swarmdata.datasets.sampling import Sampler, copy_transitions
 from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
 from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.interfaces import VecEnv
@@ -36,19 +38,6 @@ from swarmdata.types import (
 if TYPE_CHECKING:
     from swarmdata.datasets.reobservation import Reobservation
     from swarmdata.datasets.reweighting import Reweighting
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Statistics:
-    """Mean and standard deviation over the train split of the whole dataset, agents and time.
-
-    A constant feature has a deviation of 0.
-    """
-
-    observation_mean: Double  # [O]
-    observation_std: Double  # [O]
-    reward_mean: float
-    reward_std: float
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -167,13 +156,18 @@ class Dataset:
 
     @property
     def statistics(self) -> Statistics:
-        """Normalization statistics of the train split, the same in every selection."""
+        """What normalizes observations and rewards, the same in every selection."""
+        return Statistics.of(self.moments)
+
+    @property
+    def moments(self) -> Moments:
+        """Exact moments of the train split, from which algorithms of this library learn."""
         entry = self.stored.manifest.statistics
         recorded = np.array(entry.observation_mean), np.array(entry.observation_std)
         mean, std = recorded if self.reobservation is None else self.reobservation.moments
         rewards = entry.reward_mean, entry.reward_std
         reward_mean, reward_std = rewards if self.reweighting is None else self.reweighting.moments
-        return Statistics(
+        return Moments(
             observation_mean=mean,
             observation_std=std,
             reward_mean=reward_mean,
@@ -294,8 +288,9 @@ class Dataset:
         actions and the digest stay those of the recording; the policies that chose the actions had
         other inputs, as `card` notes. `statistics`, `spec` and `make_env` follow the new models.
 
-        The new arrays are held in memory: 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a
-        channel only), 1.1 GB for a million states of four robots with 16 lidar rays.
+        The new arrays have 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a channel only),
+        1.1 GB for a million states of four robots with 16 lidar rays. More than 256 MiB are in
+        files without a name in the folder of the cache, which go with the last view of them.
 
         Args:
             observation: the new model: a name such as `lidar`, `lidar-32+noise-0.05`, `bearing` or
@@ -359,6 +354,8 @@ class Dataset:
     def transitions(self) -> dict[str, NDArray[Any]]:
         """Copies every transition of this view into memory, row-aligned.
 
+        Memory holds the result and little more.
+
         The last transition of every episode is kept; its `next_observations` and `next_states` are
         those of its final state, never the start of another episode. `episodes` has the index of
         each row's episode in this view.
@@ -368,21 +365,9 @@ class Dataset:
             [n, N, A]; log_probs of the actions under the policies that made them (`density`),
             rewards [n, N]; terminations, truncations [n]; episodes [n].
         """
-        rows = Rows.locate(self.stored.table, self.selection)
-        batch = gather_transitions(self.stored.arrays, rows, rows.valid)
         lengths = self.stored.table.lengths[self.selection]
-        return {
-            "observations": batch.observations,
-            "actions": batch.actions,
-            "log_probs": self.stored.arrays["log_probs"].take(rows.valid, axis=0),
-            "rewards": batch.rewards,
-            "next_observations": batch.next_observations,
-            "states": batch.states,
-            "next_states": batch.next_states,
-            "terminations": batch.terminations,
-            "truncations": batch.truncations,
-            "episodes": np.repeat(np.arange(len(self)), lengths),
-        }
+        copied = copy_transitions(self.stored.arrays, self.stored.table, self.selection)
+        return {**copied, "episodes": np.repeat(np.arange(len(self)), lengths)}
 
     def sampler(
         self,
@@ -424,22 +409,45 @@ class Dataset:
             scale=scale,
         )
 
+    def replay_buffer(self, batch_size: int = 256, *, slice_length: int | None = None) -> Any:
+        """Returns a TorchRL replay buffer of this view's transitions, in memory.
+
+        Keys are those of TorchRL's multi-agent environments, such as ("agents", "observation") and
+        ("next", "agents", "reward"); actions are as they were recorded.
+
+        Args:
+            batch_size: number of transitions of a sample.
+            slice_length: samples consist of so many consecutive steps of one episode, a divisor of
+                `batch_size`; None: single transitions.
+
+        Raises:
+            MissingExtraError: TorchRL is not installed.
+            SchemaError: the view has no episodes.
+        """
+        torchrl = import_module("swarmdata.interop.torchrl.torchrl")
+        return torchrl.replay_buffer(self, batch_size, slice_length)
+
     @overload
-    def make_env(self, n_copies: int = 1, *, api: Literal["vector"] = "vector") -> VecEnv: ...
+    def make_env(
+        self, n_copies: int = 1, *, n_threads: int = 1, api: Literal["vector"] = "vector"
+    ) -> VecEnv: ...
     @overload
     def make_env(self, n_copies: int = 1, *, api: Literal["pettingzoo"]) -> Any: ...
-    def make_env(self, n_copies: int = 1, *, api: str = "vector") -> Any:
+    def make_env(self, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector") -> Any:
         """Builds the world that was recorded.
 
         Args:
             n_copies: copies stepped together, E; a PettingZoo environment has one.
+            n_threads: threads that step them, as `swarmdata.make_env` takes it.
             api: `vector` for a `VecEnv`, `pettingzoo` for a `ParallelEnv`.
 
         Raises:
             UnknownNameError: another interface.
-            SchemaError: several copies of a PettingZoo environment.
+            SchemaError: several copies or threads of a PettingZoo environment.
         """
-        return make_env(self.task, n_copies, api=api)  # type: ignore[call-overload]
+        return make_env(  # type: ignore[call-overload]
+            self.task, n_copies, n_threads=n_threads, api=api
+        )
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.

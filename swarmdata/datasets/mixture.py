@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swarmdata.datasets.dataset import Dataset, Statistics
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.normalization import Moments
 from swarmdata.datasets.sampling import Sampler, batches_drawn
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import VecEnv
@@ -26,7 +27,7 @@ LONGEST_ID = 96
 class Mixture:
     """Datasets of one spec, each with the probability that a row of a batch comes from it.
 
-    It has what training needs of a `Dataset`: `statistics` are those of rows that are drawn so, and
+    It has what training needs of a `Dataset`: `moments` are those of rows that are drawn so, and
     `id`, `digest` and `view` say what was mixed, and how.
 
     Attributes:
@@ -86,9 +87,9 @@ class Mixture:
         return sum(part.n_steps for part in self.parts)
 
     @property
-    def statistics(self) -> Statistics:
+    def moments(self) -> Moments:
         """Moments of observations and rewards over rows that are drawn with the weights."""
-        found = [part.statistics for part in self.parts]
+        found = [part.moments for part in self.parts]
         means = np.stack([s.observation_mean for s in found])
         stds = np.stack([s.observation_std for s in found])
         observation_mean, observation_std = _mixed(means, stds, self.weights)
@@ -97,7 +98,7 @@ class Mixture:
             np.array([[s.reward_std] for s in found]),
         )
         (reward_mean,), (reward_std,) = _mixed(*rewards, self.weights)
-        return Statistics(observation_mean, observation_std, float(reward_mean), float(reward_std))
+        return Moments(observation_mean, observation_std, float(reward_mean), float(reward_std))
 
     def __len__(self) -> int:
         """Number of episodes."""
@@ -167,9 +168,9 @@ class Mixture:
         ]
         return MixtureSampler(samplers, self.weights)
 
-    def make_env(self, n_copies: int = 1) -> VecEnv:
-        """Builds copies of the world that was recorded."""
-        env: VecEnv = self.parts[0].make_env(n_copies)
+    def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv:
+        """Builds copies of the world that was recorded, as `Dataset.make_env` does."""
+        env: VecEnv = self.parts[0].make_env(n_copies, n_threads=n_threads)
         return env
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
@@ -194,6 +195,11 @@ class MixtureSampler:
         n_episodes = (np.count_nonzero(s.rows.positions >= 0) for s in samplers)
         self._first_episodes = np.cumsum([0, *n_episodes])  # of each part, in the mixture
         self.batch_size, self.seed = samplers[0].batch_size, samplers[0].seed
+        self._dtypes = {  # of one part images may be bytes, and of another float32
+            f"{prefix}{name}": np.result_type(*(each.dtype(name) for each in samplers))
+            for name in ("observations", "states")
+            for prefix in ("", "next_")
+        }
 
     def __iter__(self) -> "MixtureSampler":
         """Returns the sampler itself; it never ends."""
@@ -240,7 +246,8 @@ class MixtureSampler:
             if any(each is None for each in found):
                 values[field.name] = None
                 continue
-            whole = np.empty((*index.shape, *found[0].shape[1:]), found[0].dtype)
+            dtype = self._dtypes.get(field.name, found[0].dtype)
+            whole = np.empty((*index.shape, *found[0].shape[1:]), dtype)
             for own, each in zip(owns, found, strict=True):
                 whole[own] = each
             values[field.name] = whole

@@ -4,7 +4,7 @@ The `Observer` of live worlds runs over the stored states, layouts, seeds and ac
 recorded models give the recorded arrays bit for bit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -17,16 +17,24 @@ from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
 from swarmdata.registry.components import make_task
+from swarmdata.runtime.mapped_pages import MappedReads, release_pages
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.scratch_arrays import new_arrays
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step
 
 N_OBSERVED_COPIES = 256
 """Episodes observed together: enough to make a call cheap, few enough to stay in the cache."""
+
+OBSERVED_STATES = 100_000
+"""Most states of episodes that are observed together, unless one has more."""
+
+COPIED_ROWS = 100_000
+"""Rows of actions that are copied together."""
 
 OBSERVED_ARRAYS = ("observations", "sent", "delivered", "ages")
 """Arrays that a reobservation computes, in the order of `Observer.allocate`."""
@@ -78,10 +86,13 @@ class Reobservation:
         """Mean and standard deviation of observations over the train split, [O] each."""
         table, moments = self.recorded.table, Moments()
         observations = self.arrays["observations"]
+        reads = MappedReads([observations])
         for index in np.flatnonzero(table.split == 0):
             first = int(table.starts[index]) + int(index)
             rows = observations[first : first + int(table.lengths[index]) + 1]
             moments.add(rows.reshape(-1, rows.shape[-1]))
+            reads.add(rows)
+        reads.release()
         mean, std = moments.result()
         return np.array(mean), np.array(std)
 
@@ -89,9 +100,10 @@ class Reobservation:
 def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True) -> Reobservation:
     """Observes every episode of a stored dataset through the models of `spec`.
 
-    The result holds 4 N (O + P) + 2 N^2 bytes per state in memory (N^2 and P with a channel only),
-    1.1 GB for a million states of four robots with 16 lidar rays. Nothing else is copied, except
-    the commands, where recorded actions hold learned messages and the new models have none.
+    The result has 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a channel only), 1.1 GB for a
+    million states of four robots with 16 lidar rays: in memory if it is small, else in files of
+    `new_arrays`. Nothing else is copied, except the commands, where recorded actions hold learned
+    messages and the new models have none.
 
     Args:
         recorded: the open files.
@@ -100,6 +112,7 @@ def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True)
 
     Raises:
         SpecError: the new models need learned messages that the recorded actions do not hold.
+        DiskFullError: the result is large, and no space is left.
     """
     task = task_of(recorded.recipe, "reobservation")
     actions = actions_for(spec, task, recorded.arrays["actions"])
@@ -170,7 +183,13 @@ def actions_for(spec: TaskSpec, recorded: TaskSpec, actions: Float) -> Float:
     check_messages(spec, recorded)
     if spec.action_size == recorded.action_size:
         return actions
-    commands = np.ascontiguousarray(actions[..., : spec.action_size])
+    shape = (*actions.shape[:-1], spec.action_size)
+    commands = new_arrays({"actions": (shape, actions.dtype)})["actions"]
+    for first in range(0, len(actions), COPIED_ROWS):
+        rows = slice(first, first + COPIED_ROWS)
+        commands[rows] = actions[rows, ..., : spec.action_size]
+        release_pages(actions[rows])
+        release_pages(commands[rows])
     commands.setflags(write=False)
     return commands
 
@@ -193,17 +212,77 @@ def observe_episodes(
         progress: whether to show a bar.
     """
     n_copies = max(1, min(n_copies, len(episodes.lengths)))
-    observer, n_agents = Observer(task, n_copies), task.spec.n_agents
-    reobserver = _Reobserver(observer, episodes, n_copies, n_agents)
-    order = np.argsort(-episodes.lengths, kind="stable")
-    hidden = None if progress else True  # None: hidden where there is no terminal
+    reobserver = _Reobserver(Observer(task, n_copies), episodes, n_copies, task.spec.n_agents)
     total = len(episodes.states)
+    results = new_arrays(
+        {
+            name: ((total, *field.shape[1:]), field.dtype)
+            for name, field in reobserver.fields.items()
+        }
+    )
+    read, written = (
+        MappedReads(each) for each in ((episodes.states, episodes.actions), results.values())
+    )
+    hidden = None if progress else True  # None: hidden where there is no terminal
     with tqdm(total=total, desc="observing", unit="state", unit_scale=True, disable=hidden) as bar:
-        for first in range(0, len(order), n_copies):
-            bar.update(reobserver.observe(order[first : first + n_copies]))
-    for array in reobserver.results.values():
+        for group in _groups(episodes.lengths, n_copies):
+            joined = _joined(episodes, group, read)
+            observed = reobserver.observe(joined)
+            starts = episodes.starts[group] + group
+            _spread(observed, joined, results, starts, written)
+            bar.update(len(joined.states))
+    for array in results.values():
         array.setflags(write=False)
-    return reobserver.results
+    return results
+
+
+def _groups(lengths: Int, n_copies: int) -> Iterator[Int]:
+    """Yields episodes to observe together, longest first: at most `n_copies`, and few states."""
+    order = np.argsort(-lengths, kind="stable")
+    first = 0
+    while first < len(order):
+        longest = int(lengths[order[first]]) + 1
+        last = first + max(1, min(n_copies, OBSERVED_STATES // longest))
+        yield order[first:last]
+        first = last
+
+
+def _joined(episodes: RecordedEpisodes, group: Int, reads: MappedReads) -> RecordedEpisodes:
+    """Copies some episodes, in their order, into arrays of their own."""
+    starts, lengths = episodes.starts[group], episodes.lengths[group]
+    states, actions = [], []
+    for index, start, length in zip(group.tolist(), starts.tolist(), lengths.tolist(), strict=True):
+        states.append(episodes.states[start + index : start + index + length + 1].copy())
+        actions.append(episodes.actions[start : start + length].copy())
+        reads.add(states[-1], actions[-1])
+    return RecordedEpisodes(
+        np.concatenate(states),
+        np.concatenate(actions),
+        starts=np.cumsum(lengths) - lengths,
+        lengths=lengths,
+        seeds=episodes.seeds[group],
+        layouts=episodes.layouts[group],
+    )
+
+
+def _spread(
+    observed: Mapping[str, NDArray[Any]],
+    joined: RecordedEpisodes,
+    results: Mapping[str, NDArray[Any]],
+    starts: Int,
+    writes: MappedReads,
+) -> None:
+    """Copies what was observed in joined episodes to the rows of the results that begin there."""
+    sources = joined.starts + np.arange(len(starts))
+    for name, values in observed.items():
+        if not values.size:
+            continue
+        for source, start, length in zip(
+            sources.tolist(), starts.tolist(), joined.lengths.tolist(), strict=True
+        ):
+            rows = values[source : source + length + 1]
+            results[name][start : start + length + 1] = rows
+            writes.add(rows)
 
 
 class _Reobserver:
@@ -211,12 +290,12 @@ class _Reobserver:
 
     Args:
         observer: of `n_copies` copies.
-        episodes: as they were recorded.
+        episodes: those whose rows have the shapes of all that are observed.
         n_copies: E.
         n_agents: N.
 
     Attributes:
-        results: flat arrays by name, a row for each state, filled by `observe`.
+        fields: what is observed of one state, by name, [E, ...].
     """
 
     def __init__(
@@ -226,10 +305,10 @@ class _Reobserver:
         n_copies: int,
         n_agents: int,
     ) -> None:
-        self._observer, self._episodes = observer, episodes
+        self._observer = observer
         self._actions = np.zeros((n_copies, *episodes.actions.shape[1:]), dtype=np.float32)
         self._active: Bool = np.zeros(n_copies, dtype=np.bool_)
-        fields: dict[str, Any] = dict(
+        self.fields: dict[str, Any] = dict(
             zip(OBSERVED_ARRAYS, observer.allocate((n_copies,), n_agents), strict=True)
         )
         self._step = Step(
@@ -243,45 +322,49 @@ class _Reobserver:
             seeds=np.zeros(n_copies, dtype=np.uint64),
             times=np.zeros(n_copies, dtype=np.int64),
             layouts=np.zeros((n_copies, *episodes.layouts.shape[1:]), dtype=np.float32),
-            **fields,
+            **self.fields,
         )
-        # not zeroed: every row is written
-        self.results: dict[str, NDArray[Any]] = {
-            name: np.empty((len(episodes.states), *field.shape[1:]), dtype=field.dtype)
-            for name, field in fields.items()
-        }
-        # robots without a channel have arrays without elements, which need no copy
-        self._pairs = [(self.results[k], field) for k, field in fields.items() if field.size]
 
-    def observe(self, episodes: Int) -> int:
-        """Observes at most E episodes, longest first, from beginning to end; returns their rows."""
-        recorded, step, n = self._episodes, self._step, len(episodes)
-        starts, lengths = recorded.starts[episodes], recorded.lengths[episodes]
-        step.seeds[:n] = recorded.seeds[episodes]
-        step.layouts[:n] = recorded.layouts[episodes]
+    def observe(self, recorded: RecordedEpisodes) -> dict[str, NDArray[Any]]:
+        """Observes at most E episodes, longest first, from beginning to end.
+
+        Returns:
+            `OBSERVED_ARRAYS`, with a row for each of their states.
+        """
+        # not zeroed: every row is written
+        results: dict[str, NDArray[Any]] = {
+            name: np.empty((len(recorded.states), *field.shape[1:]), dtype=field.dtype)
+            for name, field in self.fields.items()
+        }
+        step, n, starts, lengths = (
+            self._step, len(recorded.lengths), recorded.starts, recorded.lengths,
+        )  # fmt: skip
+        first_states = starts + np.arange(n)
+        step.seeds[:n], step.layouts[:n] = recorded.seeds, recorded.layouts
         self._active[:n], self._active[n:] = True, False
-        self._load_states(starts + episodes, 0)
+        self._load_states(recorded, first_states, 0)
         self._observer.observe(step, None, self._active, np.arange(n))
-        self._store(starts + episodes)
+        self._store(results, first_states)
         for t in range(1, int(lengths[0]) + 1):
             n = int(np.searchsorted(-lengths, -t, side="right"))  # those with a state t
             self._active[n:] = False
             rows = starts[:n] + (t - 1)
             np.take(recorded.actions, rows, axis=0, out=self._actions[:n], mode="clip")
-            rows = rows + episodes[:n] + 1
-            self._load_states(rows, t)
+            rows = first_states[:n] + t
+            self._load_states(recorded, rows, t)
             self._observer.observe(step, self._actions, self._active)
-            self._store(rows)
-        return int(lengths.sum()) + len(episodes)
+            self._store(results, rows)
+        return results
 
-    def _load_states(self, rows: Int, t: int) -> None:
+    def _load_states(self, recorded: RecordedEpisodes, rows: Int, t: int) -> None:
         n = len(rows)
-        np.take(self._episodes.states, rows, axis=0, out=self._step.states[:n], mode="clip")
+        np.take(recorded.states, rows, axis=0, out=self._step.states[:n], mode="clip")
         self._step.times[:n] = t
 
-    def _store(self, rows: Int) -> None:
-        for result, source in self._pairs:
-            result[rows] = source[: len(rows)]
+    def _store(self, results: Mapping[str, NDArray[Any]], rows: Int) -> None:
+        for name, source in self.fields.items():
+            if source.size:  # robots without a channel have arrays without elements
+                results[name][rows] = source[: len(rows)]
 
 
 def without_losses(spec: TaskSpec) -> TaskSpec | None:

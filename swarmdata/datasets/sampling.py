@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
+from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Bool, Float, Int
+
+COPIED_FIELDS = (
+    "observations", "states", "actions", "log_probs", "rewards", "terminations", "truncations",
+)  # fmt: skip
+"""Arrays whose rows are in `copy_transitions` as they are."""
 
 N_DRAWN_AHEAD = 1 << 14
 """Random numbers made at once; NumPy calls on single batches would cost as much as the gather."""
@@ -87,6 +93,36 @@ def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: In
     last = rows.ends.take(episode) - 1
     batch = _gather(arrays, index, index + episode, last, np.ones(index.shape, dtype=np.bool_))
     return replace(batch, episodes=rows.positions.take(episode))
+
+
+def copy_transitions(
+    arrays: Mapping[str, NDArray[Any]], table: EpisodeTable, selection: Int
+) -> dict[str, NDArray[Any]]:
+    """Copies all transitions of some episodes, episode after episode, without their numbers.
+
+    Args:
+        arrays: the stored arrays.
+        table: all stored episodes.
+        selection: stored episodes, [n].
+    """
+    n_rows = int(table.lengths[selection].sum())
+    sources = {name: (name, 0) for name in COPIED_FIELDS}
+    sources |= {f"next_{name}": (name, 1) for name in ("observations", "states")}
+    copied = {
+        name: np.empty((n_rows, *arrays[source].shape[1:]), dtype=arrays[source].dtype)
+        for name, (source, _) in sources.items()
+    }
+    reads, first = MappedReads(arrays.values()), 0
+    for episode in selection.tolist():
+        start, length = int(table.starts[episode]), int(table.lengths[episode])
+        for name, (source, later) in sources.items():
+            begin = start + (episode + later if source in ("observations", "states") else 0)
+            rows = arrays[source][begin : begin + length]
+            copied[name][first : first + length] = rows
+            reads.add(rows)
+        first += length
+    reads.release()
+    return copied
 
 
 def gather_windows(
@@ -169,6 +205,7 @@ class Sampler:
         burn_in: steps before a segment, or None for windows that start anywhere.
         seed: of the stream of batches, 0 to 2**64 - 1.
         scale: of the actions; None gives them as they are stored.
+        rows: where the episodes lie; None: one after the other, as in a stored dataset.
 
     Raises:
         SchemaError: nothing to draw from, or a size below 1.
@@ -185,6 +222,7 @@ class Sampler:
         burn_in: int | None = None,
         seed: int = 0,
         scale: ActionScale | None = None,
+        rows: Rows | None = None,
     ) -> None:
         if len(selection) == 0:
             raise SchemaError("there are no episodes to sample from; widen the filter")
@@ -203,7 +241,7 @@ class Sampler:
         self.horizon = horizon
         self.burn_in = burn_in
         self.seed = seed
-        self.rows = Rows.locate(table, selection)
+        self.rows = Rows.locate(table, selection) if rows is None else rows
         self._arrays = arrays
         self._scale = scale
         self._n_drawn = 0
@@ -224,6 +262,10 @@ class Sampler:
             f"Sampler({len(self.rows.valid)} transitions, batch_size={self.batch_size}, "
             f"horizon={self.horizon}, seed={self.seed}, n_drawn={self._n_drawn})"
         )
+
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """The dtype of a stored array."""
+        return self._arrays[name].dtype
 
     def draw(self) -> Int:
         """Returns the rows of the next batch, int64 [B], without reading any data."""

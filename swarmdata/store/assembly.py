@@ -19,12 +19,14 @@ from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     CHECKPOINTS,
     FIELDS,
-    FORMAT_VERSION,
     MANIFEST,
     RECIPE,
     TIME_FIELDS,
+    DType,
     Shard,
+    common_dtype,
     expected_files,
+    format_version,
     plan_shard,
 )
 from swarmdata.store.arrays.running_moments import Moments
@@ -33,6 +35,7 @@ from swarmdata.store.manifest import FileEntry, Manifest, StatisticsEntry, read_
 from swarmdata.store.parts import (
     episode_slices,
     optional_fields,
+    part_dtype,
     read_part_layouts,
     read_part_table,
 )
@@ -53,6 +56,7 @@ def assemble(
     splits: Counts | None = None,
     optional: Sequence[str] | None = None,
     checkpoints: Mapping[str, bytes] = MappingProxyType({}),
+    consume: bool = False,
 ) -> Manifest:
     """Writes the finished dataset folder, manifest last, and publishes it in one rename.
 
@@ -69,6 +73,9 @@ def assemble(
             has no rule.
         optional: optional arrays of the parts to take; None for all that they have.
         checkpoints: content of the networks to keep with the dataset, by file name.
+        consume: whether files of parts are deleted as soon as they are copied, so that the disk
+            never holds everything twice. Where that is interrupted, the parts that are
+            `is_consumed` have to be made again.
 
     Raises:
         RecipeConflictError: `out` holds a dataset of another recipe.
@@ -80,7 +87,7 @@ def assemble(
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
     names = (*FIELDS, *_optional(parts, optional))
-    return write_dataset(out, recipe, _Parts(parts, order, table, names), checkpoints)
+    return write_dataset(out, recipe, _Parts(parts, order, table, names, consume), checkpoints)
 
 
 class Source(Protocol):
@@ -98,6 +105,10 @@ class Source(Protocol):
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of the finished array."""
+        ...
+
+    def dtype(self, name: str) -> DType:
+        """Its dtype, one of `Field.dtypes`."""
         ...
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
@@ -121,8 +132,7 @@ def write_dataset(
     if out.exists():
         return _existing(out, recipe)
     shards = {
-        name: plan_shard(ALL_FIELDS[name].dtype, source.shape(name))
-        for name in sorted(source.names)
+        name: plan_shard(source.dtype(name), source.shape(name)) for name in sorted(source.names)
     }
     from swarmdata.store.arrays.attributes import attributes_of  # noqa: PLC0415  (numba, for writers only)
 
@@ -173,6 +183,7 @@ class _Parts:
     order: Order
     table: EpisodeTable
     names: tuple[str, ...]
+    consume: bool
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of the finished array."""
@@ -182,14 +193,26 @@ class _Parts:
         extra = len(self.table) if ALL_FIELDS[name].rows == "states" else 0
         return (int(self.table.lengths.sum()) + extra, *first.shape[1:])
 
+    def dtype(self, name: str) -> DType:
+        """Its dtype; parts of an older version have images as float32."""
+        if not ALL_FIELDS[name].may_be_bytes:
+            return ALL_FIELDS[name].dtype
+        folders = (folder for folders in self.parts.values() for folder in folders)
+        return common_dtype(name, (part_dtype(folder, name) for folder in folders))
+
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Consecutive rows of the array; one block per episode for arrays over time."""
         if ALL_FIELDS[name].rows == "episodes":
             yield table_columns(self.table)[name]
             return
-        streams = {p: enumerate(episode_slices(paths, name)) for p, paths in self.parts.items()}
+        dtype = self.dtype(name)
+        streams = {
+            policy: enumerate(episode_slices(paths, name, consume=self.consume))
+            for policy, paths in self.parts.items()
+        }
         for policy, episode in self.order:
-            yield next(block for index, block in streams[policy] if index == episode)
+            block = next(block for index, block in streams[policy] if index == episode)
+            yield block.astype(dtype, copy=False)
 
 
 def _episode_table(
@@ -285,7 +308,7 @@ def _write(
     observation_mean, observation_std = moments["observations"].result()
     (reward_mean,), (reward_std,) = moments["rewards"].result()
     return Manifest(
-        format_version=FORMAT_VERSION,
+        format_version=format_version(shards.values()),
         id=recipe.id,
         recipe_hash=recipe.hash(),
         n_episodes=len(source.table),

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.store.arrays.layout import ALL_FIELDS
+from swarmdata.runtime.mapped_pages import MappedReads
+from swarmdata.store.arrays.layout import ALL_FIELDS, DType, common_dtype
 from swarmdata.store.stored_dataset import StoredDataset
 from swarmdata.store.table import EpisodeTable, table_columns
 from swarmdata.types import Counts, Int
@@ -45,8 +46,11 @@ class Piece:
         has_last = ALL_FIELDS[name].rows == "states"
         starts = table.starts[self.episodes] + (self.episodes if has_last else 0)
         ends = starts + table.lengths[self.episodes] + has_last
+        reads = MappedReads([array])
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
             yield array[start:end]
+            reads.add(array[start:end])
+        reads.release()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +106,16 @@ class Selection:
         inner = self.pieces[0].stored.arrays[name].shape[1:]
         return (int(self.table.lengths.sum()) + extra, *inner)
 
+    def dtype(self, name: str) -> DType:
+        """Its dtype; images that another version recorded are float32."""
+        dtypes = (str(piece.stored.arrays[name].dtype) for piece in self.pieces)
+        return common_dtype(name, dtypes)
+
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Consecutive rows of the array; one block per episode for arrays over time."""
         if ALL_FIELDS[name].rows == "episodes":
             yield table_columns(self.table)[name]
             return
+        dtype = self.dtype(name)
         for piece in self.pieces:
-            yield from piece.blocks(name)
+            yield from (block.astype(dtype, copy=False) for block in piece.blocks(name))

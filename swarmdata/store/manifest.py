@@ -6,12 +6,22 @@ written as zeros. So any changed byte of the file shows, and no second file can 
 
 import hashlib
 import json
+import math
 import re
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from swarmdata.errors import (
     ChecksumError,
@@ -34,6 +44,9 @@ from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 
 MAX_MANIFEST_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
+
+MIN_PAGE_BYTES = 4096
+"""Smallest page of a system, and so the least that a file of several is a multiple of."""
 
 _CHECKSUM = re.compile(rb'"checksum": "([0-9a-f]{64})"')
 _ZEROS = b'"checksum": "' + b"0" * 64 + b'"'
@@ -68,12 +81,39 @@ class ArrayEntry(_Section):
     dtype: DType
     shape: Annotated[tuple[Size, ...], Field(min_length=1, strict=False)]
     chunk_rows: Annotated[int, Field(ge=1)]
+    shard_rows: Annotated[int | None, Field(ge=1)] = None  # of each file; absent: all rows
     checksums: Annotated[tuple[Xxh3, ...], Field(strict=False)]
 
     @property
+    def layout(self) -> tuple[DType, tuple[int, ...], int, int | None]:
+        """What decides the bytes of the array's files."""
+        return self.dtype, self.shape, self.chunk_rows, self.shard_rows
+
+    @property
     def shard(self) -> Shard:
-        """The byte layout of the array's file."""
-        return Shard(self.dtype, self.shape, self.chunk_rows)
+        """The byte layout of the array's files."""
+        return Shard(*self.layout)
+
+    @model_validator(mode="after")
+    def _whole_pages(self) -> Self:
+        """Several files can only be mapped one after the other if each fills whole pages."""
+        if self.shard_rows is not None:
+            row_bytes = math.prod(self.shape[1:]) * np.dtype(self.dtype).itemsize
+            shard_bytes = self.shard_rows * row_bytes
+            if self.shard_rows % self.chunk_rows or shard_bytes % MIN_PAGE_BYTES:
+                raise ValueError(
+                    f"shard_rows is {self.shard_rows}, expected whole chunks of {self.chunk_rows} "
+                    f"rows and a multiple of {MIN_PAGE_BYTES} bytes"
+                )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Arrays of one file are written as before there were several."""
+        content: dict[str, Any] = write(self)
+        if self.shard_rows is None:
+            del content["shard_rows"]
+        return content
 
 
 class StatisticsEntry(_Section):
@@ -102,9 +142,7 @@ class Manifest(_Section):
     @cached_property
     def plan(self) -> dict[str, ArrayPlan]:
         """Where each array lies, and what its file and its Zarr metadata must be."""
-        return plan_arrays(
-            {name: (each.dtype, each.shape, each.chunk_rows) for name, each in self.arrays.items()}
-        )
+        return plan_arrays({name: each.layout for name, each in self.arrays.items()})
 
     @property
     def transport_digest(self) -> str:

@@ -15,6 +15,7 @@ from swarmdata.types import Episode
 
 _TABLE = "episodes.npy"
 _LAYOUTS = "layouts.npy"
+_CONSUMED = "consumed"
 
 
 def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
@@ -44,19 +45,19 @@ def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
     layouts = [episode.layout[None] for episode in episodes]
     with new_folder(folder) as temporary:
         np.save(temporary / _TABLE, table, allow_pickle=False)
-        np.save(temporary / _LAYOUTS, _join("layout", layouts, "float32"), allow_pickle=False)
+        np.save(temporary / _LAYOUTS, _join("layout", layouts, ("float32",)), allow_pickle=False)
         for name, values in arrays.items():
-            joined = _join(name, values, ALL_FIELDS[name].dtype)
+            joined = _join(name, values, ALL_FIELDS[name].dtypes)
             np.save(temporary / f"{name}.npy", joined, allow_pickle=False)
 
 
-def _join(name: str, values: Sequence[NDArray[Any]], dtype: str) -> NDArray[Any]:
+def _join(name: str, values: Sequence[NDArray[Any]], dtypes: Sequence[str]) -> NDArray[Any]:
     """Concatenates over time, refusing to cast or to mix shapes."""
     kinds = {(str(value.dtype), value.shape[1:]) for value in values}
-    if len(kinds) > 1 or next(iter(kinds))[0] != dtype:
+    if len(kinds) > 1 or next(iter(kinds))[0] not in dtypes:
         raise SchemaError(
             f"episode field {name!r} has (dtype, shape after the first axis) "
-            f"{sorted(map(str, kinds))}, expected one kind with dtype {dtype}"
+            f"{sorted(map(str, kinds))}, expected one kind with dtype {' or '.join(dtypes)}"
         )
     joined = np.concatenate(values)
     if joined.dtype.kind == "f" and not np.isfinite(joined).all():
@@ -82,14 +83,32 @@ def optional_fields(folder: Path) -> tuple[str, ...]:
     return tuple(name for name in sorted(OPTIONAL_FIELDS) if (folder / f"{name}.npy").exists())
 
 
+def part_dtype(folder: Path, field: str) -> str:
+    """The dtype of a field in a part."""
+    return str(_load(folder / f"{field}.npy", mapped=True).dtype)
+
+
 def read_part_layouts(folder: Path) -> NDArray[np.float32]:
     """Reads the obstacles of each episode of a part, [n, M, 8]."""
     layouts: NDArray[np.float32] = _load(folder / _LAYOUTS)
     return layouts
 
 
-def episode_slices(parts: Sequence[Path], field: str) -> Iterator[NDArray[Any]]:
-    """Yields one field of each episode of consecutive parts, holding one part open at a time."""
+def is_consumed(folder: Path) -> bool:
+    """Whether a dataset was being assembled that took the part's files: some are gone."""
+    return (folder / _CONSUMED).exists()
+
+
+def episode_slices(
+    parts: Sequence[Path], field: str, *, consume: bool = False
+) -> Iterator[NDArray[Any]]:
+    """Yields one field of each episode of consecutive parts, holding one part open at a time.
+
+    Args:
+        parts: folders of consecutive parts.
+        field: name of the array.
+        consume: whether a part's file of the field is deleted once the next part is asked for.
+    """
     extra = ALL_FIELDS[field].rows == "states"
     for folder in parts:
         ends = np.cumsum(read_part_table(folder).lengths + extra)
@@ -99,6 +118,10 @@ def episode_slices(parts: Sequence[Path], field: str) -> Iterator[NDArray[Any]]:
                 f"{folder / field}.npy has {len(values)} rows, expected {ends[-1]}. {_hint(folder)}"
             )
         yield from np.split(values, ends[:-1])
+        if consume:
+            (folder / _CONSUMED).touch()
+            del values  # the space is free when nothing maps the file
+            (folder / f"{field}.npy").unlink()
 
 
 def _load(path: Path, mapped: bool = False) -> NDArray[Any]:

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-import mmap
 import os
 import stat
 from collections.abc import Mapping
@@ -26,6 +25,7 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
+from swarmdata.runtime.mapped_pages import mapping_of, release_pages
 from swarmdata.specs.origins import Origin, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
@@ -35,15 +35,17 @@ from swarmdata.store.arrays.layout import (
     GROUP_FILES,
     POSSIBLE_FILES,
     RECIPE,
+    is_array_file,
     is_checkpoint_file,
     misplaced_files,
-    shard_index,
 )
+from swarmdata.store.arrays.mapped_files import map_array
 from swarmdata.store.arrays.row_shapes import (
     MAY_BE_EMPTY,
     recorded_row_shapes,
     task_row_shapes,
 )
+from swarmdata.store.arrays.scratch_arrays import ScratchMap
 from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
 from swarmdata.store.manifest import (
     Manifest,
@@ -69,8 +71,8 @@ class StoredDataset:
     table: EpisodeTable
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles the path and what is in memory only: a worker process maps the files itself."""
-        held = {name: array for name, array in self.arrays.items() if not _is_mapped(array)}
+        """Pickles the path and what is in no file of it: a worker process maps the files itself."""
+        held = {name: array for name, array in self.arrays.items() if _is_computed(array)}
         return _reopen, (self.path, self.manifest.digest, held)
 
 
@@ -109,8 +111,7 @@ def open_store(
     _check_sizes(path, manifest)
     small_files = _read_small_files(path, manifest, is_checked=verify != "none")
     _check_metadata(path, manifest, small_files)
-    raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
-    _check_indices(path, manifest, raw)
+    raw = {name: map_checked(path, manifest, name) for name in manifest.arrays}
     if verify != "none":
         _check_chunks(path, manifest, raw)
     if verify == "full":
@@ -119,18 +120,16 @@ def open_store(
         name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
         for name, (shard, *_) in manifest.plan.items()
     }
-    origin = _read_origin(path, manifest, small_files[RECIPE], recipe)
-    _check_spec(path, manifest, origin, widths=widths)
-    table = _read_table(path, manifest, origin, arrays)
+    origin = read_origin(path, manifest, small_files[RECIPE], recipe)
+    check_spec(path, manifest, origin, widths=widths)
+    table = read_table(path, manifest, origin, arrays)
     return StoredDataset(path, manifest, origin, arrays, table)
 
 
-def _is_mapped(array: NDArray[Any]) -> bool:
-    """Whether an array is a view of a file; an empty one has none and costs nothing to copy."""
-    base: Any = array
-    while isinstance(base, np.ndarray | memoryview):
-        base = base.obj if isinstance(base, memoryview) else base.base
-    return isinstance(base, mmap.mmap)
+def _is_computed(array: NDArray[Any]) -> bool:
+    """Whether an array is in no file of the dataset; an empty one costs nothing to copy."""
+    mapped = mapping_of(array)
+    return mapped is None or isinstance(mapped, ScratchMap)
 
 
 def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> StoredDataset:
@@ -178,7 +177,10 @@ def blocking_links(path: Path) -> tuple[str, ...]:
     return tuple(
         link
         for link in found
-        if Path(link).parts in ours or link == CHECKPOINTS or is_checkpoint_file(link)
+        if Path(link).parts in ours
+        or link == CHECKPOINTS
+        or is_checkpoint_file(link)
+        or is_array_file(link)
     )
 
 
@@ -207,12 +209,16 @@ def _check_arrays(path: Path, manifest: Manifest) -> None:
         if n_checksums != shard.n_chunks:
             problem = f"{n_checksums} checksums for {shard.n_chunks} chunks"
             raise _disagrees(path, manifest, f"array {name!r} is listed with {problem}")
+        if shard.shard_chunks > shard.n_chunks:
+            problem = f"files of {shard.shard_rows} rows, it has {shard.shape[0]}"
+            raise _disagrees(path, manifest, f"array {name!r} is listed with {problem}")
     for name, field in ALL_FIELDS.items():
         if name not in manifest.arrays:
             continue
         entry = manifest.arrays[name]
         got = (entry.dtype, len(entry.shape), entry.shape[0])
-        expected = (field.dtype, len(field.dimensions), rows[field.rows])
+        dtype = entry.dtype if entry.dtype in field.dtypes else field.dtype
+        expected = (dtype, len(field.dimensions), rows[field.rows])
         if got != expected:
             problem = f"listed with (dtype, dimensions, rows) {got}, expected {expected}"
             raise _disagrees(path, manifest, f"array {name!r} is {problem}")
@@ -226,14 +232,16 @@ def _check_files(path: Path, manifest: Manifest) -> None:
         raise _disagrees(
             path, manifest, f"files {differing} are listed without their array or absent"
         )
-    for shard, file, *_ in manifest.plan.values():
-        if shard.n_chunks and manifest.files[file].size != shard.file_bytes:
-            raise _disagrees(
-                path,
-                manifest,
-                f"{file} is listed with {manifest.files[file].size} bytes, but an array of shape "
-                f"{shard.shape} and dtype {shard.dtype} has {shard.file_bytes}",
-            )
+    for shard, files, *_ in manifest.plan.values():
+        for index, file in enumerate(files):
+            size, expected = manifest.files[file].size, shard.file_bytes(index)
+            if size != expected:
+                raise _disagrees(
+                    path,
+                    manifest,
+                    f"{file} is listed with {size} bytes, but an array of shape {shard.shape} and "
+                    f"dtype {shard.dtype} has {expected}",
+                )
 
 
 def _check_sizes(path: Path, manifest: Manifest) -> None:
@@ -261,7 +269,7 @@ def _read_small_files(path: Path, manifest: Manifest, *, is_checked: bool) -> di
         manifest: that lists the files.
         is_checked: whether their SHA-256 is compared.
     """
-    shard_files = {plan.file for plan in manifest.plan.values()}
+    shard_files = {file for plan in manifest.plan.values() for file in plan.files}
     contents = {}
     for name in sorted(manifest.files.keys() - shard_files):
         size = manifest.files[name].size
@@ -312,16 +320,19 @@ def check_widths(stored: StoredDataset) -> None:
     Raises:
         ManifestError: naming what contradicts the spec.
     """
-    _check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
+    check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
 
 
-def _check_spec(path: Path, manifest: Manifest, recipe: Origin, *, widths: bool) -> None:
+def check_spec(path: Path, manifest: Manifest, recipe: Origin, *, widths: bool) -> None:
     """Checks that the spec in the recipe can be that of these arrays."""
     shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
     try:
         problems = shape_contradictions(recipe, shapes, widths=widths)
     except (SpecError, SpawnError) as error:
         problems = (f"its spec is of no task: {error}",)
+    images = [name for name in ("observations", "states") if manifest.arrays[name].dtype == "uint8"]
+    if recipe.spec.world is not None and images:
+        problems = (*problems, f"{', '.join(images)} are uint8, but a task observes no images")
     if problems:
         raise _disagrees(path, manifest, "; ".join(problems))
 
@@ -354,29 +365,25 @@ def shape_contradictions(
     return tuple(problems)
 
 
-def map_shard(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
-    """Maps the array's whole file, index included; empty for an array without elements."""
-    shard, file, *_ = manifest.plan[name]
-    if not shard.n_chunks:
-        return np.zeros(0, dtype=np.uint8)
-    with open(os.path.join(path, file), "rb") as stream:  # noqa: PTH118, PTH123 (a part of every load)
-        mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-    return np.frombuffer(mapped, dtype=np.uint8)
+def map_checked(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
+    """Maps the chunks of an array; empty for an array without elements.
 
-
-def _check_indices(path: Path, manifest: Manifest, raw: Raw) -> None:
-    """Checks that the chunks lie in order and without gaps, as a memory map assumes."""
-    for name, values in raw.items():
-        shard, file, *_ = manifest.plan[name]
-        if not shard.n_chunks:
-            continue
-        if values[shard.data_bytes :].tobytes() != shard_index(shard.n_chunks, shard.chunk_bytes):
+    Raises:
+        ChecksumError: they do not lie in order and without gaps, as a memory map assumes.
+    """
+    plan = manifest.plan[name]
+    values, indices = map_array(path, plan)
+    for index, (file, found) in enumerate(zip(plan.files, indices, strict=True)):
+        if found != plan.shard.index_of(index):
             hint = rebuild_hint(path, manifest.id)
             raise ChecksumError(f"the shard index at the end of {path / file} was changed. {hint}")
+    return values
 
 
 def _check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
     """Checks the xxh3_64 of every chunk, in as many threads as there are cores.
+
+    Memory stays bounded by a chunk for each thread.
 
     Raises:
         ChecksumError: naming the file, the first changed chunk and its rows.
@@ -397,13 +404,15 @@ def _check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
             chunk = raw[name][index * size : (index + 1) * size]
             if xxhash.xxh3_64_hexdigest(chunk.data) != checksum:
                 found.append(k)
+            release_pages(chunk)
         return found
 
     with ThreadPoolExecutor(n_threads) as pool:
         bad = [k for found in pool.map(changed, range(n_threads)) for k in found]
     if bad:
         name, index, _ = jobs[min(bad)]
-        shard, file, *_ = manifest.plan[name]
+        shard, files, *_ = manifest.plan[name]
+        file = files[index // shard.shard_chunks]
         first = index * shard.chunk_rows
         last = min(first + shard.chunk_rows, shard.shape[0]) - 1
         raise ChecksumError(
@@ -413,7 +422,7 @@ def _check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
         )
 
 
-def _read_origin(path: Path, manifest: Manifest, content: bytes, known: Recipe | None) -> Origin:
+def read_origin(path: Path, manifest: Manifest, content: bytes, known: Recipe | None) -> Origin:
     """Reads `recipe.json`; where it is the text of a recipe that is known, nothing is parsed."""
     # of the file, as written: what later versions add to a recipe does not change it
     written = hashlib.sha256(content).hexdigest()
@@ -433,7 +442,7 @@ def _read_origin(path: Path, manifest: Manifest, content: bytes, known: Recipe |
     return origin
 
 
-def _read_table(
+def read_table(
     path: Path, manifest: Manifest, recipe: Origin, arrays: dict[str, NDArray[Any]]
 ) -> EpisodeTable:
     """Copies the episode table into memory and checks that it covers the arrays exactly."""

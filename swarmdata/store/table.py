@@ -1,22 +1,49 @@
 """EpisodeTable, one column per fact about an episode, and how a row is measured from an Episode."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.errors import SchemaError
-from swarmdata.types import EVENTS, Bool, Counts, Double, Episode, Float, Int, Seeds
+from swarmdata.errors import MissingExtraError, SchemaError
+from swarmdata.types import (
+    END_REASONS,
+    EVENTS,
+    Bool,
+    Counts,
+    Double,
+    Episode,
+    Float,
+    Int,
+    Seeds,
+)
 
 SPLITS = ("train", "validation", "test")
 """Splits by code."""
 
 
+@dataclass(frozen=True, slots=True)
+class EpisodeRow:
+    """What is known of one episode without reading its steps."""
+
+    index: int  # in the table, and so in the view: `dataset[row.index]`
+    length: int  # joint steps
+    seed: int
+    split: str  # one of SPLITS
+    end_reason: str  # one of END_REASONS
+    policy: int  # index into the recipe's policies
+    policy_episode: int  # index in that policy's stream of episodes
+    team_return: float  # sum over time of the mean reward over agents
+    success: bool
+    robot_collisions: int
+    obstacle_collisions: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeTable:
-    """The episodes of a dataset or view, in stored order."""
+    """The episodes of a dataset or view, in stored order; a sequence of `EpisodeRow`."""
 
     starts: Int  # [n] first row in the arrays with T rows; the row with T+1 is start + index
     lengths: Int  # [n] joint steps, T
@@ -39,6 +66,59 @@ class EpisodeTable:
         """Shows the columns, not the values."""
         names = ", ".join(field.name for field in fields(self))
         return f"EpisodeTable({len(self)} episodes: {names})"
+
+    @overload
+    def __getitem__(self, index: int | np.integer[Any]) -> EpisodeRow: ...
+    @overload
+    def __getitem__(self, index: "slice | Sequence[int] | NDArray[Any]") -> "EpisodeTable": ...
+    def __getitem__(self, index: Any) -> "EpisodeRow | EpisodeTable":
+        """Returns one episode's row; of a slice, indices or a mask [n], the table of these.
+
+        Raises:
+            IndexError: there is no such episode.
+        """
+        if not isinstance(index, int | np.integer):
+            return self.take(np.arange(len(self))[index])
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"episode {index} of a table of {len(self)} episodes")
+        return EpisodeRow(
+            index=int(index) % len(self),
+            length=int(self.lengths[index]),
+            seed=int(self.seeds[index]),
+            split=SPLITS[self.split[index]],
+            end_reason=END_REASONS[self.end_reason[index]],
+            policy=int(self.policy[index]),
+            policy_episode=int(self.policy_episode[index]),
+            team_return=float(self.team_return[index]),
+            success=bool(self.success[index]),
+            robot_collisions=int(self.robot_collisions[index]),
+            obstacle_collisions=int(self.obstacle_collisions[index]),
+        )
+
+    def __iter__(self) -> Iterator[EpisodeRow]:
+        """Yields the rows."""
+        return (self[index] for index in range(len(self)))
+
+    def to_pandas(self) -> Any:
+        """Returns a `pandas.DataFrame` with a row for each episode: the fields of `EpisodeRow`.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        try:
+            import pandas  # noqa: PLC0415  (an extra)
+        except ImportError as error:
+            raise MissingExtraError("pandas", "pandas", "EpisodeTable.to_pandas") from error
+        named = {
+            "index": np.arange(len(self)),
+            "length": self.lengths,
+            "seed": self.seeds,
+            "split": np.array(SPLITS)[self.split],
+            "end_reason": np.array(END_REASONS)[self.end_reason],
+        }
+        columns = {**self.columns(), **named}
+        names = [field.name for field in fields(EpisodeRow)]
+        return pandas.DataFrame({name: columns[name] for name in names}).set_index("index")
 
     def take(self, indices: Int) -> "EpisodeTable":
         """Returns the rows `indices`, in that order."""

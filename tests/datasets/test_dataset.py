@@ -1,4 +1,5 @@
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import MissingFileError, SchemaError, UnknownNameError
+from swarmdata.datasets.normalization import Moments, Statistics
+from swarmdata.errors import MissingExtraError, MissingFileError, SchemaError, UnknownNameError
 from swarmdata.registry.published import Reference
 from swarmdata.store import SPLITS
 from swarmdata.testing import dataset_contract as contract
@@ -169,10 +171,61 @@ def test_useless_references_are_refused(
 def test_statistics_use_train_only(dataset: Dataset) -> None:
     train = np.concatenate([e.observations.reshape(-1, N_FEATURES) for e in dataset.split("train")])
     every = np.concatenate([e.observations.reshape(-1, N_FEATURES) for e in dataset])
-    found = dataset.split("test").statistics
+    found = dataset.split("test").moments
     np.testing.assert_allclose(found.observation_mean, train.mean(0, dtype=np.float64), rtol=1e-12)
     np.testing.assert_allclose(found.observation_std, train.std(0, dtype=np.float64), rtol=1e-9)
     assert not np.allclose(found.observation_mean, every.mean(0))
+
+
+def test_statistics_are_ready_to_divide_by() -> None:
+    deviations = np.array([0.5, 0.0, 1e-9, 2.0])
+    moments = Moments(np.array([0.1, 3.0, 7.0, -1.0]), deviations, reward_mean=2.0, reward_std=0.0)
+    found = Statistics.of(moments)
+    assert found.observation_mean.dtype == found.observation_std.dtype == np.float32
+    np.testing.assert_array_equal(found.observation_std, np.array([0.5, 1.0, 1.0, 2.0], np.float32))
+    assert found.is_constant.tolist() == [False, True, True, False]
+    seen = np.array([0.1, 3.0, 7.5, -1.0], np.float32)
+    normalized = (seen - found.observation_mean) / found.observation_std
+    np.testing.assert_array_equal(normalized, np.array([0.0, 0.0, 0.5, 0.0], np.float32))
+    assert found.reward_std == 1.0
+    assert repr(found).startswith("Statistics(4 features, 2 of them constant; rewards 2 ± 1;")
+    assert "\n" not in repr(found)
+
+
+def test_episodes_are_rows(dataset: Dataset) -> None:
+    table = dataset.episodes
+    rows = list(table)
+    assert [row.index for row in rows] == list(range(len(dataset)))
+    for row, episode in zip(rows, dataset, strict=True):
+        assert (row.length, row.seed, row.success) == (len(episode), episode.seed, episode.success)
+        assert row.team_return == pytest.approx(episode.team_return)
+    assert table[-1] == rows[-1]
+    assert table[1:3][0].seed == rows[1].seed
+    long = table[table.lengths > np.median(table.lengths)]
+    assert 0 < len(long) < len(table)
+    assert {row.split for row in rows} <= {"train", "validation", "test"}
+    assert [rows[k].seed for k in (2, 0)] == [row.seed for row in table[[2, 0]]]
+    with pytest.raises(IndexError, match=f"episode {len(table)} of a table of {len(table)}"):
+        table[len(table)]
+
+
+def test_episodes_as_a_data_frame(dataset: Dataset) -> None:
+    pandas = pytest.importorskip("pandas", reason="data frames need pandas")
+    frame = dataset.episodes.to_pandas()
+    assert isinstance(frame, pandas.DataFrame)
+    assert len(frame) == len(dataset)
+    for row in dataset.episodes:
+        assert frame.loc[row.index, "seed"] == row.seed
+        assert frame.loc[row.index, "split"] == row.split
+        assert frame.loc[row.index, "team_return"] == row.team_return
+
+
+def test_without_pandas_one_sentence_says_so(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(MissingExtraError, match="to_pandas needs 'pandas', which is not installed"):
+        dataset.episodes.to_pandas()
 
 
 def test_card(tmp_path: Path) -> None:

@@ -102,11 +102,11 @@ def test_statistics_are_those_of_what_is_drawn(mixture: Mixture) -> None:
     train = mixture.split("train")
     sampler = train.sampler(40_000, seed=0)
     batch = next(sampler)
-    std = np.maximum(train.statistics.observation_std, 0.05)
-    error = batch.observations.mean((0, 1)) - train.statistics.observation_mean
+    std = np.maximum(train.moments.observation_std, 0.05)
+    error = batch.observations.mean((0, 1)) - train.moments.observation_mean
     assert np.abs(error / std).max() < 0.05
     np.testing.assert_allclose(
-        batch.observations.std((0, 1)), train.statistics.observation_std, atol=0.05
+        batch.observations.std((0, 1)), train.moments.observation_std, atol=0.05
     )
     measured = Statistics.measure(train, 0.9)
     np.testing.assert_allclose(batch.states.mean(0), measured.state_mean, atol=0.06)

@@ -50,7 +50,7 @@ COMMUNICATIONS = (
 )
 MODELS = [
     *product(OBSERVATIONS, COMMUNICATIONS),
-    ("state-0+goal-for-0", "errand"),
+    ("state-0+goal-for-0+no-velocities", "errand"),
     ("bearing+goal-for-3+delay-1+stack-2", "errand+lossy-40+delayed-1+expires-2"),
 ]
 WORLDS = [

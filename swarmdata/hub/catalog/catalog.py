@@ -5,11 +5,11 @@ the package if neither has it, so that everything works without a network.
 """
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import overload
+from typing import Literal, overload
 
 import numpy as np
 
@@ -17,10 +17,19 @@ from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.datasets.reobservation import check_messages
-from swarmdata.errors import SpecError
+from swarmdata.errors import SpecError, SwarmdataError
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.request import is_offline, parse_request
-from swarmdata.hub.catalog.sources import Cache, Rebuild, Remotes, obtain, unknown_dataset
+from swarmdata.hub.catalog.sources import (
+    Cache,
+    Rebuild,
+    Remotes,
+    cached_ids,
+    obtain,
+    unknown_dataset,
+)
+from swarmdata.hub.catalog.streams import stream_request
+from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
 from swarmdata.registry.published import (
     Published,
     Reference,
@@ -72,6 +81,39 @@ def list_datasets() -> list[DatasetInfo]:
     return [_info(recipe) for _, recipe in sorted(shipped_recipes().items())]
 
 
+def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
+    """Returns the datasets in the cache that the package has no recipe of, by id.
+
+    Returns:
+        Them, and for each folder that is no usable dataset one sentence that says why.
+    """
+    place, known = cache_folder() / "datasets", shipped_recipes()
+    found, problems = [], []
+    for name in sorted(set(cached_ids(place)) - known.keys()):
+        try:
+            found.append(_info_of_folder(place / name))
+        except SwarmdataError as error:
+            problems.append(f"{place / name}: {error}")
+    return found, problems
+
+
+def _info_of_folder(folder: Path) -> DatasetInfo:
+    stored = open_store(folder, "none")
+    manifest, recipe = stored.manifest, stored.recipe
+    return DatasetInfo(
+        id=manifest.id,
+        task=recipe.spec.task,
+        tier=recipe.tier,
+        n_agents=recipe.spec.n_agents,
+        n_steps=manifest.n_steps,
+        n_episodes=manifest.n_episodes,
+        n_bytes=sum(file.size for file in manifest.files.values()),
+        score=None,
+        digest=manifest.digest,
+        is_cached=True,
+    )
+
+
 def _info(recipe: Recipe) -> DatasetInfo:
     entry: Published | None = published().get(recipe.id)
     anchors = references_of(recipe.spec.hash())
@@ -115,10 +157,21 @@ def load(
     workers: int | None = None,
     progress: bool = True,
 ) -> Mixture: ...
+@overload
+def load(
+    dataset_id: str | Path,
+    *,
+    stream: Literal[True] | Stream,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    offline: bool | None = None,
+    progress: bool = True,
+) -> StreamedDataset: ...
 def load(
     dataset_id: str | Path | list[str] | list[Path] | tuple[str | Path, ...],
     *,
     weights: Sequence[float] | None = None,
+    stream: bool | Stream = False,
     observation: Source | None = None,
     communication: Source | None = None,
     rewards: RewardChoice | None = None,
@@ -127,7 +180,7 @@ def load(
     offline: bool | None = None,
     workers: int | None = None,
     progress: bool = True,
-) -> Dataset | Mixture:
+) -> Dataset | Mixture | StreamedDataset:
     """Opens a dataset, or a mixture of several: from the cache, a remote, or built from its recipe.
 
     The remotes that are configured are asked in order (`swarmdata remote list`); one that fails, or
@@ -142,6 +195,8 @@ def load(
             the folder of a dataset. A list of them is a mixture: their specs have to be equal.
         weights: of a mixture: in proportion to which rows of batches come from each dataset; None:
             its number of steps, so that all transitions are equally likely.
+        stream: whether one dataset is opened without being fetched or built: its chunks are fetched
+            when they are read. A `Stream` also says how much is kept in memory and on the disk.
         observation: the observation model to compute observations with, such as `lidar`; see
             `Dataset.reobserve`. None: the recorded one.
         communication: the communication model, such as `lossy-30`, in the same way.
@@ -166,6 +221,11 @@ def load(
         HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
     """
+    if stream:
+        refused = {"weights": weights, "rewards": rewards, "path": path, "workers": workers}
+        refused["verify"] = None if verify == "fast" else verify
+        remotes = Remotes(offline=is_offline(offline), progress=progress)
+        return _open_streamed(dataset_id, stream, refused, remotes, observation, communication)
     open_one = partial(
         _open,
         observation=observation,
@@ -223,6 +283,32 @@ def _open(
     if rewards:
         dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
     return dataset.reobserve(observation, communication, progress=progress)
+
+
+def _open_streamed(
+    dataset_id: str | Path | Sequence[str | Path],
+    stream: Literal[True] | Stream,
+    refused: Mapping[str, object],
+    remotes: Remotes,
+    observation: Source | None,
+    communication: Source | None,
+) -> StreamedDataset:
+    """Opens one dataset without fetching it, as `load` does; `refused` is what must be None."""
+    given = [name for name, value in refused.items() if value is not None]
+    if given or not isinstance(dataset_id, str | Path):
+        what = f"together with {', '.join(given)}" if given else "of several datasets"
+        raise SpecError(f"stream {what} cannot be had, expected one dataset as it is recorded")
+    how = Stream() if stream is True else stream
+    dataset = stream_request(parse_request(dataset_id), remotes, how)
+    identity = judge(dataset.blocks.source.manifest)
+    if not identity.is_as_named:  # on this machine: of remotes, such are refused
+        warnings.warn(
+            f"{dataset.source}: {identity.sentence}.", AnotherDatasetWarning, stacklevel=3
+        )
+    dataset = replace(dataset, references=known_references(dataset.recipe.spec))
+    if observation is None and communication is None:
+        return dataset
+    return dataset.reobserve(observation, communication)
 
 
 def find_folder(name: str | Path) -> Path:

@@ -19,7 +19,7 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.specs.origins import Edit, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
-from swarmdata.store.arrays.layout import CHECKPOINTS, MANIFEST, RECIPE, array_file
+from swarmdata.store.arrays.layout import CHECKPOINTS, MANIFEST, RECIPE
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.integrity.recognition import root_attributes
@@ -146,8 +146,8 @@ def _of_most_files(path: Path, manifest: Manifest) -> Manifest:
     Raises:
         ManifestError: most are others.
     """
-    names = {name: array_file(name, len(entry.shape)) for name, entry in manifest.arrays.items()}
-    there = [file for file in names.values() if file in manifest.files and (path / file).is_file()]
+    names = [file for plan in manifest.plan.values() for file in plan.files]
+    there = [file for file in names if file in manifest.files and (path / file).is_file()]
     same = sum(file_digest(path / file) == manifest.files[file].sha256 for file in there)
     if 2 * same > len(there):
         return manifest

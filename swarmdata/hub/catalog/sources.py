@@ -120,7 +120,7 @@ class Remotes:
         if request.address is not None:
             return self._located(request, request.address)
         if request.folder is None and is_id(f"{request.text}-v0"):
-            ids = [*_cached(request.place), *self._listed()]
+            ids = [*cached_ids(request.place), *self._listed()]
             if newest := _newest(request.text, ids):
                 return replace(request, folder=request.place / newest)
         return request
@@ -136,7 +136,7 @@ class Remotes:
         folder = request.folder
         if folder is None or folder.exists():
             return None
-        refuse = _refusal(request.recipe)
+        refuse = refusal(request.recipe)
         if request.release is not None:
             _arrive(*request.release, folder, refuse, self.progress)
             return Found(folder, request.release[1].address)
@@ -159,7 +159,7 @@ class Remotes:
     def _located(self, request: Request, address: Address) -> Request:
         if self.offline:
             is_newest = address.dataset is not None and address.revision is None
-            cached = _newest(str(address.dataset), _cached(request.place)) if is_newest else None
+            cached = _newest(str(address.dataset), cached_ids(request.place)) if is_newest else None
             if cached is None or request.folder is not None:
                 raise DatasetNotFoundError(
                     f"{request.text} is not in the cache, and no remote was asked: this is offline."
@@ -311,7 +311,8 @@ def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
     else:
         asked = ", ".join(remotes.asked) or "none is configured"
         hint = f"Remotes asked: {asked}. If it is on another one, run: {command}"
-    known = [without_version(key) for key in shipped_recipes()]
+    own = {*cached_ids(request.place)} - shipped_recipes().keys()
+    known = [without_version(key) for key in (*shipped_recipes(), *own)]
     return UnknownNameError("dataset", request.text, known, hint=hint)
 
 
@@ -332,9 +333,9 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
     refuse_current_folder(folder)
     with locked(folder, progress):  # no other process may build or repair it meanwhile
         if folder.exists() and any(folder.iterdir()):  # it is compared, and not changed
-            pull(remote, release, folder, refuse=_refusal(), progress=progress)
+            pull(remote, release, folder, refuse=refusal(), progress=progress)
         else:
-            _arrive(remote, release, folder, _refusal(), progress)
+            _arrive(remote, release, folder, refusal(), progress)
     return folder
 
 
@@ -352,7 +353,7 @@ def _lost_edit(folder: Path) -> Edit | None:
     return origin if isinstance(origin, Edit) else None
 
 
-def _refusal(recipe: Recipe | None = None) -> Refusal:
+def refusal(recipe: Recipe | None = None) -> Refusal:
     """A check of manifests on remotes: they must be what their id says, and of the recipe."""
 
     def refuse(manifest: Manifest) -> str | None:
@@ -389,7 +390,8 @@ def _arrive(
     sync(arriving.parent)
 
 
-def _cached(place: Path) -> list[str]:
+def cached_ids(place: Path) -> list[str]:
+    """Ids of the finished datasets in a cache's folder of datasets."""
     return [
         path.name for path in place.glob("*-v*") if is_id(path.name) and (path / MANIFEST).exists()
     ]

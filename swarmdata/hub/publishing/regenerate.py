@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.hub.catalog.catalog import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.replaced_worlds import refuse_replaced
+from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
@@ -71,6 +73,7 @@ def check(
     *,
     cached: bool = False,
     workers: int | None = None,
+    engine: str | Executor = LOCAL,
     progress: bool = True,
 ) -> Iterator[Check]:
     """Makes published datasets again, one after the other, and compares them.
@@ -79,7 +82,8 @@ def check(
         ids: as `published_ids` returns them.
         cached: whether to take what is in the cache, after reading every byte, instead of making it
             again.
-        workers: processes that build; by default one for each core.
+        workers: processes of the engine `local`; by default one for each core.
+        engine: where parts are made, as `build` takes it; all processes see the cache.
         progress: whether to show bars.
 
     Raises:
@@ -93,20 +97,26 @@ def check(
             gone = Difference(key, "recipe", entry.recipe_hash[:12], "none")
             yield Check(key, (gone,), ())
             continue
-        found = make_again(recipe, cached=cached, workers=workers, progress=progress)
+        found = make_again(recipe, cached=cached, workers=workers, engine=engine, progress=progress)
         versions = changed_versions(entry.made_with, found.made_with)
         yield Check(key, differences(key, entry, found), versions)
 
 
 def make_again(
-    recipe: Recipe, *, cached: bool = False, workers: int | None = None, progress: bool = True
+    recipe: Recipe,
+    *,
+    cached: bool = False,
+    workers: int | None = None,
+    engine: str | Executor = LOCAL,
+    progress: bool = True,
 ) -> Published:
     """Builds a dataset from nothing, measures it and removes it; a copy in the cache is not used.
 
     Args:
         recipe: of the dataset.
         cached: whether to take the copy in the cache, if there is one.
-        workers: processes that build.
+        workers: processes of the engine `local`; by default one for each core.
+        engine: where parts are made, as `build` takes it; all processes see the cache.
         progress: whether to show a bar.
 
     Raises:
@@ -121,7 +131,7 @@ def make_again(
     with FileLock(scratch.parent / f".{recipe.id}.check.lock"):
         remove_scratch(scratch)  # parts of a killed check may have been made by older code
         try:
-            build(recipe, scratch / recipe.id, workers=workers, progress=progress)
+            build(recipe, scratch / recipe.id, workers=workers, engine=engine, progress=progress)
             return publication(open_store(scratch / recipe.id, "full"))
         finally:
             remove_scratch(scratch)

@@ -74,7 +74,10 @@ def parse_address(text: str) -> Address:
     """
     scheme, separator, rest = text.partition("://")
     if not separator:
-        raise AddressError(f"{text!r} is not an address, expected one such as 'hf://org'.")
+        raise AddressError(
+            f"{text!r} is not an address, expected one such as 'hf://org', or "
+            "'file:///an/absolute/folder' for a folder."
+        )
     if scheme not in REMOTES:
         raise UnknownNameError("kind of remote", scheme, REMOTES)
     if re.search(r"[\s\\?#]|[^\x20-\x7e]", rest) or "://" in rest or "::" in rest:

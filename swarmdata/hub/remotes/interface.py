@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 @dataclass(frozen=True)
@@ -74,5 +74,52 @@ class Remote(Protocol):
             VersionTakenError: another dataset has this id there.
             ConflictError: someone else published to the same place meanwhile.
             HubError: the remote could not be asked, or is read only.
+        """
+        ...
+
+
+@runtime_checkable
+class PartRemote(Remote, Protocol):
+    """A remote that also keeps single files, for datasets that are not finished.
+
+    They are in folders that are no id, and so in no list of datasets; `read` gives them, of a
+    `Release` whose id is the folder.
+    """
+
+    def part_files(self, folder: str) -> tuple[str, ...]:
+        """The names of the files in a folder, sorted; none if there is no such folder.
+
+        Raises:
+            HubError: the remote could not be asked.
+        """
+        ...
+
+    def send_part_file(self, folder: str, name: str, content: bytes) -> None:
+        """Writes a file, which appears whole or not at all; one of the same name is replaced.
+
+        Raises:
+            HubError: it could not be sent.
+        """
+        ...
+
+
+@runtime_checkable
+class RangeReader(Protocol):
+    """A remote that gives parts of files as well, which streaming needs."""
+
+    def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
+        """Returns `size` bytes of a file of a release, from byte `first` on.
+
+        The caller checks the content.
+
+        Args:
+            release: from `find` of the same remote.
+            file: its path in the dataset's folder.
+            first: number of the first byte.
+            size: number of bytes, at least 1; the file has them.
+
+        Raises:
+            AbsentFileError: the release has no such file.
+            HubError: they could not be fetched.
         """
         ...

@@ -167,7 +167,7 @@ def _incoming_manifest(
     arriving = scratch.with_name(f"{scratch.name}.manifest")
     arriving.mkdir(exist_ok=True)
     try:
-        manifest = _wanted_manifest(remote, release, arriving, refuse)
+        manifest = fetch_manifest(remote, release, arriving, refuse)
     except SwarmdataError:
         remove_scratch(arriving)
         raise
@@ -179,8 +179,14 @@ def _incoming_manifest(
     return manifest
 
 
-def _wanted_manifest(remote: Remote, release: Release, folder: Path, refuse: Refusal) -> Manifest:
-    """Fetches the manifest and checks it, also with the caller's `refuse`."""
+def fetch_manifest(remote: Remote, release: Release, folder: Path, refuse: Refusal) -> Manifest:
+    """Fetches the manifest to a folder and checks it, also with the caller's `refuse`.
+
+    Raises:
+        ChecksumError: `refuse` has a reason against it, or the remote gave wrong bytes, twice.
+        FormatVersionError: a newer format.
+        HubError: it could not be fetched, or lists what it must not.
+    """
     manifest = _read_manifest(remote, release, folder)
     problems = contradictions(manifest)
     if manifest.id != release.id:

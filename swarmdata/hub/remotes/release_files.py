@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.errors import HubError, ManifestError
 from swarmdata.hub.remotes.outside_names import hostile_names, unsafe_names
-from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, misplaced_files
+from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_files, misplaced_files
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, Manifest, read_manifest
 
 SIDE_FILES = (CARD, REFERENCES)
@@ -57,7 +57,11 @@ def contradictions(manifest: Manifest) -> tuple[str, ...]:
     differing = misplaced_files(shards, manifest.files)
     if differing:
         problems.append(f"files {differing} are listed without their array or absent")
-    sizes = {array_file(name, len(s.shape)): s.file_bytes for name, s in shards.items()}
+    sizes = {
+        file: shard.file_bytes(index)
+        for name, shard in shards.items()
+        for index, file in enumerate(array_files(name, shard))
+    }
     for name, entry in manifest.files.items():
         if name in sizes and entry.size != sizes[name]:
             problems.append(f"{name} is listed with {entry.size} bytes, expected {sizes[name]}")

@@ -1,14 +1,18 @@
-"""The layout of a stored dataset: its arrays, their dtypes and rows, and the bytes of a shard.
+"""The layout of a stored dataset: its arrays, their dtypes and rows, and the bytes of their files.
 
-Every array is one Zarr v3 shard of equal, uncompressed chunks, so that the file is the row-major
-array, then padding up to a whole chunk, then the shard index. Zarr v3 specification, "sharding
-codec", section "binary shard format": per chunk its offset and length as little-endian uint64,
-then the CRC-32C of those bytes.
+Every array is cut into equal, uncompressed chunks in Zarr v3 shards, one file each. Up to
+`SHARD_BYTES` there is one shard, so that the file is the row-major array, then padding up to a
+whole chunk, then the shard index. A larger array has several shards of equally many rows, whose
+data fill whole pages of any system: mapped one after the other they are the array again. Zarr v3
+specification, "sharding codec", section "binary shard format": per chunk its offset and length as
+little-endian uint64, then the CRC-32C of those bytes; both numbers are 2^64 - 1 for a chunk that
+is not there, as after the end of the array in the last of several shards.
 """
 
 import math
+import re
 import struct
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from typing import Any, Literal, NamedTuple
@@ -17,8 +21,12 @@ import numpy as np
 
 from swarmdata.specs.plain_names import is_file_name
 
-FORMAT_VERSION = 1
-"""Raised only when an older library would misread the data; new keys and arrays do not raise it."""
+FORMAT_VERSION = 2
+"""Newest format that is read, that of arrays in several shards.
+
+Raised only when an older library could not read the data; new keys and arrays do not raise it. A
+dataset says the lowest version that can read it, see `format_version`.
+"""
 
 DATA, MANIFEST, RECIPE, CARD = "data.zarr", "manifest.json", "recipe.json", "card.md"
 """Names inside a dataset's folder."""
@@ -31,6 +39,15 @@ CHECKPOINTS = "checkpoints"
 
 CHUNK_ROWS = 10_000
 """Most rows of one chunk; chunks are what the fast checksums cover."""
+
+SHARD_BYTES = 2 << 30
+"""Bytes from which an array has several shards; larger than any array of the shipped recipes."""
+
+PAGE_BYTES = 64 << 10
+"""A multiple of the page size of every system that we know."""
+
+ABSENT = (1 << 64) - 1
+"""Offset and length, in a shard index, of a chunk that is not there."""
 
 
 DType = Literal["bool", "uint8", "int64", "uint64", "float32", "float64"]
@@ -52,6 +69,17 @@ class Field:
     unit: str = ""
     low: float | None = None  # no value is below; None: there is no such bound
     high: float | None = None
+    may_be_bytes: bool = field(default=False, kw_only=True)  # uint8, where it holds images
+
+    @property
+    def dtypes(self) -> tuple[DType, ...]:
+        """The dtypes that the array may have, the usual one first."""
+        return (self.dtype, "uint8") if self.may_be_bytes else (self.dtype,)
+
+    def dtype_in(self, metadata: Mapping[str, Any]) -> DType:
+        """The dtype that Zarr's metadata of the array say, the usual one if it cannot have it."""
+        said = metadata.get("data_type")
+        return next((dtype for dtype in self.dtypes if dtype == said), self.dtype)
 
 
 ROW_MEANINGS = {
@@ -82,11 +110,19 @@ def _column(dtype: DType, meaning: str, *bounds: float) -> Field:
 
 
 FIELDS = {
-    "observations": _states(
-        "float32", "agent observation", "what each agent observed in a state, the last one included"
+    "observations": Field(
+        "float32",
+        "states",
+        ("state", "agent", "observation"),
+        "what each agent observed in a state, the last one included",
+        may_be_bytes=True,
     ),
-    "states": _states(
-        "float32", "feature", "the whole state of the world, for training and analysis only"
+    "states": Field(
+        "float32",
+        "states",
+        ("state", "feature"),
+        "the whole state of the world, for training and analysis only",
+        may_be_bytes=True,
     ),
     "sent": _states("float32", "agent value", "message that each agent sent in a state"),
     "delivered": _states(
@@ -168,13 +204,30 @@ where agents leave an episode or choices are forbidden."""
 
 ALL_FIELDS = FIELDS | OPTIONAL_FIELDS
 
+
+def common_dtype(name: str, dtypes: Iterable[str]) -> DType:
+    """The dtype of an array that joins others: uint8 if all of them are, else the usual one."""
+    field = ALL_FIELDS[name]
+    return "uint8" if field.may_be_bytes and {*dtypes} == {"uint8"} else field.dtype
+
+
 TIME_FIELDS = tuple(name for name, field in FIELDS.items() if field.rows != "episodes")
 """The arrays of every dataset that have rows over time."""
 
 
-def array_file(name: str, n_dimensions: int) -> str:
-    """Path of an array's only shard, relative to the dataset's folder."""
-    return f"{DATA}/{name}/c." + ".".join("0" * n_dimensions)
+def array_file(name: str, n_dimensions: int, shard: int = 0) -> str:
+    """Path of a shard of an array, by default the first, relative to the dataset's folder."""
+    return f"{DATA}/{name}/c.{shard}" + ".0" * (n_dimensions - 1)
+
+
+def is_array_file(path: str) -> bool:
+    """Whether this is the path of a shard of one of our arrays."""
+    folder, _, name = path.rpartition("/")
+    array = folder.removeprefix(f"{DATA}/")
+    found = re.fullmatch(r"c\.([0-9]+)((?:\.0)*)", name)
+    if found is None or array not in ALL_FIELDS:
+        return False
+    return path == array_file(array, len(ALL_FIELDS[array].dimensions), int(found[1]))
 
 
 def metadata_file(name: str) -> str:
@@ -188,23 +241,26 @@ GROUP_FILES = (f"{DATA}/zarr.json", f"{DATA}/episodes/zarr.json")
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """The byte layout of one array's file.
+    """The byte layout of one array's files.
 
     Args:
         dtype: name of the NumPy and Zarr dtype.
         shape: shape of the array.
         chunk_rows: rows of each chunk.
+        shard_rows: rows of each file, a multiple of `chunk_rows`; None: one file has all rows.
     """
 
     dtype: DType
     shape: tuple[int, ...]
     chunk_rows: int
+    shard_rows: int | None = None
 
-    nbytes: int = field(init=False)  # of the array itself, at the start of the file
-    n_chunks: int = field(init=False)  # in the file; none, and no file, without elements
+    nbytes: int = field(init=False)  # of the array itself, at the start of the data
+    n_chunks: int = field(init=False)  # of the array; none, and no file, without elements
     chunk_bytes: int = field(init=False)  # of each chunk, the padded last one included
     data_bytes: int = field(init=False)  # of all chunks
-    file_bytes: int = field(init=False)  # the chunks, 16 bytes of index for each, and a CRC-32C
+    shard_chunks: int = field(init=False)  # in the index of each file
+    n_shards: int = field(init=False)  # files
 
     def __post_init__(self) -> None:
         """Computes the sizes, once for all who ask."""
@@ -212,54 +268,88 @@ class Shard:
         nbytes = self.shape[0] * row_bytes
         n_chunks = -(-self.shape[0] // self.chunk_rows) if nbytes else 0
         chunk_bytes = self.chunk_rows * row_bytes
-        data_bytes = n_chunks * chunk_bytes
-        file_bytes = data_bytes + 16 * n_chunks + 4
-        sizes = (nbytes, n_chunks, chunk_bytes, data_bytes, file_bytes)
+        shard_chunks = n_chunks if self.shard_rows is None else self.shard_rows // self.chunk_rows
+        n_shards = -(-n_chunks // shard_chunks) if n_chunks else 0
+        sizes = (nbytes, n_chunks, chunk_bytes, n_chunks * chunk_bytes, shard_chunks, n_shards)
         for name, size in zip(_SIZES, sizes, strict=True):
             object.__setattr__(self, name, size)
 
+    def chunks_of(self, shard: int) -> range:
+        """The chunks that are in a file."""
+        first = shard * self.shard_chunks
+        return range(first, min(first + self.shard_chunks, self.n_chunks))
 
-_SIZES = ("nbytes", "n_chunks", "chunk_bytes", "data_bytes", "file_bytes")
+    def data_of(self, shard: int) -> int:
+        """Bytes of the chunks in a file."""
+        return len(self.chunks_of(shard)) * self.chunk_bytes
+
+    def file_bytes(self, shard: int = 0) -> int:
+        """Bytes of a file: the chunks, 16 bytes of index for each, and a CRC-32C."""
+        return self.data_of(shard) + 16 * self.shard_chunks + 4
+
+    def index_of(self, shard: int = 0) -> bytes:
+        """The shard index at the end of a file."""
+        return shard_index(len(self.chunks_of(shard)), self.chunk_bytes, self.shard_chunks)
+
+
+_SIZES = ("nbytes", "n_chunks", "chunk_bytes", "data_bytes", "shard_chunks", "n_shards")
 """Fields of a shard that follow from the others."""
 
 
 @lru_cache(maxsize=256)
-def shard_index(n_chunks: int, chunk_bytes: int) -> bytes:
-    """The shard index of chunks that are stored in order and without gaps."""
+def shard_index(n_chunks: int, chunk_bytes: int, n_entries: int) -> bytes:
+    """The shard index of chunks that are stored in order and without gaps.
+
+    Args:
+        n_chunks: chunks that are there.
+        chunk_bytes: of each.
+        n_entries: of the index; those after the chunks that are there say so.
+    """
     numbers = [n for k in range(n_chunks) for n in (k * chunk_bytes, chunk_bytes)]
+    numbers += [ABSENT] * 2 * (n_entries - n_chunks)
     table = struct.pack(f"<{len(numbers)}Q", *numbers)
     return table + crc32c(table).to_bytes(4, "little")
 
 
+def format_version(shards: Iterable[Shard]) -> int:
+    """The lowest version of the format that can read arrays of these layouts."""
+    return 2 if any(shard.shard_rows is not None for shard in shards) else 1
+
+
 class ArrayPlan(NamedTuple):
-    """One array in a dataset's folder: the bytes of its file, and what Zarr says of them."""
+    """One array in a dataset's folder: the bytes of its files, and what Zarr says of them."""
 
     shard: Shard
-    file: str  # path relative to the folder; there is no file without elements
+    files: tuple[str, ...]  # paths relative to the folder; none without elements
     metadata_file: str
     metadata: dict[str, Any]  # `expected_metadata`
 
 
 def plan_arrays(
-    arrays: Mapping[str, tuple[DType, tuple[int, ...], int]],
+    arrays: Mapping[str, tuple[DType, tuple[int, ...], int, int | None]],
 ) -> dict[str, ArrayPlan]:
     """Plans all arrays of a dataset.
 
     Args:
-        arrays: dtype, shape and rows of each chunk, by the name of the array.
+        arrays: dtype, shape, rows of each chunk and of each file, by the name of the array.
     """
     shards = {name: Shard(*entry) for name, entry in arrays.items()}
     return {
         name: ArrayPlan(
-            shard, array_file(name, len(shard.shape)), metadata_file(name), expected_metadata(shard)
+            shard, array_files(name, shard), metadata_file(name), expected_metadata(shard)
         )
         for name, shard in shards.items()
     }
 
 
+def array_files(name: str, shard: Shard) -> tuple[str, ...]:
+    """Paths of an array's files, relative to the dataset's folder; none without elements."""
+    return tuple(array_file(name, len(shard.shape), k) for k in range(shard.n_shards))
+
+
 def expected_files(shards: Mapping[str, Shard]) -> list[str]:
     """Every file of a dataset but the manifest, given its arrays."""
-    arrays = [array_file(name, len(s.shape)) for name, s in shards.items() if s.n_chunks]
+    arrays = [file for name, shard in shards.items() for file in array_files(name, shard)]
     return sorted([RECIPE, *GROUP_FILES, *map(metadata_file, shards), *arrays])
 
 
@@ -280,20 +370,30 @@ POSSIBLE_FILES = (
     *map(metadata_file, ALL_FIELDS),
     *(array_file(name, len(field.dimensions)) for name, field in ALL_FIELDS.items()),
 )
-"""Every file that a dataset of this format can have but checkpoints, whose names are the recipe's;
-a manifest lists some of them."""
+"""Every file that a dataset of one shard for each array can have but checkpoints, whose names are
+the recipe's; a manifest lists some of them. Further shards are known by `is_array_file`."""
 
 
 def plan_shard(dtype: DType, shape: tuple[int, ...]) -> Shard:
-    """Cuts an array into equal chunks of at most `CHUNK_ROWS` rows, with the least padding."""
-    n_chunks = max(1, -(-shape[0] // CHUNK_ROWS))
-    return Shard(dtype, shape, max(1, -(-shape[0] // n_chunks)))
+    """Cuts an array into equal chunks of at most `CHUNK_ROWS` rows, with the least padding.
+
+    Where it has more than `SHARD_BYTES`, rows of chunks and files are powers of two or multiples of
+    such, and files have at most `SHARD_BYTES`, unless that is no whole number of pages.
+    """
+    row_bytes = math.prod(shape[1:]) * np.dtype(dtype).itemsize
+    if shape[0] * row_bytes <= SHARD_BYTES:
+        n_chunks = max(1, -(-shape[0] // CHUNK_ROWS))
+        return Shard(dtype, shape, max(1, -(-shape[0] // n_chunks)))
+    most_rows = max(1, SHARD_BYTES // row_bytes)
+    chunk_rows = 1 << (min(CHUNK_ROWS, most_rows).bit_length() - 1)
+    unit = max(chunk_rows, PAGE_BYTES // math.gcd(row_bytes, PAGE_BYTES))
+    return Shard(dtype, shape, chunk_rows, max(1, most_rows // unit) * unit)
 
 
 def expected_metadata(shard: Shard) -> dict[str, Any]:
     """The parts of `zarr.json` that decide what the bytes of the file mean."""
     chunk = [shard.chunk_rows, *(max(1, size) for size in shard.shape[1:])]
-    whole = [chunk[0] * max(1, -(-shard.shape[0] // chunk[0])), *chunk[1:]]
+    whole = [shard.shard_rows or chunk[0] * max(1, -(-shard.shape[0] // chunk[0])), *chunk[1:]]
     return {
         "zarr_format": 3,
         "node_type": "array",

@@ -4,7 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from swarmdata.types import Double, Float
+from swarmdata.types import Counts, Double, Float
+
+BLOCK_NUMBERS = 1 << 20
+"""Most numbers of images that are unpacked to float64 at a time."""
 
 
 @dataclass(slots=True)
@@ -21,8 +24,15 @@ class Moments:
     total: Double = field(default_factory=lambda: np.zeros(1))  # [F]
     squares: Double = field(default_factory=lambda: np.zeros(1))  # [F]
 
-    def add(self, rows: Float) -> None:
-        """Takes more rows, [n, F]."""
+    def add(self, rows: Float | Counts) -> None:
+        """Takes more rows, [n, F], those of images in blocks, whose sums are exact in any order."""
+        n_rows = max(1, len(rows))
+        if rows.dtype == np.uint8:
+            n_rows = max(1, BLOCK_NUMBERS // max(1, rows.shape[1]))
+        for first in range(0, len(rows), n_rows):
+            self._add(rows[first : first + n_rows])
+
+    def _add(self, rows: Float | Counts) -> None:
         values = rows.astype(np.float64)
         if self.shift is None:
             self.shift = values[0].copy()

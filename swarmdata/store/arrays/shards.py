@@ -1,7 +1,9 @@
 """Writes arrays of any size as Zarr shards, one chunk in memory at a time, hashing on the way."""
 
 import hashlib
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -10,7 +12,13 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.store.arrays.layout import ALL_FIELDS, DATA, Shard, array_file, shard_index
+from swarmdata.store.arrays.layout import (
+    ALL_FIELDS,
+    DATA,
+    Shard,
+    array_files,
+    expected_metadata,
+)
 from swarmdata.store.manifest import ArrayEntry, logical_header
 
 
@@ -46,7 +54,7 @@ def create_metadata(
             name,
             shape=shard.shape,
             chunks=chunk,
-            shards=(chunk[0] * max(1, -(-shard.shape[0] // chunk[0])), *chunk[1:]),
+            shards=tuple(expected_metadata(shard)["chunk_grid"]["configuration"]["chunk_shape"]),
             dtype=shard.dtype,
             compressors=None,
             filters=None,
@@ -60,7 +68,7 @@ def create_metadata(
 def write_shard(
     folder: Path, name: str, shard: Shard, blocks: Iterable[NDArray[Any]], logical: Hash
 ) -> ArrayEntry:
-    """Streams rows into the array's file.
+    """Streams rows into the array's files.
 
     Args:
         folder: the dataset's folder, with its metadata.
@@ -78,19 +86,25 @@ def write_shard(
     chunks = _chunks(_checked(name, shard, blocks), shard.chunk_bytes)
     if not shard.n_chunks:
         return _entry(shard, ())
-    with (folder / array_file(name, len(shard.shape))).open("wb") as file:
-        for chunk in chunks:
-            logical.update(chunk[: min(left, len(chunk))].data)
-            left -= min(left, len(chunk))
-            checksums.append(xxhash.xxh3_64_hexdigest(chunk.data))
-            file.write(chunk.data)
-        file.write(shard_index(shard.n_chunks, shard.chunk_bytes))
+    for index, path in enumerate(array_files(name, shard)):
+        with (folder / path).open("wb") as file:
+            for chunk in islice(chunks, len(shard.chunks_of(index))):
+                logical.update(chunk[: min(left, len(chunk))].data)
+                left -= min(left, len(chunk))
+                checksums.append(xxhash.xxh3_64_hexdigest(chunk.data))
+                file.write(chunk.data)
+            file.write(shard.index_of(index))
+    deque(chunks, maxlen=0)  # to the end of the blocks, where the number of rows is compared
     return _entry(shard, tuple(checksums))
 
 
 def _entry(shard: Shard, checksums: tuple[str, ...]) -> ArrayEntry:
     return ArrayEntry(
-        dtype=shard.dtype, shape=shard.shape, chunk_rows=shard.chunk_rows, checksums=checksums
+        dtype=shard.dtype,
+        shape=shard.shape,
+        chunk_rows=shard.chunk_rows,
+        shard_rows=shard.shard_rows,
+        checksums=checksums,
     )
 
 

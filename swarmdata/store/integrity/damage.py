@@ -8,12 +8,12 @@ from pathlib import Path
 import xxhash
 
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError
-from swarmdata.store.arrays.layout import MANIFEST, Shard, array_file
+from swarmdata.store.arrays.layout import MANIFEST, Shard, array_files
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 from swarmdata.store.integrity.verification import logical_digest
 from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
-from swarmdata.store.stored_dataset import blocking_links, check_listing, map_shard, open_store
+from swarmdata.store.stored_dataset import blocking_links, check_listing, map_checked, open_store
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +93,9 @@ def _of_file(path: Path, manifest: Manifest, file: str) -> Damage | None:
         if size == expected.size and file_digest(target) == expected.sha256:
             return None
         cut = "" if size == expected.size else f"has {size:,} bytes, expected {expected.size:,}"
-        for name, entry in manifest.arrays.items():
-            if file == array_file(name, len(entry.shape)):
-                return _of_array(target, file, name, entry, cut)
+        for name, plan in manifest.plan.items():
+            if file in plan.files:
+                return _of_array(target, file, name, manifest.arrays[name], cut)
         return Damage(file, cut or "was changed: its SHA-256 is not the one in the manifest")
     except OSError as error:  # such as a bad sector: the file is lost, the others are looked at
         return Damage(file, f"cannot be read: {error.strerror or error}")
@@ -103,25 +103,28 @@ def _of_file(path: Path, manifest: Manifest, file: str) -> Damage | None:
 
 def _of_array(target: Path, file: str, name: str, entry: ArrayEntry, cut: str) -> Damage:
     """Finds the bad chunks of an array's file that does not have its SHA-256."""
-    bad = _bad_chunks(target, entry)
+    shard = entry.shard
+    chunks = shard.chunks_of(array_files(name, shard).index(file))
+    bad = _bad_chunks(target, entry, chunks)
     if not bad:
         return Damage(file, cut or "was changed in the shard index at its end", name)
     first = bad[0]
-    rows = rows_of(entry.shard, first)
+    rows = rows_of(shard, first)
     problem = (
-        f"{cut or 'was changed'}: {len(bad)} of {entry.shard.n_chunks} chunks are bad, the first "
+        f"{cut or 'was changed'}: {len(bad)} of {len(chunks)} chunks are bad, the first "
         f"is chunk {first} (rows {rows[0]} to {rows[1]} of {name!r})"
     )
     return Damage(file, problem, name, first, rows)
 
 
-def _bad_chunks(target: Path, entry: ArrayEntry) -> list[int]:
-    """Indices of the chunks that do not have their checksums, in order; one in memory at a time."""
+def _bad_chunks(target: Path, entry: ArrayEntry, chunks: range) -> list[int]:
+    """Those of a file's chunks that do not have their checksums; one in memory at a time."""
+    size = entry.shard.chunk_bytes
     with target.open("rb") as stream:
         return [
             index
-            for index, checksum in enumerate(entry.checksums)
-            if xxhash.xxh3_64_hexdigest(stream.read(entry.shard.chunk_bytes)) != checksum
+            for index in chunks
+            if xxhash.xxh3_64_hexdigest(stream.read(size)) != entry.checksums[index]
         ]
 
 
@@ -137,7 +140,7 @@ def _contradictions(path: Path, manifest: Manifest) -> list[Damage]:
         open_store(path, "none", widths=True)
     except DatasetError as error:
         return [Damage(MANIFEST, without_hint(str(error), path))]
-    raw = {name: map_shard(path, manifest, name) for name in manifest.arrays}
+    raw = {name: map_checked(path, manifest, name) for name in manifest.arrays}
     digest = logical_digest(manifest, raw)
     if digest != manifest.digest:
         problem = f"says the logical digest {manifest.digest}, the arrays have {digest}"

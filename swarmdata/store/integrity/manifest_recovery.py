@@ -15,22 +15,26 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import DatasetError, ManifestError
+from swarmdata.runtime.mapped_pages import MappedReads, release_pages
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     CHECKPOINTS,
     FIELDS,
-    FORMAT_VERSION,
     OPTIONAL_FIELDS,
+    ArrayPlan,
     Shard,
-    array_file,
+    array_files,
     expected_files,
     expected_metadata,
+    format_version,
     metadata_file,
     plan_shard,
 )
+from swarmdata.store.arrays.mapped_files import map_array
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.integrity.verification import byte_blocks
 from swarmdata.store.manifest import (
     ArrayEntry,
     FileEntry,
@@ -67,7 +71,7 @@ def remake_manifest(path: Path, recipe: Recipe, provenance: Mapping[str, str]) -
         raise ManifestError(f"no manifest can be made for {path}: {error}") from error
     lengths = _values(raw, shards, "episodes/lengths")
     return Manifest(
-        format_version=FORMAT_VERSION,
+        format_version=format_version(shards.values()),
         id=recipe.id,
         recipe_hash=recipe.hash(),
         n_episodes=len(lengths),
@@ -94,7 +98,7 @@ def _shard(path: Path, name: str) -> Shard:
     is_shape = isinstance(shape, list) and all(isinstance(n, int) and n >= 0 for n in shape)
     if shape is None or not is_shape or len(shape) != len(field.dimensions):
         raise DatasetError(f"{metadata_file(name)} has shape {shape}")
-    shard = plan_shard(field.dtype, tuple(shape))
+    shard = plan_shard(field.dtype_in(metadata), tuple(shape))
     for key, expected in expected_metadata(shard).items():
         if metadata.get(key) != expected:
             raise DatasetError(f"{metadata_file(name)} has {key} {metadata.get(key)}")
@@ -102,14 +106,14 @@ def _shard(path: Path, name: str) -> Shard:
 
 
 def _read(path: Path, name: str, shard: Shard) -> NDArray[np.uint8]:
-    """Maps an array's file, if it has the size of the array."""
-    if not shard.n_chunks:
-        return np.zeros(0, dtype=np.uint8)
-    file = path / array_file(name, len(shard.shape))
-    size = file.stat().st_size
-    if size != shard.file_bytes:
-        raise DatasetError(f"{file} has {size} bytes, its metadata ask for {shard.file_bytes}")
-    return np.asarray(np.memmap(file, dtype=np.uint8, mode="r"))
+    """Maps an array's files, if they have the sizes of the array."""
+    plan = ArrayPlan(shard, array_files(name, shard), metadata_file(name), {})
+    for index, file in enumerate(plan.files):
+        size, expected = (path / file).stat().st_size, shard.file_bytes(index)
+        if size != expected:
+            raise DatasetError(f"{path / file} has {size} bytes, its metadata ask for {expected}")
+    values, _ = map_array(path, plan)
+    return values
 
 
 Raw = Mapping[str, NDArray[np.uint8]]
@@ -125,28 +129,36 @@ def _digest(raw: Raw, shards: Shards) -> str:
     logical = hashlib.sha256()
     for name, shard in shards.items():
         logical.update(logical_header(name, shard.dtype, shard.shape))
-        logical.update(raw[name][: shard.nbytes].data)
+        for block in byte_blocks(raw[name][: shard.nbytes]):
+            logical.update(block.data)
     return logical.hexdigest()
 
 
 def _entry(shard: Shard, raw: NDArray[np.uint8]) -> ArrayEntry:
     size = shard.chunk_bytes
-    chunks = (raw[k * size : (k + 1) * size] for k in range(shard.n_chunks))
+    checksums = []
+    for k in range(shard.n_chunks):
+        chunk = raw[k * size : (k + 1) * size]
+        checksums.append(xxhash.xxh3_64_hexdigest(chunk.data))
+        release_pages(chunk)
     return ArrayEntry(
         dtype=shard.dtype,
         shape=shard.shape,
         chunk_rows=shard.chunk_rows,
-        checksums=tuple(xxhash.xxh3_64_hexdigest(chunk.data) for chunk in chunks),
+        shard_rows=shard.shard_rows,
+        checksums=tuple(checksums),
     )
 
 
 def _statistics(raw: Raw, shards: Shards) -> StatisticsEntry:
     """Moments of the train split, summed episode by episode as when the dataset was written."""
     observations, rewards = Moments(), Moments()
+    reads = MappedReads(raw.values())
     for steps, states in _train_rows(raw, shards):
         seen = _values(raw, shards, "observations")[states]
         observations.add(seen.reshape(-1, seen.shape[2]))
         rewards.add(_values(raw, shards, "rewards")[steps].reshape(-1, 1))
+        reads.add(seen)
     if not observations.count:
         raise ManifestError("no episode is in the train split")
     mean, std = observations.result()

@@ -60,7 +60,7 @@ def _has_array(folder: Path, name: str, field: Field) -> bool:
         return False
     if not all(isinstance(size, int) and size >= 0 for size in shape):
         return False
-    expected = expected_metadata(plan_shard(field.dtype, tuple(shape)))
+    expected = expected_metadata(plan_shard(field.dtype_in(metadata), tuple(shape)))
     return all(metadata.get(key) == value for key, value in expected.items())
 
 

@@ -1,7 +1,7 @@
 """The slow checks of a stored dataset: every byte of every file, and the logical digest."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ChecksumError
+from swarmdata.runtime.mapped_pages import release_pages
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import Manifest, logical_header, rebuild_hint
 
+BLOCK_BYTES = 16 << 20
+"""Bytes that are hashed together."""
+
 Raw = Mapping[str, NDArray[np.uint8]]
-"""The bytes of each array's file, by array name."""
+"""The chunks of each array, one after the other, by array name."""
 
 
 def check_everything(path: Path, manifest: Manifest, raw: Raw) -> None:
@@ -47,5 +51,14 @@ def logical_digest(manifest: Manifest, raw: Mapping[str, NDArray[Any]]) -> str:
     for name in sorted(manifest.arrays):
         entry = manifest.arrays[name]
         logical.update(logical_header(name, entry.dtype, entry.shape))
-        logical.update(raw[name][: manifest.plan[name].shard.nbytes].data)
+        for block in byte_blocks(raw[name][: manifest.plan[name].shard.nbytes]):
+            logical.update(block.data)
     return logical.hexdigest()
+
+
+def byte_blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Yields consecutive blocks of bytes, and gives the pages of each back."""
+    for first in range(0, len(values), BLOCK_BYTES):
+        block = values[first : first + BLOCK_BYTES]
+        yield block
+        release_pages(block)

@@ -19,6 +19,7 @@ from swarmdata.hub.catalog.sources import RemoteSkippedWarning
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.registry.published import Published
 from swarmdata.store import Manifest, find_damage, open_store, read_manifest
+from swarmdata.store.arrays.layout import FORMAT_VERSION
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from tests.support.one_process import OneProcessCrew, use_one_process
@@ -135,7 +136,7 @@ def test_no_dataset_and_newer_formats_are_no_damage(dataset: Path) -> None:
     with pytest.raises(DatasetNotFoundError):
         examine(dataset / "nothing")
     manifest = json.loads((dataset / "manifest.json").read_bytes())
-    sign(dataset, {**manifest, "format_version": 2})
+    sign(dataset, {**manifest, "format_version": FORMAT_VERSION + 1})
     with pytest.raises(FormatVersionError, match="Upgrade"):
         examine(dataset)
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.tiers import find_recipe
-from swarmdata.building.build import build_folder
+from swarmdata.building.parts_folder import build_folder
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
     DatasetNotFoundError,

@@ -8,42 +8,29 @@ import pytest
 
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.network.backoff import Backoff
-from swarmdata.store import assemble, merge_order
-from swarmdata.testing.synthetic import make_recipe, make_streams, write_streams
+from swarmdata.testing.synthetic import RELEASE_CARD, write_release
 from tests.hub.remotes.loopback_hub import LoopbackHub
 
-CARD = "---\ntags:\n- swarmdata\n---\n# Synthetic\n"
 ID, NEXT = "coop_nav-synthetic-v0", "coop_nav-synthetic-v1"
 TOKEN = "hf_" + "s3cret" * 6
-
-
-def write(folder: Path, lengths: list[int], dataset_id: str = ID) -> Path:
-    """Writes a finished dataset with a card."""
-    streams = make_streams([lengths])
-    parts = write_streams(folder.parent / f"{folder.name}.parts", streams)
-    recipe = make_recipe(n_steps=100).model_copy(update={"id": dataset_id})
-    assemble(folder, recipe=recipe, parts=parts, order=merge_order(recipe, [lengths]).order)
-    (folder / "card.md").write_text(CARD)
-    (folder / "references.json").write_text("{}")
-    return folder
 
 
 @pytest.fixture(scope="session")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished dataset; nobody may change it."""
-    return write(tmp_path_factory.mktemp("published") / ID, [30, 10, 70, 40, 20])
+    return write_release(tmp_path_factory.mktemp("published") / ID, [30, 10, 70, 40, 20], ID)
 
 
 @pytest.fixture(scope="session")
 def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Another dataset of the same id."""
-    return write(tmp_path_factory.mktemp("other") / ID, [30, 10, 71, 40, 20])
+    return write_release(tmp_path_factory.mktemp("other") / ID, [30, 10, 71, 40, 20], ID)
 
 
 @pytest.fixture(scope="session")
 def successor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The next version."""
-    return write(tmp_path_factory.mktemp("next") / NEXT, [30, 10, 72, 40, 20], NEXT)
+    return write_release(tmp_path_factory.mktemp("next") / NEXT, [30, 10, 72, 40, 20], NEXT)
 
 
 @pytest.fixture
@@ -51,7 +38,7 @@ def beside(tmp_path: Path) -> Path:
     """What goes with a dataset: the README, whose tags a Hub finds it by."""
     folder = tmp_path / "beside"
     (folder / "more").mkdir(parents=True)
-    (folder / "README.md").write_text(CARD)
+    (folder / "README.md").write_text(RELEASE_CARD)
     (folder / "more/table.parquet").write_bytes(b"PAR1")
     return folder
 

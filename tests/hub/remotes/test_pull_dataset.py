@@ -20,9 +20,11 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull_dataset import fetch_file, pull
 from swarmdata.store import Manifest, open_store, read_manifest
+from swarmdata.store.arrays.layout import FORMAT_VERSION
 from swarmdata.store.manifest import _ZEROS, _digest
 from swarmdata.store.scratch import scratch_folder
-from tests.hub.remotes.conftest import CARD, ID, same_files
+from swarmdata.testing.synthetic import RELEASE_CARD
+from tests.hub.remotes.conftest import ID, same_files
 
 Change = Callable[[str, bytes], bytes]
 
@@ -231,7 +233,7 @@ def test_another_dataset_than_the_published_one(root: Path, tmp_path: Path) -> N
 
 
 def test_a_newer_format(root: Path, tmp_path: Path) -> None:
-    remote = Tampered(root, lie(lambda data: data.update(format_version=2)))
+    remote = Tampered(root, lie(lambda data: data.update(format_version=FORMAT_VERSION + 1)))
     with pytest.raises(FormatVersionError, match="pip install --upgrade"):
         pull(remote, RELEASE, tmp_path / ID, progress=False)
     assert remote.reads == ["manifest.json"]
@@ -322,4 +324,4 @@ def test_a_release_without_a_card(dataset: Path, tmp_path: Path) -> None:
     (bare / "card.md").unlink()
     pull(Tampered(bare.parent), RELEASE, tmp_path / ID, progress=False)
     assert same_files(tmp_path / ID, bare)
-    assert (dataset / "card.md").read_text() == CARD
+    assert (dataset / "card.md").read_text() == RELEASE_CARD

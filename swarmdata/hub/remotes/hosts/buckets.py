@@ -110,6 +110,17 @@ class BucketRemote:
 
         self._try(what, fetch).replace(out)
 
+    def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
+        source, what = self._object(release.id, file), f"fetching {release.address}/{file}"
+
+        def fetch() -> bytes:
+            content = bytes(self._files.cat_file(source, start=first, end=first + size))
+            if len(content) != size:
+                raise TransientError(f"{len(content)} bytes came, expected {size}")
+            return content
+
+        return self._ask(what, fetch)
+
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         split_id(dataset_id)
         files, release = (
@@ -130,6 +141,17 @@ class BucketRemote:
         self._release_claim(dataset_id)
         self._write_index()
         return release
+
+    def part_files(self, folder: str) -> tuple[str, ...]:
+        what = f"asking {self.address} for {folder}"
+        try:
+            listed = self._ask(what, lambda: self._files.ls(f"{self._root}/{folder}", detail=False))
+        except AbsentFileError:
+            return ()
+        return tuple(sorted(str(path).rpartition("/")[2] for path in listed))
+
+    def send_part_file(self, folder: str, name: str, content: bytes) -> None:
+        self._put(self._object(folder, name), content)
 
     def _object(self, dataset_id: str, file: str) -> str:
         return f"{self._root}/{dataset_id}/{file}"

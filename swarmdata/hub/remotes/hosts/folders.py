@@ -1,5 +1,6 @@
 """A folder of datasets on a disk or a network share, `file:///folder`."""
 
+import os
 import shutil
 from pathlib import Path
 from urllib.parse import unquote
@@ -41,12 +42,7 @@ class FolderRemote:
         )
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
-        source = self._root / release.id / file
-        self._check_reachable()
-        if not source.is_file():
-            raise AbsentFileError(f"{release.address} has no file {file!r}.")
-        if not source.resolve().is_relative_to(self._root.resolve()):
-            raise HubError(f"{source} leads out of {self._root}, it is not read.")
+        source = self._source(release, file)
         found = source.stat().st_size
         if found > size:
             raise HubError(
@@ -61,6 +57,27 @@ class FolderRemote:
                 raise
             raise HubError(f"{source} cannot be copied to {out}: {error}.") from error
         part.replace(out)
+
+    def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
+        source = self._source(release, file)
+        try:
+            with source.open("rb") as stream:
+                content = os.pread(stream.fileno(), size, first)
+        except OSError as error:
+            raise HubError(f"{source} cannot be read: {error}.") from error
+        if len(content) != size:
+            raise HubError(f"{source} ends at byte {first + len(content)}, expected {first + size}")
+        return content
+
+    def _source(self, release: Release, file: str) -> Path:
+        """Where a file is."""
+        source = self._root / release.id / file
+        self._check_reachable()
+        if not source.is_file():
+            raise AbsentFileError(f"{release.address} has no file {file!r}.")
+        if not source.resolve().is_relative_to(self._root.resolve()):
+            raise HubError(f"{source} leads out of {self._root}, it is not read.")
+        return source
 
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         split_id(dataset_id)
@@ -89,6 +106,19 @@ class FolderRemote:
                 "visible there; push again when the cause is gone."
             ) from error
         return Release(dataset_id, f"{self.address}/{dataset_id}")
+
+    def part_files(self, folder: str) -> tuple[str, ...]:
+        self._check_reachable()
+        found = self._root / folder
+        return tuple(sorted(p.name for p in found.iterdir())) if found.is_dir() else ()
+
+    def send_part_file(self, folder: str, name: str, content: bytes) -> None:
+        self._check_reachable()
+        try:
+            (self._root / folder).mkdir(exist_ok=True)
+            write_file(self._root / folder / name, content)
+        except OSError as error:
+            raise HubError(f"sending {name} to {self.address}/{folder} failed: {error}.") from error
 
     def _check_reachable(self) -> None:
         if not self._root.is_dir():

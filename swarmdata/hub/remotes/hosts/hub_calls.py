@@ -6,6 +6,7 @@ import re
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -133,6 +134,32 @@ class HubCalls:
             watched(fetch, Meter(self._pace, self._address), lambda: bytes_in(folder))
 
         self._call(what, watch)
+
+    def read_range(self, repository: str, commit: str, path: str, first: int, size: int) -> bytes:
+        """Returns some bytes of a file."""
+        what = f"fetching {path} of {repository}@{commit[:12]}"
+
+        def fetch() -> bytes:
+            from huggingface_hub import hf_hub_url  # noqa: PLC0415
+
+            client = import_module("huggingface_hub.utils")
+            url = hf_hub_url(
+                repository,
+                path,
+                repo_type=REPOSITORY_TYPE,
+                revision=commit,
+                endpoint=self._api().endpoint,
+            )
+            wanted = {"Range": f"bytes={first}-{first + size - 1}"}
+            response = client.get_session().get(
+                url, headers={**client.build_hf_headers(), **wanted}, timeout=TIMEOUT_SECONDS
+            )
+            client.hf_raise_for_status(response)
+            if len(response.content) != size:
+                raise TransientError(f"{len(response.content)} bytes came, expected {size}")
+            return bytes(response.content)
+
+        return self._ask(what, fetch)
 
     def create(self, repository: str) -> None:
         """Makes an empty repository, unless it is there."""

@@ -104,6 +104,13 @@ class HubRemote:
         (scratch / file).replace(out)
         remove_scratch(scratch)
 
+    def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
+        name, commit = self._pinned(release)
+        if file not in self._listing(name, commit):
+            raise AbsentFileError(f"{release.address} has no file {file!r}.")
+        with quiet():
+            return self._calls.read_range(self._repository(name), commit, file, first, size)
+
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         name, version = split_id(dataset_id)
         files = files_to_publish(folder, dataset_id, beside)

@@ -80,6 +80,30 @@ class WebRemote:
         self._backoff.run(f"fetching {url}", lambda: self._download(url, part, size))
         part.replace(out)
 
+    def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
+        url = f"{release.address}/{quote(file)}"
+
+        def fetch() -> bytes:
+            headers = {"Range": f"bytes={first}-{first + size - 1}"}
+            try:
+                with self._open(url, headers) as response:
+                    if response.status != http.client.PARTIAL_CONTENT:
+                        raise HubError(
+                            f"{url} is on a server that gives whole files only (it ignores the "
+                            "header Range), so nothing can be streamed from it. Load it without "
+                            "stream=True."
+                        )
+                    if not _starts_at(response, first):
+                        raise TransientError("the server sent another range than was asked for")
+                    content = _read_all(response, size)
+            except _UnsatisfiableRangeError as error:
+                raise HubError(f"{url} has less than {first + size:,} bytes.") from error
+            if len(content) != size:
+                raise TransientError(f"the answer was cut after {len(content)} of {size} bytes")
+            return content
+
+        return self._backoff.run(f"fetching {url}", fetch)
+
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         raise HubError(
             f"{self.address} is read only: plain web hosts take no files. Push to the file:// "
@@ -146,6 +170,15 @@ def _explained(error: HTTPError, url: str) -> Exception:
 
 def _starts_at(response: Response, offset: int) -> bool:
     return (response.headers.get("Content-Range") or "").startswith(f"bytes {offset}-")
+
+
+def _read_all(response: Response, size: int) -> bytes:
+    """The body, of which `size` bytes and not more are wanted."""
+    blocks, left = [], size
+    while left and (block := response.read(min(BLOCK_BYTES, left))):
+        blocks.append(block)
+        left -= len(block)
+    return b"".join(blocks)
 
 
 def _copy(response: Response, file: BinaryIO, limit: int, url: str) -> None:

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.errors import AbsentFileError, HubError, ManifestError, VersionTakenError
+from swarmdata.errors import AbsentFileError, HubError, ManifestError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, NEXT, same_files
+from tests.hub.remotes.conftest import ID, NEXT
 from tests.support.tiny import abandoned
 
 
@@ -23,19 +22,6 @@ def root(tmp_path: Path) -> Path:
 @pytest.fixture
 def remote(root: Path) -> FolderRemote:
     return FolderRemote(f"file://{str(root).replace(' ', '%20')}")
-
-
-def test_round_trip(
-    remote: FolderRemote, root: Path, dataset: Path, other: Path, tmp_path: Path
-) -> None:
-    assert remote.find(ID) is None
-    release = remote.publish(dataset, ID)
-    assert remote.find(ID) == release == remote.publish(dataset, ID)
-    assert remote.ids() == (ID,)
-    with pytest.raises(VersionTakenError, match="never changes"):
-        remote.publish(other, ID)
-    assert same_files(root / ID, dataset)
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
 
 
 def test_an_interrupted_push_is_invisible(

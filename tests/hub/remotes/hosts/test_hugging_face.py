@@ -9,26 +9,14 @@ from swarmdata.errors import AbsentFileError, ConflictError, HubError, VersionTa
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull_dataset import pull
-from swarmdata.store import open_store
-from tests.hub.remotes.conftest import CARD, ID, NEXT, TOKEN, same_files
+from swarmdata.testing.synthetic import RELEASE_CARD
+from tests.hub.remotes.conftest import ID, NEXT, TOKEN, same_files
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.loopback_hub import LoopbackHub
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
 NAME = "org/coop_nav-synthetic"
-
-
-def test_round_trip(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path: Path) -> None:
-    assert remote.find(ID) is None
-    release = remote.publish(dataset, ID)
-    assert remote.find(ID) == release
-
-    pulled = pull(remote, release, tmp_path / "cache" / ID, progress=False)
-
-    assert same_files(pulled, dataset)
-    open_store(pulled, "full")
-    assert [path.name for path in pulled.parent.iterdir() if path.suffix != ".lock"] == [ID]
 
 
 def test_a_push_is_one_commit_and_a_tag(
@@ -40,7 +28,7 @@ def test_a_push_is_one_commit_and_a_tag(
     assert repository.titles == ["initial commit", ID]
     assert repository.tags == {"v0": repository.branches["main"]}
     assert release == Release(ID, f"hf://org/coop_nav-synthetic@{repository.tags['v0']}")
-    assert repository.main["card.md"].data == CARD.encode()
+    assert repository.main["card.md"].data == RELEASE_CARD.encode()
     assert {"README.md", "more/table.parquet"} <= repository.main.keys()
     assert any(blob.sha256 for blob in repository.main.values())
     assert remote.ids() == (ID,)

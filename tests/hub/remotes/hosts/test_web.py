@@ -11,8 +11,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
-from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, same_files
+from tests.hub.remotes.conftest import ID
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.static_host import StaticHost
 
@@ -36,14 +35,6 @@ def host(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StaticHost]:
 @pytest.fixture
 def remote(host: StaticHost, backoff: Backoff) -> WebRemote:
     return WebRemote(host.url, backoff=backoff, pace=Pace(2.0, 100.0, 2.0))
-
-
-def test_round_trip(remote: WebRemote, dataset: Path, tmp_path: Path) -> None:
-    release = remote.find(ID)
-    assert release == Release(ID, f"{remote.address}/{ID}")
-    assert remote.ids() == (ID,)
-    assert remote.find("coop_nav-nothing-v0") is None
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
 
 
 @pytest.mark.parametrize("ranges", [True, False])

@@ -1,0 +1,72 @@
+"""From a request to a streamed dataset: on this machine, or on the first remote that has it."""
+
+from pathlib import Path
+
+from swarmdata.errors import AbsentFileError, HubError, SwarmdataError
+from swarmdata.hub.catalog.request import Request
+from swarmdata.hub.catalog.sources import Cache, Remotes, refusal, skip
+from swarmdata.hub.remotes.addresses import open_remote
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.streaming.open_stream import open_stream
+from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
+from swarmdata.registry.replaced_worlds import refuse_replaced
+from swarmdata.store import read_manifest
+
+
+class DatasetFolder(FolderRemote):
+    """The folder of one dataset, whatever its name is, as a remote."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder.resolve().parent.as_uri())
+        self._folder = folder.resolve()
+
+    def _source(self, release: Release, file: str) -> Path:
+        path = self._folder / file
+        if not path.is_file() or path.is_symlink():
+            raise AbsentFileError(f"{self._folder} has no file {file!r}.")
+        return path
+
+
+def stream_request(request: Request, remotes: Remotes, stream: Stream) -> StreamedDataset:
+    """Opens a dataset for streaming; one that is on this machine is read from its folder.
+
+    Args:
+        request: from `parse_request`.
+        remotes: those to ask where the dataset is not on this machine.
+        stream: how it is streamed; chunks of a folder of this machine are not kept in the cache.
+
+    Raises:
+        HubError: no remote has it, or the remote of its address failed.
+        ReplacedDatasetError: a newer version has replaced it, and the cache does not have it.
+        DatasetError: what is there cannot be used.
+    """
+    found = Cache().get(request)
+    if found is None:
+        if request.address is None:
+            refuse_replaced(request.text)
+        request = remotes.pin(request)
+        found = Cache().get(request)
+    if found is not None:
+        manifest = read_manifest(found.folder)
+        release = Release(manifest.id, str(found.folder))
+        local = Stream(stream.window, 0, stream.seed)
+        return open_stream(DatasetFolder(found.folder), release, local, lambda manifest: None)
+    refuse = refusal(request.recipe)
+    if request.release is not None:
+        return open_stream(*request.release, stream, refuse)
+    name = request.text if request.folder is None else request.folder.name
+    for address in remotes.asked:
+        try:
+            remote = open_remote(address)
+            there = remote.find(name)
+            if there is not None:
+                return open_stream(remote, there, stream, refuse)
+        except SwarmdataError as error:
+            skip(address, name, error)
+    asked = ", ".join(remotes.asked) or "none"
+    raise HubError(
+        f"{name} cannot be streamed: it is not on this machine, and no remote has it (asked: "
+        f"{asked}). Give its address, such as hf://ORGANIZATION/{name}, or load it without "
+        "stream=True."
+    )

@@ -1,0 +1,78 @@
+"""ChunkCache: chunks of arrays on the local disk, in bounded space."""
+
+import os
+from pathlib import Path
+
+from swarmdata.runtime.atomic import TEMPORARY_PREFIX, write_file
+
+SUFFIX = ".chunk"
+"""Of the files of chunks."""
+
+
+class ChunkCache:
+    """Chunks in files of their own; those that were not read for longest are deleted first.
+
+    Several processes may share a folder: a file appears whole or not at all, and one that another
+    process deletes is fetched again. Contents are for the caller to check.
+
+    Args:
+        folder: of the files; the bound holds for all folders of datasets in it.
+        most_bytes: of all files together; 0 keeps none.
+    """
+
+    def __init__(self, folder: Path, most_bytes: int) -> None:
+        self._folder, self._most_bytes = folder, most_bytes
+
+    def read(self, key: str) -> bytes | None:
+        """The content of a chunk, None where it is not there."""
+        if not self._most_bytes:
+            return None  # what other streams keep is none of this one's
+        path = self._path(key)
+        try:
+            content = path.read_bytes()
+            path.touch()
+        except FileNotFoundError:  # never there, or deleted meanwhile
+            return None
+        return content
+
+    def write(self, key: str, content: bytes) -> None:
+        """Keeps a chunk, and deletes others where there are too many bytes.
+
+        Args:
+            key: path of the chunk, such as `<digest>/actions/3`.
+            content: its bytes.
+
+        Raises:
+            DiskFullError: no space is left.
+        """
+        if len(content) > self._most_bytes:
+            return
+        self._make_room(self._most_bytes - len(content))
+        path = self._path(key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, content)
+
+    def forget(self, key: str) -> None:
+        """Deletes a chunk."""
+        self._path(key).unlink(missing_ok=True)
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{key}{SUFFIX}"
+
+    def _make_room(self, most_bytes: int) -> None:
+        """Deletes files until the others have at most so many bytes."""
+        found = []
+        for folder, inner, names in os.walk(self._folder):  # passes over folders that vanish
+            inner[:] = [name for name in inner if not name.startswith(TEMPORARY_PREFIX)]
+            for path in (Path(folder, name) for name in names if name.endswith(SUFFIX)):
+                try:
+                    status = path.stat()
+                except FileNotFoundError:  # another process deleted it
+                    continue
+                found.append((status.st_mtime_ns, status.st_size, path))
+        total = sum(size for _, size, _ in found)
+        for _, size, path in sorted(found):
+            if total <= most_bytes:
+                return
+            path.unlink(missing_ok=True)
+            total -= size

@@ -1,0 +1,104 @@
+"""EpisodeBlocks: consecutive episodes that are read, and observed again, together."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.datasets.reobservation import (
+    OBSERVED_ARRAYS,
+    RecordedEpisodes,
+    actions_for,
+    observe_episodes,
+)
+from swarmdata.hub.streaming.remote_arrays import RemoteArrays
+from swarmdata.registry.components import make_task
+from swarmdata.specs.origins import Origin, task_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import EpisodeTable
+from swarmdata.store.arrays.layout import ALL_FIELDS
+from swarmdata.types import Int
+
+BLOCK_STEPS = 10_000
+"""Joint steps of a block, about those of a chunk."""
+
+N_FETCHERS = 4
+"""Arrays of a block that are fetched at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeBlocks:
+    """Blocks of whole episodes of a remote dataset.
+
+    Attributes:
+        source: the arrays.
+        table: all stored episodes.
+        origin: what the dataset was made from.
+        spec: the task with other models, through which it is observed again; None: as recorded.
+    """
+
+    source: RemoteArrays
+    table: EpisodeTable
+    origin: Origin
+    spec: TaskSpec | None = None
+
+    @cached_property
+    def firsts(self) -> Int:
+        """First episode of each block, and the number of episodes, [n + 1]."""
+        ends = self.table.starts + self.table.lengths
+        firsts = [0]
+        while firsts[-1] < len(ends):
+            limit = int(self.table.starts[firsts[-1]]) + BLOCK_STEPS
+            last = int(np.searchsorted(ends, limit, side="right"))
+            firsts.append(max(firsts[-1] + 1, last))
+        return np.array(firsts)
+
+    @cached_property
+    def first_steps(self) -> Int:
+        """First step of each block, and the number of steps, [n + 1]."""
+        steps: Int = np.append(self.table.starts, self.source.manifest.n_steps)[self.firsts]
+        return steps
+
+    def read(self, block: int, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """Returns the rows of a block in some arrays over time.
+
+        Raises:
+            HubError: a chunk could not be fetched.
+            ChecksumError: the remote gave wrong bytes, twice.
+        """
+        if self.spec is None:
+            return self._recorded(block, names)
+        wanted = {*names} - {*OBSERVED_ARRAYS}
+        is_observed = len(wanted) < len(names)
+        needed = wanted | ({"states", "actions"} if is_observed else set())
+        found = self._recorded(block, sorted(needed))
+        task = task_of(self.origin, "reobservation")
+        if "actions" in found:
+            found["actions"] = actions_for(self.spec, task, found["actions"])
+        if is_observed:
+            episodes = slice(int(self.firsts[block]), int(self.firsts[block + 1]))
+            recorded = RecordedEpisodes(
+                found["states"],
+                found["actions"],
+                starts=self.table.starts[episodes] - self.first_steps[block],
+                lengths=self.table.lengths[episodes],
+                seeds=self.table.seeds[episodes],
+                layouts=self.table.layouts[episodes],
+            )
+            found |= observe_episodes(make_task(self.spec), recorded, progress=False)
+        return {name: found[name] for name in names}
+
+    def _recorded(self, block: int, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        first, last = (int(self.first_steps[block + k]) for k in (0, 1))
+        episodes = [int(self.firsts[block + k]) for k in (0, 1)]
+
+        def fetch(name: str) -> NDArray[Any]:
+            shifts = episodes if ALL_FIELDS[name].rows == "states" else (0, 0)
+            return self.source.rows(name, first + shifts[0], last + shifts[1])
+
+        with ThreadPoolExecutor(N_FETCHERS) as pool:
+            return dict(zip(names, pool.map(fetch, names), strict=True))

@@ -1,0 +1,83 @@
+"""Pages of mapped files are given back, and read again as they are."""
+
+import mmap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from swarmdata.runtime import mapped_pages
+from swarmdata.runtime.mapped_pages import MappedReads, mapping_of, release_pages
+
+ROWS, COLUMNS = 8192, 256
+
+
+@pytest.fixture
+def mapped(tmp_path: Path) -> NDArray[np.float32]:
+    """8 MiB of a file, all of whose pages are resident."""
+    values = np.arange(ROWS * COLUMNS, dtype=np.float32).reshape(ROWS, COLUMNS)
+    values.tofile(tmp_path / "values")
+    with (tmp_path / "values").open("rb") as file:
+        content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    array = np.frombuffer(content, dtype=np.float32).reshape(ROWS, COLUMNS)
+    assert array.sum() > 0
+    return array
+
+
+def resident(array: NDArray[np.float32]) -> int:
+    """Bytes of the file that count as memory of this process."""
+    address = array.__array_interface__["data"][0]
+    found, is_it = 0, False
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        head = line.split()[0]
+        if "-" in head and not head.endswith(":"):
+            low, high = (int(each, 16) for each in head.split("-"))
+            is_it = low <= address < high
+        elif is_it and head == "Rss:":
+            found = 1024 * int(line.split()[1])
+    return found
+
+
+def test_pages_are_given_back_and_read_again(mapped: NDArray[np.float32]) -> None:
+    before = mapped.sum(dtype=np.float64)
+    assert resident(mapped) == mapped.nbytes
+    release_pages(mapped)
+    assert resident(mapped) == 0
+    assert mapped.sum(dtype=np.float64) == before
+
+
+def test_only_the_pages_of_a_view_are_given_back(mapped: NDArray[np.float32]) -> None:
+    """Whole huge pages are given back, so a view in a half leaves the other half."""
+    release_pages(mapped[: ROWS // 4])
+    assert mapped.nbytes // 2 <= resident(mapped) <= mapped.nbytes * 3 // 4
+    assert mapped[: ROWS // 2].any()
+    release_pages(mapped[::-2, 3:7][: ROWS // 4])
+    assert 0 < resident(mapped) <= mapped.nbytes // 2
+
+
+def test_arrays_in_memory_stay(mapped: NDArray[np.float32]) -> None:
+    held = mapped.copy()
+    release_pages(held)
+    release_pages(np.zeros((0, 3)))
+    assert np.array_equal(held, mapped)
+    assert mapping_of(held) is None
+    assert mapping_of(mapped[3:, ::2]) is not None
+
+
+def test_pages_are_given_back_on_the_way(
+    mapped: NDArray[np.float32], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mapped_pages, "READ_BYTES", 4 << 20)
+    reads, most = MappedReads([mapped]), 0
+    release_pages(mapped)
+    total = 0.0
+    for first in range(0, ROWS, 64):
+        rows = mapped[first : first + 64]
+        total += rows.sum(dtype=np.float64)
+        reads.add(rows)
+        most = max(most, resident(mapped))
+    assert total == np.arange(ROWS * COLUMNS, dtype=np.float64).sum()
+    assert most <= 4 << 20
+    reads.release()
+    assert resident(mapped) == 0
