@@ -165,7 +165,7 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
             slot -= 1
             if slot + 1 < N_NEAR_OBSTACLES:
                 distances[slot + 1] = distances[slot]
-                out[slot + 1] = out[slot]
+                out[slot + 1, 0], out[slot + 1, 1] = out[slot, 0], out[slot, 1]
         if slot < N_NEAR_OBSTACLES:
             closeness = min(max(1.0 - (distance - radius) / SURROUNDINGS_RANGE, 0.0), 1.0)
             scale = closeness / max(distance, 1e-9)

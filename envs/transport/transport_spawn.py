@@ -60,11 +60,13 @@ def _place(
     away = plan.min_goal_distance
     if not place_points(state, layout, plan.half, radius, at_goal, goal, start, away):
         return False
-    body[0:2] = start[0]
+    body[0], body[1] = start[0, 0], start[0, 1]
     for i in range(plan.radii.shape[0]):
         robots[i, TX], robots[i, TY] = goal[0, 0], goal[0, 1]
     around = np.zeros((layout.shape[0] + 1, 8), np.float32)  # robots must not overlap the payload
-    around[:-1] = layout
+    for m in range(layout.shape[0]):
+        for c in range(8):
+            around[m, c] = layout[m, c]
     around[-1, 0], around[-1, 1], around[-1, 2] = CIRCLE, body[0], body[1]
     around[-1, 5] = around[-1, 6] = radius[0]
     starts = robots[:, X : Y + 1]

@@ -12,6 +12,7 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry.components import make_env
+from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
@@ -117,6 +118,11 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
     def state(self) -> Float:
         """Returns the global state, [S]."""
         return self._require_step().states[0].copy()
+
+    @property
+    def features(self) -> tuple[Feature, ...]:
+        """The meaning of each number in an observation, O long."""
+        return self._env.features
 
     @property
     def current_step(self) -> Step:

@@ -1,16 +1,18 @@
-"""TaskEnv: E copies of any task in a world, stepped by physics, task rules, then observation."""
+"""TaskEnv: E copies of any task, stepped by one thread or by several."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
-from swarmdata.envs.physics.backend import Plan
-from swarmdata.envs.world.rewards import reward_terms
-from swarmdata.envs.world.step_buffer import StepMaker, clear_copies, keep_ended
-from swarmdata.envs.world.world import MakeBackend, World, make_backend, score_steps
+from swarmdata.envs.world.copy_block import CopyBlock
+from swarmdata.envs.world.step_buffer import StepMaker
+from swarmdata.envs.world.world import MakeBackend, make_backend
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
-from swarmdata.perception.observer import Observer
-from swarmdata.specs.state_layout import state_size
-from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
+from swarmdata.runtime.thread_team import ThreadTeam
+from swarmdata.types import Double, Float, Int, Seeds, Step
 
 
 class TaskEnv:
@@ -31,30 +33,47 @@ class TaskEnv:
     the horizon truncates it. A task that is solved and failed in the same step is a failure, but
     its reward includes the success.
 
+    With further tasks, the copies are divided into as many contiguous blocks as there are tasks,
+    and each block is stepped by a thread. The bits do not depend on that.
+
     Args:
         task: the task.
         n_copies: E.
         backend: builds the physics.
+        further_tasks: the same task, built once more for each further thread; at most E - 1.
     """
 
-    def __init__(self, task: Task, n_copies: int = 1, backend: MakeBackend = make_backend) -> None:
+    def __init__(
+        self,
+        task: Task,
+        n_copies: int = 1,
+        backend: MakeBackend = make_backend,
+        further_tasks: Sequence[Task] = (),
+    ) -> None:
         self.task, self.spec, self.n_copies = task, task.spec, n_copies
-        spec = task.spec
-        self._world = World(Plan(spec, task.kinds, task.movables), n_copies, backend)
-        self._observer = Observer(task, n_copies)
-        self.features = self._observer.features
-        self.observation_size, self.action_size = len(self.features), spec.action_size
-        self.state_size = state_size(spec.n_agents, len(task.movables), len(task.extras))
-        self._solved: Bool = np.zeros(n_copies, dtype=np.bool_)
-        weights = np.array([term.signed_weight for term in reward_terms(task)])
-        self._n_terms = len(weights)
-        self._scoring = (
-            self._world.radii, self._world.half, weights, spec.rules.rewards.team_share,
-            spec.on_collision == "fail", spec.horizon, self._solved, self._world.contacts.slack,
-        )  # fmt: skip
-        self._shape = (n_copies, spec.n_agents, self.action_size)
+        tasks = (task, *further_tasks)
+        self._edges = [n_copies * k // len(tasks) for k in range(len(tasks) + 1)]
+        sizes = (end - first for first, end in pairwise(self._edges))
+        self._blocks = [
+            CopyBlock(each, size, backend) for each, size in zip(tasks, sizes, strict=True)
+        ]
+        self.n_threads = len(tasks)
+        self._threads = ThreadTeam(self.n_threads)
+        first = self._blocks[0]
+        self.features = first.features
+        self.observation_size, self.action_size = len(self.features), task.spec.action_size
+        self.state_size = first.state_size
+        self._shape = (n_copies, self.spec.n_agents, self.action_size)
         self._now: Step | None = None
-        self._maker = StepMaker(self._blank())
+        self._rows: list[Step] = []  # of `_now`, for each block
+        self._blank = first.blank(n_copies)
+        self._maker = StepMaker(self._blank)
+
+    def __repr__(self) -> str:
+        """Shows how many copies of what this is."""
+        team = f"{self.spec.n_agents} robots, {self.observation_size} features each"
+        size = f"{self.n_copies} copies, {team}, at most {self.spec.horizon} steps"
+        return f"<{type(self).__name__} {self.spec.task}: {size}>"
 
     def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
         """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
@@ -69,17 +88,13 @@ class TaskEnv:
             raise SchemaError(
                 f"the first reset must reset all {self.n_copies} copies, got {len(chosen)}"
             )
-        old = self._now if self._now is not None else self._blank()
+        old = self._now if self._now is not None else self._blank
         now = Step._make(array.copy() for array in old)
-        self.task.spawn(seeds, chosen, now.layouts, now.states)
-        self._world.reset(chosen, now.layouts, now.states)
-        fresh = np.zeros(self.n_copies, dtype=np.bool_)
-        clear_copies(
-            chosen, seeds, now.seeds, now.times, now.rewards, now.reward_terms, now.events,
-            now.terminations, now.truncations, now.successes, fresh,
-        )  # fmt: skip
-        self._observer.observe(now, None, fresh, chosen)
-        self._now = now
+        rows = self._divide(now)
+        resets = list(self._divide_reset(seeds, chosen, rows))
+        self._threads.run([partial(block.spawn, *reset) for block, reset in resets])
+        self._threads.run([partial(block.start, *reset) for block, reset in resets])
+        self._now, self._rows = now, rows
         return now
 
     def step(self, actions: Float | Double) -> Step:
@@ -93,42 +108,53 @@ class TaskEnv:
                 f"actions are {actions.dtype} {list(actions.shape)}, expected float32 or float64 "
                 f"{list(self._shape)} [E, N, A]"
             )
-        now, active = self._maker.after(before), self._world.active
-        n_active = self._world.step(actions, before, now)
-        if n_active < 0:
-            raise SchemaError(
-                "an action is NaN or infinite; actions must be finite numbers in [-1, 1]"
-            )
-        if n_active < self.n_copies:
-            keep_ended(before, now, active)
-        self.task.update(before, now, active, self._solved)
-        score_steps(
-            *self._scoring, active, now.states, now.layouts, now.events, now.times,
-            now.reward_terms, now.rewards, now.terminations, now.truncations, now.successes,
-        )  # fmt: skip
-        self._observer.observe(now, actions, active)
-        self._now = now
+        now = self._maker.after(before)
+        rows = self._divide(now)
+        if len(rows) == 1:
+            block = self._blocks[0]
+            block.finish(actions, before, now, _begin(block, actions, before, now))
+        else:
+            self._threads.run(self._begin_blocks(actions, rows))
+        self._now, self._rows = now, rows
         return now
 
     def close(self) -> None:
-        """Does nothing: it holds nothing but memory; see `interfaces.VecEnv.close`."""
+        """Ends the threads, if there are several; see `interfaces.VecEnv.close`."""
+        self._threads.close()
 
-    def _blank(self) -> Step:
-        e, n = self.n_copies, self.spec.n_agents
-        observations, sent, delivered, ages = self._observer.allocate((e,), n)
-        return Step(
-            observations=observations,
-            states=np.zeros((e, self.state_size), dtype=np.float32),
-            rewards=np.zeros((e, n), dtype=np.float32),
-            reward_terms=np.zeros((e, n, self._n_terms), dtype=np.float32),
-            terminations=np.zeros(e, dtype=np.bool_),
-            truncations=np.zeros(e, dtype=np.bool_),
-            successes=np.zeros(e, dtype=np.bool_),
-            events=np.zeros((e, n, 4), dtype=np.uint8),
-            seeds=np.zeros(e, dtype=np.uint64),
-            times=np.zeros(e, dtype=np.int64),
-            layouts=np.zeros((e, len(self.task.kinds), 8), dtype=np.float32),
-            sent=sent,
-            delivered=delivered,
-            ages=ages,
-        )
+    def _divide(self, step: Step) -> list[Step]:
+        """Returns the rows of each block; they share memory with the step."""
+        if len(self._blocks) == 1:
+            return [step]
+        return [
+            Step._make([array[first:end] for array in step]) for first, end in pairwise(self._edges)
+        ]
+
+    def _begin_blocks(self, actions: Float | Double, now: list[Step]) -> list[Callable[[], None]]:
+        """Begins the step in all blocks; returns what is left of it, for each block."""
+        parts: list[Callable[[], None]] = []
+        for k, block in enumerate(self._blocks):
+            rows = actions[self._edges[k] : self._edges[k + 1]], self._rows[k], now[k]
+            parts.append(partial(block.finish, *rows, _begin(block, *rows)))
+        return parts
+
+    def _divide_reset(
+        self, seeds: Seeds, copies: Int, now: list[Step]
+    ) -> Iterator[tuple[CopyBlock, tuple[Seeds, Int, Step]]]:
+        """Yields each block that has some of the copies, with its part of them, and its rows."""
+        for block, rows, (first, end) in zip(self._blocks, now, pairwise(self._edges), strict=True):
+            mine = (first <= copies) & (copies < end)
+            if mine.any():
+                yield block, (seeds[mine], copies[mine] - first, rows)
+
+
+def _begin(block: CopyBlock, actions: Float | Double, before: Step, now: Step) -> int:
+    """Begins a step in one block; returns the number of copies that had not ended.
+
+    Raises:
+        SchemaError: an action is not finite.
+    """
+    n_active = block.begin(actions, before, now)
+    if n_active < 0:
+        raise SchemaError("an action is NaN or infinite; actions must be finite numbers in [-1, 1]")
+    return n_active

@@ -235,22 +235,22 @@ class World:
         begin_worlds(copies, states, *self.contacts, robots, bodies)
         self._backend.reset(copies, layouts, robots, bodies)
 
-    def step(self, actions: Float | Double, before: Step, now: Step) -> int:
-        """Advances the copies that have not ended by one control step.
+    def begin(self, actions: Float | Double, before: Step, now: Step) -> int:
+        """Finds the copies that have not ended, and clips their commands.
 
         Args:
             actions: [E, N, A].
             before: the previous step; only read.
-            now: this step, whose times, events and states are written.
+            now: this step, whose times, events and states are written, as far as they are known.
 
         Returns:
-            The number of copies that had not ended. If an action is not finite, -1, and the world
-            stays as it was.
+            The number of copies that had not ended; -1 if an action of one of them is not finite.
         """
-        n_active: int = begin_step(
+        return begin_step(
             *self._fixed, actions, before.terminations, before.truncations, before.times,
             before.states, now.times, now.states, now.events,
         )  # fmt: skip
-        if n_active >= 0:
-            self._backend.step(self.active, self._commands, self.contacts, now.events, now.states)
-        return n_active
+
+    def advance(self, now: Step) -> None:
+        """Advances the copies that `begin` has found; writes the events and states of this step."""
+        self._backend.step(self.active, self._commands, self.contacts, now.events, now.states)

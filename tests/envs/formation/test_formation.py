@@ -152,7 +152,7 @@ def put_in_slots(env: TaskEnv, ids: Seeds, away: Double) -> Step:
     step = env.reset(ids)
     robots = robots_of(step.states, env.spec.n_agents)
     robots[..., [X, Y]] = robots[..., [TX, TY]] + away
-    backend = env._world._backend
+    backend = env._blocks[0]._world._backend
     assert isinstance(backend, KinematicBackend)
     backend._robots[..., :2] = robots[..., :2]
     return step
@@ -176,7 +176,7 @@ def test_one_robot_far_off_spoils_the_formation_and_steps_add_up_over_gaps() -> 
     away[2] = [0.3, 0.0]  # root mean square 0.15 > 0.12
     step, task, held = put_in_slots(env, seeds(3), away), env.task, []
     assert isinstance(task, Formation)
-    backend = env._world._backend
+    backend = env._blocks[0]._world._backend
     assert isinstance(backend, KinematicBackend)
     for t in range(12):
         if t in (3, 6, 8):  # robot 2 to its slot, away, and back

@@ -114,7 +114,7 @@ def test_free_motion_forgets_what_was_before(backend: MakeBackend) -> None:
     env, policy = TaskEnv(task, 1, backend), make_policy("random", spec)
     step = env.reset(np.array([1], dtype=np.uint64))
     policy.reset(step, np.arange(1))
-    world, active = env._world, np.array([True])
+    world, active = env._blocks[0]._world, np.array([True])
     robots = world._backend._robots  # type: ignore[attr-defined]  # states are rounded to float32
     half, has_touched, n_later_contacts = np.array(spec.half_size), False, 0
     other: Backend | None = None

@@ -26,6 +26,7 @@ MODELS = [
     ("occupancy+stack-2+delay-1", "bursty-20+range-1.5"),
     ("lidar", "learned-3+aloha-4"),
     ("state-0+goal-for-5", "errand+lossy-30+expires-3"),
+    ("bearing+no-velocities+stack-2", "none"),
 ]
 
 
@@ -93,7 +94,7 @@ def test_make_env_builds_it_and_both_kinds_can_be_closed() -> None:
     env.close()
     copies = make_env(TaskSpec(), 2)
     copies.close()
-    with pytest.raises(SchemaError, match="1 copy, got n_copies=2"):
+    with pytest.raises(SchemaError, match="1 copy and 1 thread, got n_copies=2"):
         make_env(TaskSpec(), 2, api="pettingzoo")
     with pytest.raises(UnknownNameError, match="gym"):
         make_env(TaskSpec(), api="gym")  # type: ignore[call-overload]

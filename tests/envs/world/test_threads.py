@@ -1,0 +1,185 @@
+"""Copies stepped by several threads: the bits of one thread, its errors, and nothing shared."""
+
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.errors import SchemaError, SpawnError
+from swarmdata.interfaces import VecEnv
+from swarmdata.registry.components import TASKS, make_env, make_policy
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Seeds, Step
+
+MODELS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "noisy radio": {
+        "observation": {"kind": "bearing", "dropout": 0.1, "delay": 1, "stack": 2},
+        "communication": {
+            "kind": "broadcast", "range": 2.0, "drop_probability": 0.3, "delay": 2,
+            "messages_per_step": 2,
+        },
+    },
+    "noisy lidar": {"observation": {"kind": "lidar", "n_rays": 8, "noise": {"range": 0.05}}},
+    "occupancy": {"observation": {"kind": "occupancy"}},
+}  # fmt: skip
+
+
+def some_seeds(n: int, first: int = 0) -> Seeds:
+    return np.arange(first, first + n, dtype=np.uint64)
+
+
+def drive(env: VecEnv, n_steps: int) -> list[Step]:
+    """Steps with random actions; copies that end are reset in the next step."""
+    rng = np.random.default_rng(3)
+    steps, used = [env.reset(some_seeds(env.n_copies))], env.n_copies
+    for _ in range(n_steps):
+        actions = rng.uniform(-1, 1, (env.n_copies, env.spec.n_agents, env.action_size))
+        steps.append(env.step(actions))
+        ended = np.flatnonzero(steps[-1].ended)[::-1]
+        if len(ended) > 1:  # the last of them stays as it is
+            ended = ended[1:]
+            steps.append(env.reset(some_seeds(len(ended), used), ended))
+            used += len(ended)
+    return steps
+
+
+def assert_same(left: list[Step], right: list[Step]) -> None:
+    for a, b in zip(left, right, strict=True):
+        for name in Step._fields:
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("models", MODELS)
+def test_every_number_of_threads_gives_the_same_bits(task: str, models: str) -> None:
+    spec = preset(task).with_updates(horizon=12, on_collision="fail", **MODELS[models])
+    expected = drive(make_env(spec, 7), 30)
+    for n_threads in (2, 3, 7):
+        env = make_env(spec, 7, n_threads=n_threads)
+        assert_same(drive(env, 30), expected)
+        env.close()
+
+
+def test_a_task_with_scratch_memory_has_the_same_bits() -> None:
+    spec = preset("coop_nav-unassigned").with_updates(horizon=12)
+    env = make_env(spec, 64, n_threads=2)
+    assert_same(drive(env, 40), drive(make_env(spec, 64), 40))
+    env.close()
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    n_copies=st.integers(1, 9),
+    n_threads=st.integers(1, 6),
+    horizon=st.integers(1, 6),
+    name=st.sampled_from(("coop_nav", "formation-n3", "transport")),
+)
+def test_copies_and_threads_do_not_matter(
+    n_copies: int, n_threads: int, horizon: int, name: str
+) -> None:
+    spec = preset(name).with_updates(horizon=horizon)
+    env = make_env(spec, n_copies, n_threads=n_threads)
+    assert isinstance(env, TaskEnv)
+    assert env.n_threads == min(n_copies, n_threads)
+    assert_same(drive(env, 8), drive(make_env(spec, n_copies), 8))
+    env.close()
+
+
+def test_episodes_and_results_are_the_same() -> None:
+    spec = preset("coop_nav").with_updates(horizon=20)
+    policy, ids = make_policy("scripted", spec), some_seeds(11)
+    env = make_env(spec, 4, n_threads=3)
+    for one, two in zip(
+        rollout(make_env(spec, 4), policy, ids), rollout(env, policy, ids), strict=True
+    ):
+        for name in (*STATE_FIELDS, *STEP_FIELDS):
+            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    env.close()
+    results = [
+        evaluate(policy, spec, name="scripted", n_episodes=9, n_threads=n, progress=False)
+        for n in (1, 2)
+    ]
+    for name, values in results[0].metrics.items():
+        np.testing.assert_array_equal(values, results[1].metrics[name])
+    assert not any(each.name == "swarmdata-step" for each in threading.enumerate())
+
+
+def test_blocks_share_no_space_and_no_task() -> None:
+    env = make_env(preset("coop_nav"), 6, n_threads=3)
+    env.reset(some_seeds(6))
+    assert isinstance(env, TaskEnv)
+    backends = [block._world._backend for block in env._blocks]
+    spaces = np.concatenate([backend._spaces for backend in backends])  # type: ignore[attr-defined]
+    assert len(np.unique(spaces)) == 6
+    assert len({id(block.task) for block in env._blocks}) == 3
+    env.close()
+
+
+def test_steps_are_never_written_again() -> None:
+    env = make_env(preset("coop_nav").with_updates(horizon=4), 4, n_threads=2)
+    kept = [env.reset(some_seeds(4))]
+    copies = [[array.copy() for array in kept[0]]]
+    for _ in range(9):
+        kept.append(env.step(np.ones((4, 4, 2))))
+        copies.append([array.copy() for array in kept[-1]])
+        kept.append(env.reset(some_seeds(2, 9), np.array([3, 0])))
+        copies.append([array.copy() for array in kept[-1]])
+    for step, copy in zip(kept, copies, strict=True):
+        for array, before in zip(step, copy, strict=True):
+            np.testing.assert_array_equal(array, before)
+    env.close()
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_a_malformed_action_leaves_every_world_as_it_was(n_threads: int) -> None:
+    spec = preset("coop_nav")
+    env, other = (make_env(spec, 4, n_threads=n_threads) for _ in range(2))
+    for each in (env, other):
+        each.reset(some_seeds(4))
+    actions = np.full((4, 4, 2), 0.5)
+    actions[3, 1, 0] = np.nan
+    with pytest.raises(SchemaError, match="NaN or infinite"):
+        env.step(actions)
+    actions[3, 1, 0] = 0.5
+    assert_same([env.step(actions)], [other.step(actions)])
+    env.close()
+    other.close()
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_a_layout_that_is_not_found_leaves_every_world_as_it_was(
+    n_threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = preset("coop_nav")
+    env, other = (make_env(spec, 4, n_threads=n_threads) for _ in range(2))
+    for each in (env, other):
+        each.reset(some_seeds(4))
+    assert isinstance(env, TaskEnv)
+    last = env._blocks[-1].task
+
+    def fail(*_: object) -> None:
+        raise SpawnError("no layout for seed 9")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(last, "spawn", fail, raising=False)
+        with pytest.raises(SpawnError, match="no layout for seed 9"):
+            env.reset(some_seeds(4, 6))
+    actions = np.full((4, 4, 2), 0.5)
+    assert_same([env.step(actions)], [other.step(actions)])
+    env.close()
+    other.close()
+
+
+def test_numbers_of_threads_are_checked() -> None:
+    with pytest.raises(SchemaError, match="n_threads is 0, expected at least 1"):
+        make_env(TaskSpec(), 4, n_threads=0)
+    with pytest.raises(SchemaError, match="1 copy and 1 thread"):
+        make_env(TaskSpec(), n_threads=2, api="pettingzoo")  # type: ignore[call-overload]

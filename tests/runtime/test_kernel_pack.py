@@ -1,0 +1,105 @@
+"""A pack is used where it fits, and ignored elsewhere; the kernels give the same either way."""
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from llvmlite import binding
+
+from swarmdata.runtime import kernel_cache
+from swarmdata.runtime.kernel_pack import gather
+
+SCRIPT = """
+from pathlib import Path
+import sys
+from swarmdata.runtime import kernels
+kernels.PACK_FOLDER = Path(sys.argv[1])
+
+@kernels.kernel
+def halve(x: float) -> float:
+    return 0.5 * x
+
+assert halve(3.0) == 1.5
+print(sum(halve.stats.cache_hits.values()))
+"""
+
+pytestmark = pytest.mark.skipif(
+    not kernel_cache.runs_pack(), reason="packs are for x86-64 with AVX2"
+)
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("script") / "script.py"
+    path.write_text(SCRIPT)
+    return path
+
+
+def run(script: Path, pack: Path, cache: Path, **environment: str) -> int:
+    """How many kernels were loaded."""
+    result = subprocess.run(
+        [sys.executable, str(script), str(pack)],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache), **environment},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return int(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def pack(script: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
+    assert run(script, folder / "none", folder / "kernels", **cpu) == 0
+    assert gather(folder / "kernels", folder / "pack") == 1
+    return folder / "pack"
+
+
+def test_a_kernel_of_the_pack_is_not_compiled(script: Path, pack: Path, tmp_path: Path) -> None:
+    assert run(script, pack, tmp_path / "kernels") == 1
+    assert not list(tmp_path.rglob("*.nbc"))
+
+
+def test_another_cpu_compiles(script: Path, pack: Path, tmp_path: Path) -> None:
+    assert run(script, pack, tmp_path / "kernels", NUMBA_CPU_NAME="generic") == 0
+    assert list(tmp_path.rglob("*.nbc"))
+
+
+def of_another_numba(index: Path) -> None:
+    content = index.read_bytes()
+    version = pickle.loads(content)
+    index.write_bytes(content.replace(version.encode(), b"0" * len(version), 1))
+
+
+def damage(index: Path) -> None:
+    index.write_bytes(index.read_bytes()[:-1])
+
+
+@pytest.mark.parametrize("spoil", [of_another_numba, damage, Path.unlink])
+def test_a_pack_that_does_not_fit_is_ignored(
+    script: Path, pack: Path, tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
+    for file in pack.rglob("*.nb[ci]"):
+        copy = tmp_path / "pack" / file.relative_to(pack)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(file.read_bytes())
+    (index,) = (tmp_path / "pack").rglob("*.nbi")
+    spoil(index)
+
+    assert run(script, tmp_path / "pack", tmp_path / "kernels") == 0
+
+
+def test_changed_source_compiles(pack: Path, script: Path, tmp_path: Path) -> None:
+    changed = tmp_path / "script.py"
+    changed.write_text(script.read_text().replace("0.5 * x", "x / 2.0"))
+
+    assert run(changed, pack, tmp_path / "kernels") == 0
+
+
+def test_a_cpu_without_avx2_runs_no_pack(monkeypatch: pytest.MonkeyPatch) -> None:
+    features = {name: name != "avx2" for name in kernel_cache.PACK_FEATURES}
+    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: features)
+    assert not kernel_cache.runs_pack.__wrapped__()
