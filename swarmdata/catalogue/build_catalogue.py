@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -14,11 +15,18 @@ from swarmdata.catalogue.elements import Html
 from swarmdata.catalogue.entries import Entry, find_entries
 from swarmdata.catalogue.pages.dataset_page import dataset_page
 from swarmdata.catalogue.pages.index_page import index_page
+from swarmdata.catalogue.pages.measured_page import measured_page
 from swarmdata.catalogue.pages.page_frame import Page, render
 from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.replays.data_files import write_data
 from swarmdata.catalogue.replays.episode_choice import choose_episodes
-from swarmdata.catalogue.result_sources import committed_sources, own_sources
+from swarmdata.catalogue.replays.measured_files import play_again, write_measured
+from swarmdata.catalogue.result_sources import (
+    ResultSource,
+    committed_sources,
+    own_sources,
+    with_keys,
+)
 from swarmdata.catalogue.site_folder import check_site, copy_assets, replaced_site
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import check_messages
@@ -77,7 +85,8 @@ def build_catalogue(
         SwarmdataError: a dataset or a result cannot be read.
     """
     check_site(out)
-    sources = [*committed_sources(), *own_sources(choices.results)]
+    start = perf_counter()
+    sources = with_keys([*committed_sources(), *own_sources(choices.results)])
     entries = find_entries(names, note, workers=choices.workers)
     specs = {entry.id: _shown_spec(entry, choices) for entry in entries}
     known = frozenset(entry.id for entry in entries)
@@ -89,14 +98,18 @@ def build_catalogue(
         _write(site, index_page(entries, pictures))
         _write(site, results_page(sources, known))
         for entry in entries:
-            n_shown = 0
+            n_shown, began = 0, perf_counter()
             if entry.dataset is not None:
                 shown = choose_episodes(entry.dataset.episodes, choices.episodes)
                 write_data(entry.dataset, specs[entry.id], shown, site / "data" / entry.key)
                 n_shown = len(shown)
-                note(f"{entry.id}: {n_shown:,} episodes, {_size(site / 'data' / entry.key)}")
+                size, spent = _size(site / "data" / entry.key), perf_counter() - began
+                note(f"{entry.id}: {n_shown:,} episodes, {size}, {spent:.1f} s")
             peers = _peers(entry, entries)
             _write(site, dataset_page(entry, specs[entry.id], n_shown, peers, sources))
+        _write_results(site, sources, known, note)
+        n_pages = sum(1 for _ in site.rglob("*.html"))
+        note(f"{n_pages} pages, {_size(site)}, {perf_counter() - start:.0f} s")
     return out / "index.html"
 
 
@@ -111,19 +124,34 @@ def _shown_spec(entry: Entry, choices: CatalogueChoices) -> Spec:
     return found
 
 
+def _write_results(
+    site: Path,
+    sources: Sequence[ResultSource],
+    known: frozenset[str],
+    note: Callable[[str], None],
+) -> None:
+    """Writes a page with the runs and episodes of each outcome."""
+    for source in sources:
+        for outcome in source.outcomes:
+            if outcome.key:
+                played = play_again(outcome.results, note)
+                folder = site / "data" / outcome.key
+                write_measured(outcome.results, played, folder)
+                _write(site, measured_page(source, outcome, len(played), known))
+
+
 def _peers(entry: Entry, entries: Sequence[Entry]) -> list[str]:
-    """Other datasets with replays in the same world."""
-    spec = entry.spec.world
-    if entry.dataset is None or spec is None:
+    """Other datasets with episodes in the same world, or of the same environment."""
+    if entry.dataset is None:
         return []
-    return [
-        other.id
-        for other in entries
-        if other is not entry
-        and other.dataset is not None
-        and other.spec.world is not None
-        and is_same_world(spec, other.spec.world)
-    ]
+    others = (other for other in entries if other is not entry and other.dataset is not None)
+    return [other.id for other in others if _is_comparable(entry.spec, other.spec)]
+
+
+def _is_comparable(one: Spec, other: Spec) -> bool:
+    if one.world is None or other.world is None:
+        return one.hash() == other.hash()
+    return is_same_world(one.world, other.world)
 
 
 class _Drawings:
@@ -168,5 +196,5 @@ def _write(site: Path, page: Page) -> None:
 
 
 def _size(folder: Path) -> str:
-    n_bytes = sum(file.stat().st_size for file in folder.iterdir())
+    n_bytes = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     return f"{n_bytes / 1e6:.2f} MB"

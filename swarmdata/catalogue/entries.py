@@ -15,6 +15,7 @@ from swarmdata.errors import MissingFileError, SpecError, SwarmdataError
 from swarmdata.hub.catalog.catalog import known_references, list_datasets, load
 from swarmdata.registry.published import normalized_score, published
 from swarmdata.specs.origins import Spec
+from swarmdata.specs.plain_names import without_version
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
@@ -76,6 +77,11 @@ def find_entries(
         if info.id not in found:
             found[info.id] = _of_published(info.id, info.n_steps, info.score)
     return [found[key] for key in sorted(found)]
+
+
+def published_minis() -> list[str]:
+    """Ids of all published datasets that are minis."""
+    return [info.id for info in list_datasets() if without_version(info.id).endswith("-mini")]
 
 
 def _cached(note: Callable[[str], None]) -> list[Dataset]:

@@ -7,16 +7,22 @@ seeds chose settings, so their scores are no results and are left out.
 
 import csv
 import math
+import re
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from swarmdata.cards.sections.baselines import ESTIMATES_FILE
 from swarmdata.catalogue.drawings.line_chart import PlottedPoint
 from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import read_results
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
+from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
+from swarmdata.evaluation.study.pages.study_folder import PLAN_FILE
+from swarmdata.evaluation.study.plan import Study
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.documents import read_document
 
@@ -35,6 +41,8 @@ class Outcome:
     updates: str
     rewards: str  # changed weights of its rewards, JSON; empty: those of the data
     runs: tuple[str, ...]  # names of its run folders, where they are known
+    results: tuple[Result, ...] = ()  # one for each run; empty: only the estimates are known
+    key: str = ""  # of its page; empty: it has none
 
 
 @dataclass(frozen=True)
@@ -106,7 +114,9 @@ def _of_place(place: Path) -> ResultSource:
             names = tuple(str(run.run_folder) for run in runs if run.run_folder is not None)
             updates = "" if origin.updates is None else str(origin.updates)
             family = origin.algorithm or "policy without training"
-            outcomes.append(Outcome(label, family, case.name, found, len(runs), updates, "", names))
+            outcomes.append(
+                Outcome(label, family, case.name, found, len(runs), updates, "", names, runs)
+            )
     return ResultSource(place.name, str(place), tuple(outcomes), data)
 
 
@@ -127,8 +137,11 @@ def _of_study(folder: Path, place: str) -> ResultSource:
         folder / ESTIMATES_FILE, ("label", "dataset", "quantity", "mean", "low", "high")
     ):
         groups.setdefault((row["dataset"], row["label"]), []).append(row)
+    results = _results_of_study(folder)
     outcomes = tuple(
-        _outcome(rows, folder / ESTIMATES_FILE) for rows in groups.values() if rows[0]["dataset"]
+        replace(_outcome(rows, folder / ESTIMATES_FILE), results=results.get(name, ()))
+        for name, rows in groups.items()
+        if rows[0]["dataset"]
     )
     data = {
         row["dataset"]: _number(row["score"], folder / "data.csv")
@@ -140,6 +153,40 @@ def _of_study(folder: Path, place: str) -> ResultSource:
         title = f"{title} (validation seeds)"
     charts = (*_curves(folder), *_sweeps(folder))
     return ResultSource(title, place, outcomes, data, charts)
+
+
+def _results_of_study(folder: Path) -> dict[tuple[str, str], tuple[Result, ...]]:
+    """The results in a study's archive by dataset and label; none if it has no archive."""
+    archive = folder / ARCHIVE_FILE
+    if not archive.is_file():
+        return {}
+    with tempfile.TemporaryDirectory() as place:
+        found, _ = read_archive(Study.from_file(folder / PLAN_FILE), archive, Path(place))
+    sets = [each for each in (found.results, found.sizes, found.views) if each is not None]
+    return {
+        (case.name, label): tuple(replace(run, path=None) for run in runs)  # it had no folder
+        for each in sets
+        for case in each.cases
+        for label, runs in case.runs.items()
+    }
+
+
+def with_keys(sources: Sequence[ResultSource]) -> list[ResultSource]:
+    """Names the pages of all outcomes whose episodes are known."""
+    taken: set[str] = set()
+
+    def named(source: ResultSource, outcome: Outcome) -> Outcome:
+        words = f"result-{Path(source.place).name}-{outcome.label}-{outcome.dataset}"
+        stem = key = re.sub(r"[^A-Za-z0-9_.-]+", "-", words)
+        while outcome.results and key in taken:
+            key = f"{stem}-{len(taken)}"
+        taken.add(key)
+        return replace(outcome, key=key) if outcome.results else outcome
+
+    return [
+        replace(source, outcomes=tuple(named(source, each) for each in source.outcomes))
+        for source in sources
+    ]
 
 
 def _outcome(rows: Rows, file: Path) -> Outcome:

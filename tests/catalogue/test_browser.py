@@ -1,16 +1,10 @@
 """The pages in a real Chromium, from `file://`: filter, sort, replay, deep links, side by side.
 
-They need the package playwright and Debian's chromium (`apt-get install chromium`); no browser is
-downloaded. Timeouts are long because a loaded machine takes half a minute to start one.
+The most telling tests run by default where there is a browser, the others are slow ones.
 """
 
-import os
 import shutil
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,95 +15,18 @@ from swarmdata.perception.observer import features_of
 from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry.components import make_task
 from swarmdata.specs.state_layout import X, Y, robots_of
+from tests.support.browser import Visit
 from tests.support.tiny import TINY
 
-TIMEOUT = 120_000  # ms
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="drives the browser; the dependency group 'test' has playwright"
-)
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="needs a Chromium; on Debian: apt-get install chromium"
-    ),
-]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """One browser for all tests; in containers Chromium cannot make its own sandbox."""
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
-    with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch(
-            executable_path=CHROMIUM,
-            args=[*sandbox, "--disable-dev-shm-usage", "--disable-gpu"],
-            timeout=TIMEOUT,
-        )
-        yield found
-        found.close()
-
-
-@dataclass
-class Visit:
-    """A page, what it complained about, and what it asked for."""
-
-    page: Any
-    site: Path
-    complaints: list[str] = field(default_factory=list)
-    requests: list[str] = field(default_factory=list)
-
-    def hear(self, note: Any) -> None:
-        """Keeps errors and warnings of the console."""
-        if note.type in ("error", "warning"):
-            self.complaints.append(note.text)
-
-    def open(self, path: str) -> None:
-        """Opens a page of the catalogue and waits until its scripts have run."""
-        self.page.goto(f"{self.site.as_uri()}/{path}")
-        self.page.wait_for_selector("body[data-ready=yes]")
-
-    def texts(self, selector: str) -> list[str]:
-        """The texts of all elements."""
-        found: list[str] = self.page.locator(selector).all_inner_texts()
-        return found
-
-    def wait(self, script: str) -> None:
-        """Waits until an expression is true; the policy of the pages forbids Playwright's own."""
-        deadline = time.monotonic() + TIMEOUT / 1000
-        while not self.run(script):
-            assert time.monotonic() < deadline, script
-            self.page.wait_for_timeout(30)
-
-    def run(self, script: str) -> Any:
-        """The value of an expression in the page."""
-        return self.page.evaluate(script)
-
-
-@pytest.fixture
-def visit(browser: Any, site: Path) -> Iterator[Visit]:
-    """A fresh page; afterwards nothing may have gone wrong, and nothing left the folder."""
-    context = browser.new_context(viewport={"width": 1300, "height": 950})
-    page = context.new_page()
-    page.set_default_timeout(TIMEOUT)
-    found = Visit(page, site)
-    page.on("console", found.hear)
-    page.on("pageerror", lambda error: found.complaints.append(str(error)))
-    page.on("request", lambda request: found.requests.append(request.url))
-    yield found
-    context.close()
-    assert found.complaints == []
-    outside = [url for url in found.requests if not url.startswith((site.as_uri(), "data:"))]
-    assert outside == []
+slow = pytest.mark.slow
 
 
 def test_the_index_is_filtered_sorted_and_restored_from_its_address(visit: Visit) -> None:
     visit.open("index.html")
     n_all = visit.page.locator(".card").count()
     visit.page.check("input[name=replays]")
-    assert len(visit.texts(".card")) == 6 < n_all
-    assert visit.texts("#shown") == [f"6 of {n_all} datasets"]
+    assert len(visit.texts(".card")) == 7 < n_all
+    assert visit.texts("#shown") == [f"7 of {n_all} datasets"]
 
     visit.page.select_option("select[name=task]", "transport")
     assert visit.texts(".card h2") == ["transport-small-v0"]
@@ -148,6 +65,7 @@ def test_replays_are_where_the_recording_was(visit: Visit, shown: dict[str, Path
         assert returns == pytest.approx(dataset[index].team_return, abs=0.05)
 
 
+@slow
 def test_play_pause_step_scrub_and_the_keyboard(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=1")
     page = visit.page
@@ -181,6 +99,7 @@ def test_play_pause_step_scrub_and_the_keyboard(visit: Visit) -> None:
     assert "0.7 s of" in visit.texts(".clock")[0]
 
 
+@slow
 def test_the_canvas_changes_with_time(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
     pictures = [
@@ -191,6 +110,7 @@ def test_the_canvas_changes_with_time(visit: Visit) -> None:
     assert pictures[0] == pictures[2] != pictures[1]
 
 
+@slow
 def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
     page = visit.page
@@ -222,6 +142,7 @@ def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
     visit.wait(f"!location.hash.includes('episode={index}')")
 
 
+@slow
 def test_a_range_is_dragged_over_a_histogram(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
     box = visit.page.locator("fieldset[data-name=return] svg").bounding_box()
@@ -262,12 +183,14 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     assert visit.run("swarmdata.views.map((view) => view.replay.position)") == [2, 5]
 
 
+@slow
 def test_an_episode_that_is_not_shown_is_said(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=4000")
 
     assert "Episode 4000 is not among" in visit.texts("#notice")[0]
 
 
+@slow
 def test_a_link_is_followed_without_loading_the_page(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=0")
     visit.run("location.hash = '#episode=3&t=2'")
@@ -276,6 +199,7 @@ def test_a_link_is_followed_without_loading_the_page(visit: Visit) -> None:
     visit.wait("swarmdata.player.time === 2")
 
 
+@slow
 def test_beams_end_where_the_lidar_measures(visit: Visit, shown: dict[str, Path]) -> None:
     dataset = Dataset.open(shown["peer"])
     episode, spec = dataset[1], dataset.task
@@ -295,6 +219,7 @@ def test_beams_end_where_the_lidar_measures(visit: Visit, shown: dict[str, Path]
         assert np.median(errors) < 0.002
 
 
+@slow
 def test_links_are_those_of_the_recording(visit: Visit, shown: dict[str, Path]) -> None:
     dataset = Dataset.open(shown["peer"])
     episode = dataset[0]
@@ -314,6 +239,7 @@ def test_links_are_those_of_the_recording(visit: Visit, shown: dict[str, Path]) 
     assert "0.2 s late" in visit.texts(".legend")[0]
 
 
+@slow
 @pytest.mark.parametrize("name", ["formation", "transport", "warehouse"])
 def test_every_task_is_drawn_with_every_option(visit: Visit, name: str) -> None:
     visit.open(f"datasets/{name}-small-v0.html#t=1.3")
@@ -325,6 +251,7 @@ def test_every_task_is_drawn_with_every_option(visit: Visit, name: str) -> None:
     assert visit.run("swarmdata.views[0].canvas.toDataURL()") != blank
 
 
+@slow
 def test_events_lead_to_their_time(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=2")
     visit.page.click(".events summary")
@@ -337,17 +264,30 @@ def test_events_lead_to_their_time(visit: Visit) -> None:
 
 def test_a_recording_shows_lines_and_images(visit: Visit) -> None:
     visit.open("datasets/painting_v1-mine-v0.html#episode=1&t=5")
-    assert [text.lower() for text in visit.texts("#plots h3")] == ["reward", "action"]
-    assert visit.page.locator("#plots path").count() == 4
+    assert [text.lower() for text in visit.texts(".lines h3")] == ["reward", "action"]
+    assert visit.page.locator(".stage > figure:first-child .lines path").count() == 4
     colors = visit.run(
-        "[...document.querySelectorAll('#pictures canvas')].map((canvas) =>"
+        "swarmdata.screens[0].pictures.canvases.map((canvas) =>"
         " [...canvas.getContext('2d').getImageData(6, 5, 1, 1).data])"
     )
     assert colors == [[255, 20, 20, 255], [20, 255, 20, 255]]
     visit.page.keyboard.press("ArrowRight")
     assert "step 6 of 9" in visit.texts(".clock")[0]
 
+    visit.page.click(".compare")
+    visit.page.select_option("select[name=dataset]", "painting_v1-more-v0")
+    visit.wait("location.hash.includes('with=painting_v1-more-v0')")
+    visit.run("swarmdata.player.seek(3)")
+    captions = visit.texts(".stage .outcome")
+    assert captions[0].startswith("episode 1 ")
+    assert captions[1].startswith("episode 2 "), "no episode has the same seed"
+    marks = visit.run(
+        "swarmdata.screens.map((each) => each.plots.marks[0].mark.getAttribute('x1'))"
+    )
+    assert marks[0] == marks[1] != "0"
 
+
+@slow
 def test_code_is_copied(visit: Visit) -> None:
     visit.page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     visit.open(f"datasets/{TINY.id}.html")
@@ -369,6 +309,7 @@ def test_the_leaderboard_is_sorted_and_filtered(visit: Visit) -> None:
     assert all("maddpg_bc" in text for text in rows.all_inner_texts())
 
 
+@slow
 def test_injected_scripts_do_not_run(visit: Visit) -> None:
     visit.open("index.html")
     visit.run(
@@ -381,6 +322,7 @@ def test_injected_scripts_do_not_run(visit: Visit) -> None:
     visit.complaints.clear()
 
 
+@slow
 def test_missing_data_are_said(visit: Visit, tmp_path: Path) -> None:
     copy = tmp_path / "site"
     shutil.copytree(visit.site, copy)
@@ -392,6 +334,7 @@ def test_missing_data_are_said(visit: Visit, tmp_path: Path) -> None:
     visit.requests.clear()
 
 
+@slow
 def test_everything_that_can_be_used_has_a_name(visit: Visit) -> None:
     for path in ("index.html", "results.html", f"datasets/{TINY.id}.html"):
         visit.open(path)
@@ -404,6 +347,7 @@ def test_everything_that_can_be_used_has_a_name(visit: Visit) -> None:
         assert nameless == []
 
 
+@slow
 def test_values_that_are_not_finite_are_no_bars_and_in_no_range(visit: Visit) -> None:
     visit.open("datasets/painting_v1-mine-v0.html")
 
@@ -416,3 +360,35 @@ def test_values_that_are_not_finite_are_no_bars_and_in_no_range(visit: Visit) ->
     )
 
     assert found == [True, False, True, 2]
+
+
+@slow
+def test_a_result_leads_to_its_episodes_and_replays(visit_results: Visit) -> None:
+    visit = visit_results
+    visit.open("results.html")
+    with visit.page.expect_navigation():
+        visit.page.click("#leaderboard tbody tr:has-text('coop_nav-tiny') th a")
+    visit.page.wait_for_selector("body[data-ready=yes]")
+    assert visit.page.locator(".rows tbody tr").count() == 10
+    rows = visit.run("swarmdata.table.rows.map((row) => [row.position, row.return])")
+    n_replays = 6
+    for position, value in rows[:n_replays]:
+        visit.run(f"location.hash = '#episode=' + swarmdata.table.rows[{position}].index")
+        visit.wait(f"swarmdata.views[0].replay.position === {position}")
+        assert visit.run("swarmdata.views[0].replay.returns.at(-1)") == pytest.approx(
+            value, abs=0.05
+        )
+    visit.run(f"swarmdata.table.onOpen({n_replays})")
+    visit.wait("notice.textContent.includes('swarmdata render')")
+
+
+def test_episodes_of_a_committed_study_are_listed(visit: Visit) -> None:
+    visit.open("results/result-goals-bc-coop_nav-medium-v1.html")
+    assert visit.texts(".count") == ["5000 of 5000 episodes"]
+    visit.page.select_option("select[name=policy]", "training seed 3")
+    assert visit.texts(".count") == ["1000 of 5000 episodes"]
+    shares = visit.run("swarmdata.table.kept.filter((row) => row.end === 'success').length / 1000")
+    mean = visit.texts("table tbody tr:has-text('training seed 3') td")
+    assert f"{100 * shares:.1f}" in mean
+    visit.page.click(".rows tbody tr >> nth=2")
+    assert "Episode 2 of training seed 3 has no replay" in visit.texts("#notice")[0]

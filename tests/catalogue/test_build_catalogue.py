@@ -40,10 +40,19 @@ def test_there_is_a_page_for_each_dataset(site: Path, shown: dict[str, Path]) ->
     ids = {TINY.id, "coop_nav-peer-v0", "formation-small-v0", "painting_v1-mine-v0"}
     assert ids | {info.id for info in list_datasets()} <= pages
     assert all(f'href="datasets/{page}.html"' in index for page in pages)
-    assert {path.name for path in (site / "data").iterdir()} == {
-        *(page for page in pages if page.endswith("-v0"))
+    data = {path.name for path in (site / "data").iterdir()}
+    assert {name for name in data if name in pages} == {
+        page for page in pages if page.endswith("-v0")
     }
-    assert len(shown) == len(list((site / "data").iterdir()))
+    assert len(shown) == len(data & pages)
+
+
+def test_results_of_committed_studies_have_a_page_each(site: Path) -> None:
+    pages = {path.stem for path in (site / "results").iterdir()}
+    assert "result-goals-maddpg_bc-coop_nav-medium-v1" in pages
+    for page in pages:
+        assert (site / "data" / page / "measured.js").stat().st_size < 60_000
+        assert f'href="results/{page}.html"' in (site / "results.html").read_text()
 
 
 def test_links_between_pages_lead_somewhere(site: Path) -> None:

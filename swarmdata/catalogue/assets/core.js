@@ -54,7 +54,11 @@ window.swarmdata = (() => {
     value.toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
 
   // What pages call the reasons why episodes end.
-  const outcomes = { success: "solved", failure: "failed", horizon: "out of time", ended: "ended" };
+  const outcomes = { success: "solved", failure: "failed", horizon: "out of time", ended: "ended", unsolved: "not solved" };
 
-  return { page, el, svg, copyFrom, number, outcomes };
+  // What is said of a measured episode without a replay.
+  const absent = ({ episodes }, position) =>
+    `Episode ${episodes.number[position]} of ${episodes.policies[episodes.policy[position]]} ${page.absent}`;
+
+  return { page, el, svg, copyFrom, number, outcomes, absent };
 })();

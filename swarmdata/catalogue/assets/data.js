@@ -22,9 +22,11 @@
   };
   swarmdata.episodes = (key, table) => {
     // JSON has no NaN: returns that are not finite arrive as null
-    table.episodes.return = table.episodes.return.map((value) => (value === null ? NaN : value));
+    const { episodes } = table;
+    if (episodes.return) episodes.return = episodes.return.map((value) => (value === null ? NaN : value));
     arrived(`${key}/episodes.js`, table);
   };
+  swarmdata.measured = (key, text) => arrived(`${key}/measured.js`, text);
   swarmdata.chunk = (key, number, text) => arrived(`${key}/${number}.js`, text);
   swarmdata.images = (key, number, text) => arrived(`${key}/images-${number}.js`, text);
 
@@ -66,8 +68,26 @@
   }
 
   function table(key) {
-    if (!tables.has(key)) tables.set(key, loadScript(`${key}/episodes.js`));
+    if (!tables.has(key)) tables.set(key, loadScript(`${key}/episodes.js`).then((found) => complete(key, found)));
     return tables.get(key);
+  }
+
+  // The table of a result has its columns in a file of their own: see replays/measured_files.py.
+  async function complete(key, found) {
+    if (!found.measured) return found;
+    const codes = await numbers(`${key}/measured.js`);
+    const { episodes, n } = found;
+    found.measured.forEach(([name, unit], c) => {
+      episodes[name] = Array.from(codes.subarray(c * n, (c + 1) * n), (code) => code * unit);
+    });
+    if (episodes.time) episodes.time = episodes.time.map((time) => (time < 0 ? NaN : time));
+    const perRun = n / episodes.policies.length;
+    episodes.index = episodes.number.map((number, k) => episodes.policy[k] * perRun + number);
+    episodes.length = episodes.number.map((_, k) => found.lengths[k] || 0); // known of replays
+    episodes.end = episodes.end || new Array(n).fill(1);
+    episodes.split = new Array(n).fill(0);
+    episodes.seed = new Array(n).fill(null);
+    return found;
   }
 
   const countColumns = (groups) => groups.reduce((sum, group) => sum + group[1], 0);

@@ -9,10 +9,13 @@ swarmdata.EpisodeTable = class {
     this.count = root.querySelector(".count");
     this.more = root.querySelector(".more");
     this.limit = 200;
-    this.sort = { name: "index", direction: 1 };
+    this.nReplays = table.replays || 0; // of a result, whose first rows have them
+    this.sort = { name: this.nReplays ? "position" : "index", direction: 1 };
     this.columns = [...root.querySelectorAll("th[data-column]")].map((head) => head.dataset.column);
     this.rows = episodes.index.map((index, k) => ({
       index, position: k,
+      number: episodes.number ? episodes.number[k] : index,
+      time: episodes.time ? episodes.time[k] : NaN,
       policy: episodes.policies[episodes.policy[k]],
       end: episodes.ends[episodes.end[k]],
       return: episodes.return[k],
@@ -32,7 +35,7 @@ swarmdata.EpisodeTable = class {
 
   addHistograms() {
     const place = this.root.querySelector(".histograms");
-    const kinds = [["return", "Return"], ["length", "Length, steps"], ["collisions", "Collisions"]];
+    const kinds = [["return", "Return"], ["length", "Length, steps"], ["time", "Time to goal, s"], ["collisions", "Collisions"]];
     const known = kinds.filter(([name]) => this.columns.includes(name));
     this.histograms = known.map(([name, label]) => {
       const values = this.rows.map((row) => row[name]);
@@ -64,8 +67,8 @@ swarmdata.EpisodeTable = class {
   }
 
   addChoices(episodes) {
-    this.choices = ["policy", "split"].map((name) => {
-      const select = this.root.querySelector(`select[name=${name}]`);
+    this.choices = [...this.root.querySelectorAll(".choices select")].map((select) => {
+      const { name } = select;
       const values = name === "policy" ? episodes.policies : episodes.splits;
       for (const value of values) select.append(swarmdata.el("option", { value }, value));
       select.addEventListener("change", () => this.update());
@@ -95,7 +98,8 @@ swarmdata.EpisodeTable = class {
 
   update() {
     const { name, direction } = this.sort;
-    const compare = (a, b) => (a[name] > b[name] ? direction : a[name] < b[name] ? -direction : 0);
+    const value = (row) => (Number.isNaN(row[name]) ? Infinity : row[name]);
+    const compare = (a, b) => (value(a) > value(b) ? direction : value(a) < value(b) ? -direction : 0);
     this.kept = this.rows.filter((row) => this.accepts(row)).sort(compare);
     const positions = new Set(this.kept.map((row) => row.position));
     for (const histogram of this.histograms) histogram.draw(positions);
@@ -116,13 +120,15 @@ swarmdata.EpisodeTable = class {
 
   renderRow(row) {
     const { el, number } = swarmdata;
-    const open = el("button", { type: "button", "aria-label": `Show episode ${row.index}` }, String(row.index));
+    const mark = row.position < this.nReplays ? "▶ " : "";
+    const open = el("button", { type: "button", "aria-label": `Show episode ${row.number}` }, mark + row.number);
     const cells = {
       index: el("td", {}, open),
       policy: el("td", {}, row.policy),
       end: el("td", {}, swarmdata.outcomes[row.end]),
       return: el("td", { class: "n" }, number(row.return, 2)),
       length: el("td", { class: "n" }, String(row.length)),
+      time: el("td", { class: "n" }, Number.isFinite(row.time) ? number(row.time, 1) : "–"),
       collisions: el("td", { class: "n" }, String(row.collisions)),
       split: el("td", {}, row.split),
     };

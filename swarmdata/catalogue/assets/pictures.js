@@ -5,11 +5,11 @@ swarmdata.Pictures = class {
     this.place = place;
     this.series = series;
     const [height, width] = series.image;
-    this.canvases = series.names.map((name) => {
-      const canvas = swarmdata.el("canvas", { width, height, role: "img", "aria-label": `image that ${name} observed` });
-      place.append(swarmdata.el("figure", {}, swarmdata.el("figcaption", {}, name), canvas));
-      return canvas;
-    });
+    this.canvases = series.names.map((name) =>
+      swarmdata.el("canvas", { width, height, role: "img", "aria-label": `image that ${name} observed` }),
+    );
+    const figure = (canvas, k) => swarmdata.el("figure", {}, swarmdata.el("figcaption", {}, series.names[k]), canvas);
+    place.replaceChildren(...this.canvases.map(figure));
   }
 
   // `states` are those that have an image; null: this episode has none.

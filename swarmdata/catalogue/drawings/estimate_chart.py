@@ -22,6 +22,7 @@ class Bar:
     estimate: Estimate  # in shown units
     series: int  # which color
     note: str = ""  # more about it, shown on hovering
+    href: str = ""  # the page of its runs and episodes; empty: there is none
 
 
 def estimate_chart(bars: Sequence[Bar], quantity: str, title: str, data: float | None) -> Html:
@@ -44,7 +45,8 @@ def estimate_chart(bars: Sequence[Bar], quantity: str, title: str, data: float |
         parts.append(svg_shapes.line((x, TOP), (x, base), class_="data"))
         parts.append(svg_shapes.text((x, base + 38), "data", class_="data", text_anchor="middle"))
     parts += [_row(bar, TOP + ROW_HEIGHT * (k + 0.5), axis) for k, bar in enumerate(rows)]
-    return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart")
+    role = "group" if any(bar.href for bar in rows) else "img"  # links are no part of an image
+    return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart", role=role)
 
 
 def _ticks(axis: Axis, base: float, quantity: str) -> Html:
@@ -65,7 +67,8 @@ def _row(bar: Bar, y: float, axis: Axis) -> Html:
     if not math.isnan(low):
         inside.append(svg_shapes.line((axis.place(low), y), (axis.place(high), y)))
     inside.append(svg_shapes.disc((axis.place(value), y), 4.5))
-    mark = element("g", *inside, class_=f"mark series-{bar.series % N_COLORS}")
+    mark = element("g", *inside, class_=f"mark series-{bar.series}")
     name = svg_shapes.text((LABEL_WIDTH - 12, y + 4), bar.label, text_anchor="end")
     shown = svg_shapes.text((WIDTH - RIGHT + 14, y + 4), axis.label(value, extra=1), class_="value")
-    return element("g", element("title", f"{bar.label}: {bar.note}"), name, mark, shown)
+    inside = [element("title", f"{bar.label}: {bar.note}"), name, mark, shown]
+    return element("a", *inside, href=bar.href) if bar.href else element("g", *inside)

@@ -36,14 +36,16 @@ def text(at: Point, words: str, **attributes: object) -> Html:
     return element("text", words, x=number(at[0]), y=number(at[1]), **attributes)
 
 
-def drawing(width: float, height: float, label: str, *content: object, class_: str) -> Html:
+def drawing(
+    width: float, height: float, label: str, *content: object, class_: str, role: str = "img"
+) -> Html:
     """Returns an SVG with a name for screen readers."""
     return element(
         "svg",
         element("title", label),
         *content,
         viewBox=f"0 0 {number(width)} {number(height)}",
-        role="img",
+        role=role,
         aria_label=label,
         class_=class_,
     )

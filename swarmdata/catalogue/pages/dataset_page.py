@@ -12,13 +12,14 @@ from swarmdata.catalogue.pages.viewer_parts import browser_part, series_viewer, 
 from swarmdata.catalogue.result_sources import ResultSource
 from swarmdata.specs.origins import Spec
 
-SHARED_SCRIPTS = ("core.js", "data.js", "link.js", "player.js", "histograms.js", "episode_table.js")
+TABLE_SCRIPTS = ("core.js", "data.js", "histograms.js", "episode_table.js", "sorting.js")
+VIEWER_SCRIPTS = (*TABLE_SCRIPTS, "link.js", "player.js", "viewer.js")
 WORLD_SCRIPTS = (
-    *("core.js", "data.js", "replay.js", "rays.js", "pen.js", "marks.js", "robots.js"),
-    *("signals.js", "view.js", "track.js", "events.js", "link.js", "player.js", "histograms.js"),
-    *("episode_table.js", "sorting.js", "world_page.js"),
+    *VIEWER_SCRIPTS,
+    *("replay.js", "rays.js", "pen.js", "marks.js", "robots.js", "signals.js", "view.js"),
+    *("track.js", "events.js", "world_page.js"),
 )
-SERIES_SCRIPTS = (*SHARED_SCRIPTS, "lines.js", "pictures.js", "sorting.js", "series_page.js")
+SERIES_SCRIPTS = (*VIEWER_SCRIPTS, "lines.js", "pictures.js", "series_page.js")
 
 
 def dataset_page(

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.catalogue.drawings.estimate_chart import Bar, estimate_chart
@@ -11,6 +11,7 @@ from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import outcomes_table
 from swarmdata.catalogue.result_sources import Outcome, ResultSource
+from swarmdata.drawing.style import COLORS, GRAY, family_colors
 from swarmdata.rollouts.score_statistics import Estimate
 
 MOST_ROWS = 24
@@ -33,7 +34,8 @@ def results_page(sources: Sequence[ResultSource], known: frozenset[str]) -> Page
             "p",
             "What offline algorithms learned from the datasets, measured on reserved evaluation "
             "seeds. Score 0 is the better of an idle and a random team, 100 the expert. Lines are "
-            "95 % intervals, the dashed line is the mean score of the dataset's own episodes.",
+            "95 % intervals, the dashed line is the mean score of the dataset's own episodes. The "
+            "name of an algorithm leads to its runs and episodes.",
             class_="lead",
         ),
         *([_leaderboard(found, known)] if found else [_nothing()]),
@@ -97,10 +99,11 @@ def _figure(
     here = [each for each in found if each[1].dataset == dataset]
     quantity = _quantity([outcome for _, outcome in here])
     ranked = sorted(here, key=lambda each: -_height(each[1]))
-    families = sorted({outcome.family for _, outcome in found})
+    colors = family_colors(sorted({outcome.family for _, outcome in found}))
+    series = {family: (*COLORS, GRAY).index(color) for family, color in colors.items()}
     repeated = Counter(outcome.label for _, outcome in here)
     bars = [
-        _bar(source, outcome, quantity, families, is_repeated=repeated[outcome.label] > 1)
+        _bar(source, outcome, quantity, series, is_repeated=repeated[outcome.label] > 1)
         for source, outcome in ranked[:MOST_ROWS]
     ]
     data = next((each.data[dataset] for each in sources if dataset in each.data), None)
@@ -114,11 +117,8 @@ def _figure(
     title: Html | str = dataset
     if name in known:
         title = element("a", dataset, href=f"datasets/{name}.html")
-    used = [family for family in families if any(o.family == family for _, o in here)]
-    key = [
-        element("span", family, class_=f"key series-{families.index(family) % 6}")
-        for family in used
-    ]
+    used = [family for family in series if any(o.family == family for _, o in here)]
+    key = [element("span", family, class_=f"key series-{series[family]}") for family in used]
     left_out = len(ranked) - len(bars)
     note = (
         [element("p", f"The {left_out} lowest rows are in the table only.")] if left_out > 0 else []
@@ -132,7 +132,7 @@ def _bar(
     source: ResultSource,
     outcome: Outcome,
     quantity: str,
-    families: Sequence[str],
+    series: Mapping[str, int],
     *,
     is_repeated: bool,
 ) -> Bar:
@@ -146,7 +146,8 @@ def _bar(
     if outcome.runs:
         runs += f"; runs {', '.join(outcome.runs)}"
     estimate = outcome.estimates.get(quantity, undefined)
-    return Bar(label, estimate, families.index(outcome.family), runs)
+    href = f"results/{outcome.key}.html" if outcome.key else ""
+    return Bar(label, estimate, series[outcome.family], runs, href)
 
 
 def _charts(source: ResultSource) -> Html:

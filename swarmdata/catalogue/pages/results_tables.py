@@ -47,7 +47,7 @@ def outcomes_table(
             *(_estimate(outcome, name, factor, digits) for name, _, factor, digits in QUANTITIES),
             element("td", source.title, class_="source", title=_source(source, outcome)),
         ]
-        rows.append(element("tr", _label(outcome), *cells))
+        rows.append(element("tr", _label(outcome, root), *cells))
     head = element(
         "tr",
         *(element("th", name, scope="col") for name in names),
@@ -60,9 +60,13 @@ def outcomes_table(
     return element("div", inside, class_="wide", tabindex="0", role="region", aria_label="Results")
 
 
-def _label(outcome: Outcome) -> Html:
+def _label(outcome: Outcome, root: str) -> Html:
+    """The name of an outcome, which leads to its runs and episodes."""
     note = f" rewards {outcome.rewards}" if outcome.rewards else ""
-    inside = [outcome.label, *([element("small", note)] if note else [])]
+    name: Html | str = outcome.label
+    if outcome.key:
+        name = element("a", name, href=f"{root}results/{outcome.key}.html")
+    inside = [name, *([element("small", note)] if note else [])]
     return element("th", *inside, scope="row")
 
 

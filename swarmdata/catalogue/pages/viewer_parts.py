@@ -1,5 +1,7 @@
 """The parts of a dataset's page that scripts fill: the viewer and the table of episodes."""
 
+from collections.abc import Mapping, Sequence
+
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.rules import NavigationRules
@@ -19,7 +21,7 @@ COLUMNS = (
 )
 """Columns of the table of episodes: key and head."""
 
-NUMBERS = frozenset({"return", "length", "collisions"})
+NUMBERS = frozenset({"return", "length", "time", "collisions"})
 """Columns that are aligned to the right."""
 
 KEYS = (
@@ -46,28 +48,16 @@ def world_viewer(spec: TaskSpec, recorded: TaskSpec) -> Html:
         element("label", _toggle(key, is_on), f" {label}", class_="check")
         for key, label, is_on in options
     ]
-    choice = element(
-        "div",
-        element("label", "Dataset", element("select", name="dataset")),
-        element("label", "Episode", element("input", name="other", type="number", min="0")),
-        class_="choice",
-    )
-    stage = element(
-        "div",
-        element("figure", _canvas(), element("figcaption", class_="outcome")),
-        element("figure", _canvas(), element("figcaption", class_="outcome"), choice, hidden=True),
-        class_="stage",
-    )
+    stage = _stage(_canvas(), is_titled=False)
     tracks = [
         element("svg", class_="track", aria_hidden="true"),
         element("svg", class_="track", aria_hidden="true", hidden=True),
     ]
     events = element("details", element("summary", "Events"), element("ol"), class_="events")
-    side = element("button", "Side by side", type="button", class_="compare", aria_pressed="false")
     parts = (
         stage,
         element("div", *tracks, _slider(), class_="time"),
-        _controls(side),
+        _controls(),
         element("fieldset", element("legend", "Show"), *toggles, class_="toggles"),
         _legend(spec),
         *_reobserved(spec, recorded),
@@ -77,15 +67,34 @@ def world_viewer(spec: TaskSpec, recorded: TaskSpec) -> Html:
 
 
 def series_viewer() -> Html:
-    """The viewer of arrays over time."""
-    parts = (
-        element("p", class_="outcome"),
-        element("div", id="pictures", class_="pictures", hidden=True),
-        element("div", _slider(), class_="time"),
-        _controls(join()),
-        element("div", id="plots"),
+    """The viewer of arrays over time, for one episode or two."""
+    content = join(element("div", class_="pictures", hidden=True), element("div", class_="lines"))
+    time = element("div", _slider(), class_="time")
+    return _viewer((time, _controls(), _stage(content, is_titled=True)), "steps")
+
+
+def _stage(content: Html, *, is_titled: bool) -> Html:
+    """Places for two episodes; the second one is hidden at first.
+
+    Args:
+        content: of each.
+        is_titled: whether captions are above the content, because it is tall.
+    """
+    choice = element(
+        "div",
+        element("label", "Dataset", element("select", name="dataset")),
+        element("label", "Episode", element("input", name="other", type="number", min="0")),
+        class_="choice",
     )
-    return _viewer(parts, "steps")
+    first, second = (
+        element("figcaption", element("span", class_="outcome"), *more) for more in ((), (choice,))
+    )
+    return element(
+        "div",
+        element("figure", *((first, content) if is_titled else (content, first))),
+        element("figure", *((second, content) if is_titled else (content, second)), hidden=True),
+        class_="stage",
+    )
 
 
 def browser_part(sample: str, *, has_collisions: bool) -> Html:
@@ -96,6 +105,19 @@ def browser_part(sample: str, *, has_collisions: bool) -> Html:
         has_collisions: whether collisions were recorded.
     """
     columns = [each for each in COLUMNS if has_collisions or each[0] != "collisions"]
+    return episode_table(columns, sample, {"policy": "Policy", "split": "Split"})
+
+
+def episode_table(
+    columns: Sequence[tuple[str, str]], explanation: str, choices: Mapping[str, str]
+) -> Html:
+    """The table that `assets/episode_table.js` fills, with its histograms and choices.
+
+    Args:
+        columns: key and head of each.
+        explanation: of what is in it, whole sentences.
+        choices: key of a column that is chosen from a list -> its label.
+    """
     head = [
         element(
             "th",
@@ -106,9 +128,9 @@ def browser_part(sample: str, *, has_collisions: bool) -> Html:
         )
         for key, label in columns
     ]
-    choices = [
+    lists = [
         element("label", label, element("select", element("option", "all", value=""), name=name))
-        for name, label in (("policy", "Policy"), ("split", "Split"))
+        for name, label in choices.items()
     ]
     clear = element("button", "Clear filters", type="button", class_="clear")
     count = element("span", class_="count", role="status")
@@ -118,9 +140,9 @@ def browser_part(sample: str, *, has_collisions: bool) -> Html:
     return element(
         "section",
         element("h2", "Episodes", id="episodes"),
-        element("p", f"{sample} Drag over a histogram, or type its ends, to filter."),
+        element("p", f"{explanation} Drag over a histogram, or type its ends, to filter."),
         element("div", class_="histograms"),
-        element("div", *choices, clear, count, class_="choices"),
+        element("div", *lists, clear, count, class_="choices"),
         element("div", table, class_="rows", tabindex="0", role="region", aria_label="Episodes"),
         element("button", "Show more", type="button", class_="more", hidden=True),
         id="browse",
@@ -144,7 +166,8 @@ def _slider() -> Html:
     return element("input", type="range", min="0", value="0", aria_label="Time")
 
 
-def _controls(extra: Html) -> Html:
+def _controls() -> Html:
+    side = element("button", "Side by side", type="button", class_="compare", aria_pressed="false")
     speeds = [
         element("option", f"{speed} ×", value=speed, selected=speed == "1") for speed in SPEEDS
     ]
@@ -156,7 +179,7 @@ def _controls(extra: Html) -> Html:
         element("select", *speeds, name="speed", aria_label="Speed"),
         element("button", "‹", type="button", class_="previous", aria_label="Previous episode"),
         element("button", "›", type="button", class_="next", aria_label="Next episode"),
-        extra,
+        side,
         element("button", "Copy link", type="button", class_="share"),
         element("span", *keys, class_="keys"),
         class_="controls",

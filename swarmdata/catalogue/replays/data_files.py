@@ -6,7 +6,7 @@ hundred kilobytes, so that a page loads at once and a replay in a moment.
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,33 +48,48 @@ def write_data(dataset: Dataset, spec: Spec, shown: Int, folder: Path) -> None:
     """
     folder.mkdir(parents=True)
     if spec.world is not None:
-        described, chunks = _of_worlds(dataset, spec.world, shown)
+        described = replay_table(_seen(dataset, spec.world, shown), spec.world, folder)
     else:
-        described, chunks = _recorded(dataset, spec, shown, folder)
-    starts = []
-    for number, chunk in enumerate(chunks):
-        starts.append(chunk.episodes[0])
-        _write_script(folder, f"{number}.js", "chunk", number, pack(chunk.blocks))
-    table = {**described, "chunks": starts, "episodes": _table(dataset, shown)}
-    _write_script(folder, "episodes.js", "episodes", table)
+        described = _recorded(dataset, spec, shown, folder)
+    write_script(
+        folder, "episodes.js", "episodes", {**described, "episodes": _table(dataset, shown)}
+    )
 
 
-def _of_worlds(dataset: Dataset, spec: TaskSpec, shown: Int) -> tuple[dict[str, Any], list[_Chunk]]:
+def _seen(dataset: Dataset, spec: TaskSpec, shown: Int) -> Iterator[Episode]:
+    """The episodes as they are observed through the models of a spec."""
+    for index in shown.tolist():
+        episode = dataset[index]
+        yield episode if spec == dataset.task else reobserved_episode(episode, dataset.task, spec)
+
+
+def replay_table(episodes: Iterable[Episode], spec: TaskSpec, folder: Path) -> dict[str, Any]:
+    """Writes the chunks of episodes of a world, and returns what the browser replays them by.
+
+    Args:
+        episodes: in the order of their table.
+        spec: of the episodes.
+        folder: of the data files.
+    """
     columns = WorldColumns(spec)
     groups: dict[str, list[Group]] = {}
 
     def blocks() -> Iterator[list[Columns]]:
-        for index in shown.tolist():
-            episode = dataset[index]
-            if spec != dataset.task:
-                episode = reobserved_episode(episode, dataset.task, spec)
+        for episode in episodes:
             found = {"moving": columns.moving(episode), "fixed": columns.fixed(episode)}
-            _check_layout(groups, found, dataset.id)
+            _check_layout(groups, found, folder.name)
             yield [np.concatenate([part for _, part in each], axis=1) for each in found.values()]
 
-    chunks = _chunks(blocks())
+    starts = _write_chunks(_chunks(blocks()), folder)
     described = {name: [group.to_json() for group in each] for name, each in groups.items()}
-    return {"world": columns.describe(), **described}, chunks
+    return {"world": columns.describe(), **described, "chunks": starts}
+
+
+def _write_chunks(chunks: Sequence[_Chunk], folder: Path) -> list[int]:
+    """Writes a script for each chunk; returns the positions at which they start."""
+    for number, chunk in enumerate(chunks):
+        write_script(folder, f"{number}.js", "chunk", number, pack(chunk.blocks))
+    return [chunk.episodes[0] for chunk in chunks]
 
 
 def _check_layout(
@@ -89,16 +104,14 @@ def _check_layout(
     groups.update(here)
 
 
-def _recorded(
-    dataset: Dataset, spec: Spec, shown: Int, folder: Path
-) -> tuple[dict[str, Any], list[_Chunk]]:
+def _recorded(dataset: Dataset, spec: Spec, shown: Int, folder: Path) -> dict[str, Any]:
     episodes = [dataset[index] for index in shown.tolist()]
     columns = SeriesColumns(spec, episodes)
-    chunks = _chunks([columns.moving(episode)] for episode in episodes)
-    described: dict[str, Any] = {"series": columns.describe()}
+    starts = _write_chunks(_chunks([columns.moving(episode)] for episode in episodes), folder)
+    described: dict[str, Any] = {"series": columns.describe(), "chunks": starts}
     if columns.image_shape:
         described["images"] = _write_images(columns, episodes[:IMAGE_EPISODES], folder)
-    return described, chunks
+    return described
 
 
 def _write_images(columns: SeriesColumns, episodes: Sequence[Episode], folder: Path) -> list[Any]:
@@ -107,11 +120,11 @@ def _write_images(columns: SeriesColumns, episodes: Sequence[Episode], folder: P
     for position, episode in enumerate(episodes):
         states, pixels = columns.images(episode)
         frames.append(states.tolist())
-        _write_script(folder, f"images-{position}.js", "images", position, pack([pixels], order=1))
+        write_script(folder, f"images-{position}.js", "images", position, pack([pixels], order=1))
     return frames
 
 
-def _chunks(episodes: Iterator[list[Columns]]) -> list[_Chunk]:
+def _chunks(episodes: Iterable[list[Columns]]) -> list[_Chunk]:
     """Gathers the blocks of episodes into chunks."""
     chunks = [_Chunk()]
     for position, blocks in enumerate(episodes):
@@ -146,7 +159,7 @@ def _table(dataset: Dataset, shown: Int) -> dict[str, Any]:
     }
 
 
-def _write_script(folder: Path, name: str, function: str, *arguments: Any) -> None:
+def write_script(folder: Path, name: str, function: str, *arguments: Any) -> None:
     """Writes a script that hands its arguments to a function of the catalogue."""
     words = [
         json.dumps(each, separators=(",", ":"), allow_nan=False)

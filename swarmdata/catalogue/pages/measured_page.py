@@ -1,0 +1,137 @@
+"""The page of one result: its estimates, its runs, every measured episode, and replays of some."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from swarmdata.catalogue.elements import Html, element, join, table
+from swarmdata.catalogue.pages.dataset_page import TABLE_SCRIPTS, WORLD_SCRIPTS
+from swarmdata.catalogue.pages.figures_shown import interval
+from swarmdata.catalogue.pages.page_frame import Page
+from swarmdata.catalogue.pages.results_tables import QUANTITIES
+from swarmdata.catalogue.pages.viewer_parts import episode_table, world_viewer
+from swarmdata.catalogue.replays.measured_files import measured_columns, run_names
+from swarmdata.catalogue.result_sources import Outcome, ResultSource
+from swarmdata.evaluation.results.result_files import Result
+
+HEADS = {
+    "index": "episode",
+    "policy": "run",
+    "end": "outcome",
+    "return": "return",
+    "time": "time to goal (s)",
+    "collisions": "collisions",
+}
+
+RUN_FIGURES = tuple(each for each in QUANTITIES if each[0] != "score")
+"""Columns of the table of runs, without the score, which the estimates have."""
+
+
+def measured_page(
+    source: ResultSource, outcome: Outcome, n_replays: int, known: frozenset[str]
+) -> Page:
+    """Returns the page of a result.
+
+    Args:
+        source: where it comes from.
+        outcome: the result, with its episodes.
+        n_replays: episodes that can be replayed.
+        known: ids of datasets that have a page.
+    """
+    spec = outcome.results[0].spec
+    viewer: Html = element("p", id="notice", role="status")
+    scripts: tuple[str, ...] = (*TABLE_SCRIPTS, "measured_page.js")
+    if n_replays and spec.world is not None:
+        viewer, scripts = world_viewer(spec.world, spec.world), WORLD_SCRIPTS
+    columns = [(key, HEADS[key]) for key in measured_columns(outcome.results)]
+    inside = join(
+        viewer, episode_table(columns, _explanation(outcome, n_replays), {"policy": "Run"})
+    )
+    body = join(
+        element("p", element("a", "‹ All results", href="../results.html"), class_="crumbs"),
+        element("h1", f"{outcome.label} on ", _dataset(outcome, known)),
+        _facts(source, outcome),
+        element("div", inside, class_="dataset" if n_replays else None),
+        _runs(outcome.results),
+    )
+    absent = _why_absent(outcome, n_replays)
+    data = {"key": outcome.key, "peers": [], "root": "../", "absent": absent}
+    title = f"{outcome.label} on {outcome.dataset}: swarmdata"
+    return Page(f"results/{outcome.key}.html", title, body, scripts, data)
+
+
+def _dataset(outcome: Outcome, known: frozenset[str]) -> Html | str:
+    name = outcome.dataset.partition("@")[0]
+    if name not in known:
+        return outcome.dataset
+    return element("a", outcome.dataset, href=f"../datasets/{name}.html")
+
+
+def _facts(source: ResultSource, outcome: Outcome) -> Html:
+    facts = [
+        ("source", source.title),
+        ("family", outcome.family),
+        ("training seeds", str(outcome.n_runs)),
+        ("updates", outcome.updates or "–"),
+        *([("rewards", outcome.rewards)] if outcome.rewards else []),
+        *(
+            (head, interval(outcome.estimates[name], factor, digits))
+            for name, head, factor, digits in QUANTITIES
+            if name in outcome.estimates
+        ),
+    ]
+    figures = [element("div", element("dt", name), element("dd", value)) for name, value in facts]
+    return element("dl", *figures, class_="facts")
+
+
+def _explanation(outcome: Outcome, n_replays: int) -> str:
+    n = len(outcome.results[0].evaluation.seeds)
+    text = f"All {n:,} measured episodes of each run, numbered by their evaluation seeds."
+    if n_replays:
+        text += (
+            f" The {n_replays} marked by ▶ have replays: the lowest, median and highest returns."
+        )
+    return text
+
+
+def _why_absent(outcome: Outcome, n_replays: int) -> str:
+    """What is said of an episode without a replay."""
+    folder = outcome.results[0].run_folder
+    if n_replays and folder is not None:
+        return (
+            f"has no replay here. swarmdata render {folder} --episode NUMBER --out clip.gif plays "
+            "any episode of the first training seed."
+        )
+    return (
+        "has no replay: a result keeps metrics and seeds, and the policies of this one are not at "
+        "hand."
+    )
+
+
+def _runs(results: Sequence[Result]) -> Html:
+    shown = [
+        each for each in RUN_FIGURES if any(_mean(one, each[0]) is not None for one in results)
+    ]
+    rows: list[tuple[object, ...]] = []
+    for name, result in zip(run_names(results), results, strict=True):
+        figures = []
+        for key, _, factor, digits in shown:
+            mean = _mean(result, key)
+            figures.append("–" if mean is None else f"{factor * mean:.{digits}f}")
+        folder = "not kept" if result.run_folder is None else str(result.run_folder)
+        rows.append((name, *figures, folder))
+    head = ("run", *(each[1] for each in shown), "run folder")
+    return element(
+        "section",
+        element("h2", "Runs", id="runs"),
+        element("p", "Means over the episodes of each training seed."),
+        table(head, rows),
+        aria_labelledby="runs",
+    )
+
+
+def _mean(result: Result, name: str) -> float | None:
+    values = result.evaluation.metrics.get(name)
+    mean = math.nan if values is None else float(np.mean(values))
+    return None if math.isnan(mean) else mean
