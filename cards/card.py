@@ -34,7 +34,7 @@ from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_task
 from swarmdata.registry.published import Interval
 from swarmdata.registry.replaced_worlds import is_simulated
-from swarmdata.rollouts.metrics import EPISODE_METRICS
+from swarmdata.rollouts.metrics import EPISODE_METRICS, SOLVED_TIME
 from swarmdata.specs.origins import task_of
 from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
@@ -134,7 +134,10 @@ def _references(data: CardData) -> str:
             f"idle and the random team, and R1 = {known.expert:.3f}, the expert. The mean return "
             f"of this dataset scores {score:.1f}.\n"
         )
-    labels = tuple(EPISODE_METRICS[name].label for name in REFERENCE_METRICS)
+    labels = tuple(
+        SOLVED_TIME if name == "time_to_goal" else EPISODE_METRICS[name].label
+        for name in REFERENCE_METRICS
+    )
     return (
         "\n## Reference scores\n\n"
         + markdown.table(("policy", *labels), rows)

@@ -1,37 +1,44 @@
-"""The page of all worlds: how reference policies perform in every preset."""
+"""The pages of all worlds: how reference policies perform in every preset."""
 
 from collections.abc import Mapping, Sequence
 
 from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Interval, TaskReferences
-from swarmdata.rollouts.metrics import EPISODE_METRICS, metrics_of
+from swarmdata.rollouts.metrics import EPISODE_METRICS, SOLVED_TIME, metrics_of
 
 SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
 """Metrics that every row has; those of the task follow."""
 
-PAGE_HEAD = """# Worlds
+INDEX_HEAD = """# Worlds
 
-The performance of four teams in every preset: idle, random, driving straight to the targets, and
-scripted. Values are means over {n} reserved evaluation seeds, with 95 % bootstrap intervals of
-return and success; times are those of solved episodes. `swarmdata references PRESET --out
-cards/references.json` measures a preset again, and `swarmdata task table --out docs/worlds.md`
-writes this page.
+The shares of episodes that teams solve in every preset, over {n} reserved evaluation seeds. A
+preset's name leads to its whole table. `swarmdata references PRESET --out cards/references.json`
+measures a preset again, and `swarmdata task table --out docs/worlds` writes these pages.
 
 Where policies were trained for a preset, `medium` and `expert` are means over their checkpoints,
-and a row for each checkpoint follows; these policies act greedily, without noise. Where a team
-needs a convention, `expert` is the mean over the scripted teams that follow one, in the order of
-`docs/tiers.md`. The score is 0 for the better of the idle and the random team and 100 for the
-expert.
+which act greedily, without noise. Where a team needs a convention, `expert` is the mean over the
+scripted teams that follow one, in the order of the [tiers](../tiers.md#conventions).
 """
 
+TASK_HEAD = """# Worlds of {task}
+
+The performance of reference teams in every preset of `{task}`: idle, random, driving straight to
+the targets, scripted and, where they were trained, medium and expert, with a row for each
+checkpoint. Values are means over reserved evaluation seeds, with 95 % bootstrap intervals of return
+and success; times are those of solved episodes. The score is 0 for the better of the idle and the
+random team and 100 for the expert. The [index](README.md) says how to measure them again.
+"""
 
 POLICY_ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
 """Rows of a table."""
 
+INDEX_POLICIES = ("straight", "scripted", "medium", "expert")
+"""Columns of the index."""
 
-def worlds_page(known: Mapping[str, TaskReferences]) -> str:
-    """Returns the page as Markdown: a section for each task, a table for each preset.
+
+def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
+    """Returns the pages as Markdown, by file name: an index, and the presets of each task.
 
     Args:
         known: measured references by preset; presets without an entry are named as not measured.
@@ -40,21 +47,42 @@ def worlds_page(known: Mapping[str, TaskReferences]) -> str:
     for name in preset_names():
         tasks.setdefault(preset(name).task, []).append(name)
     n_episodes = sorted({entry.n_episodes for entry in known.values()})
-    text = PAGE_HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
+    index = INDEX_HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
+    pages = {}
     for task, names in tasks.items():
-        text += f"\n## {task}\n"
-        for name in names:
-            text += _preset(name, known.get(name))
-    return text
+        rows = [[_link(task, name), *_success(known.get(name))] for name in names]
+        index += f"\n## {task}\n\n{table(['preset', *INDEX_POLICIES], rows, is_numeric=True)}"
+        sections = (f"\n## `{name}`\n\n{preset_figures(name, known.get(name))}" for name in names)
+        pages[f"{task}.md"] = TASK_HEAD.format(task=task) + "".join(sections)
+    return {"README.md": index, **pages}
 
 
-def _preset(name: str, entry: TaskReferences | None) -> str:
+def _link(task: str, name: str) -> str:
+    return f"[`{name}`]({task}.md#{name})"
+
+
+def _success(entry: TaskReferences | None) -> list[str]:
+    """The shares of episodes that the policies of the index solve, in per cent."""
+    shares = []
+    for policy in INDEX_POLICIES:
+        measured = entry and entry.policies.get(policy, {}).get("success")
+        shares.append(f"{100 * measured.value:.1f} %" if measured else "")
+    return shares
+
+
+def preset_figures(name: str, entry: TaskReferences | None) -> str:
+    """Returns a preset in one line and the table of its reference policies, as Markdown.
+
+    Args:
+        name: of the preset.
+        entry: its measured references; None: they were not measured.
+    """
     spec = preset(name)
     robots = ", ".join(f"{role.count} x {role.name}" for role in spec.team)
     share = spec.rules.rewards.team_share
     shared = f" The team's mean is {share:.0%} of each robot's reward." if share else ""
     head = (
-        f"\n### `{name}`\n\n{robots}; {spec.arena.width:g} m x {spec.arena.height:g} m; "
+        f"{robots}; {spec.arena.width:g} m x {spec.arena.height:g} m; "
         f"{spec.horizon * spec.control_dt:g} s.{shared}\n\n"
     )
     if entry is None or entry.spec_hash != spec.hash():
@@ -62,8 +90,9 @@ def _preset(name: str, entry: TaskReferences | None) -> str:
     metrics = metrics_of(spec.task)
     own = [metric for metric in metrics if metric not in EPISODE_METRICS]
     columns = [*SHARED_METRICS, "time_to_goal", *own]
-    shown_metrics = [metrics[column] for column in columns]
-    titles = [f"{each.label} ({each.unit})" if each.unit else each.label for each in shown_metrics]
+    labels = [SOLVED_TIME if c == "time_to_goal" else metrics[c].label for c in columns]
+    units = [metrics[column].unit for column in columns]
+    titles = [f"{k} ({unit})" if unit else k for k, unit in zip(labels, units, strict=True)]
     rows = []
     for policy, values in sorted(entry.policies.items(), key=lambda item: _rank(item[0])):
         team_return = entry.mean_return(policy)

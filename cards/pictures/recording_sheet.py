@@ -43,7 +43,7 @@ def draw_recorded(dataset: Dataset, spec: Spec, path: Path, *, purpose: str) -> 
     if "alive" in stored.arrays:
         acting = stored.arrays["alive"][states]
     path.parent.mkdir(parents=True, exist_ok=True)
-    with figure(path, width=WIDTH, height=HEIGHT, purpose=purpose) as sheet:
+    with figure(path, width=WIDTH, height=HEIGHT, purpose=purpose, medium="screen") as sheet:
         sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
         head, panels = sheet.subfigures(2, 1, height_ratios=(0.5, 3.1))
         _write_head(head, dataset, spec)

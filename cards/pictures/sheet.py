@@ -55,7 +55,9 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     places, _ = places_of(dataset.stored, dataset.selection)
     steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_SAMPLED_STEPS)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with figure(path, width=WIDTH, height=HEIGHT, purpose=PICTURE_PURPOSE) as sheet:
+    with figure(
+        path, width=WIDTH, height=HEIGHT, purpose=PICTURE_PURPOSE, medium="screen"
+    ) as sheet:
         sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
         head, above, below = sheet.subfigures(3, 1, height_ratios=(0.5, 2.95, 2.8))
         _write_head(head, dataset)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.analysis.coverage import N_ROWS, Coverage, coverage, sample_steps
+from swarmdata.runtime.mapped_pages import take_rows
 from swarmdata.store import StoredDataset
 
 LOG_PROBS = "log_probs"
@@ -47,7 +48,7 @@ def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
     found = {}
     for policy in np.unique(table.policy).tolist():
         steps, _ = sample_steps(table, np.flatnonzero(table.policy == policy), N_ROWS)
-        values = stored.arrays[LOG_PROBS][steps].astype(np.float64).ravel()
+        values = take_rows(stored.arrays[LOG_PROBS], steps).astype(np.float64).ravel()
         finite = values[np.isfinite(values)]
         known = finite if len(finite) else np.array([np.nan])
         found[policy] = LogProbabilities(

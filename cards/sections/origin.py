@@ -77,9 +77,10 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
             f"beside this card lists all of them. This copy was made with {versions}.\n"
         )
     digest = f" (SHA-256 `{origin.source_sha256}`)" if origin.source_sha256 else ""
+    kept = origin.remaking or "This dataset cannot be generated again: keep a copy."
     return (
-        f"\n## Origin\n\nSource: {origin.source}{digest}. This dataset cannot be generated again: "
-        f"keep a copy. The files were written with {versions}.\n"
+        f"\n## Origin\n\nSource: {origin.source}{digest}. {kept} The files were written with "
+        f"{versions}.\n"
     )
 
 

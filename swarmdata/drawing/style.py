@@ -1,6 +1,8 @@
 """The style of every figure: colors, fonts, and how a figure is made and saved."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -23,28 +25,63 @@ DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
 DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
 """The mean of a dataset's own episodes, in every figure that shows it."""
 
-DPI = 160
+FAMILY_COLORS = {
+    "cloning": COLORS[0],
+    "MADDPG+BC": COLORS[1],
+    "actor-critic": COLORS[1],
+    "in-sample": COLORS[2],
+    "conservative": COLORS[3],
+    "value decomposition": COLORS[4],
+    "factored critic": COLORS[5],
+    "ablations": GRAY,
+}
+"""Of the families of committed studies, so that they are alike in all; others take free colors."""
+
+COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0
+"""Inches: of a column and of the text of a page in two columns, as in papers."""
 
 SUFFIXES = (".png", ".svg", ".pdf")
 
+Medium = Literal["paper", "screen"]
+"""What a figure is for: a column of a paper, or a sheet that is only looked at on a screen."""
+
+_PAPER = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "legend.fontsize": 7,
+    "pdf.fonttype": 42,  # TrueType: publishers refuse Type 3 fonts
+}
+_SCREEN = {"font.size": 10, "axes.titlesize": 10}
+_LOOKS: Mapping[Medium, Mapping[str, Any]] = {"paper": _PAPER, "screen": _SCREEN}
+
+DPI: Mapping[Medium, int] = {"paper": 200, "screen": 160}
+
+_DATELESS: Mapping[str, Mapping[str, None]] = {
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""Metadata without which the same figure is the same file."""
+
 _STYLE = {
-    "font.size": 10,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.titlesize": 10,
     "xtick.color": INK,
     "ytick.color": INK,
     "text.color": INK,
     "legend.frameon": False,
     "svg.hashsalt": "swarmdata",  # the same file for the same figure
 }
-
-
-def colors(n: int) -> list[str]:
-    """One color for each of n lines; they repeat after six."""
-    return [COLORS[k % len(COLORS)] for k in range(n)]
 
 
 def line_style(k: int) -> dict[str, Any]:
@@ -60,14 +97,46 @@ def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
     Args:
         families: label -> family, in the order of the tables.
     """
-    kinds = list(dict.fromkeys(families.values()))
-    counts = dict.fromkeys(COLORS, 0)
+    color_of = family_colors(tuple(dict.fromkeys(families.values())))
+    counts: Counter[str] = Counter()
     looks = {}
     for label, family in families.items():
-        color = COLORS[kinds.index(family) % len(COLORS)]
+        color = color_of[family]
         looks[label] = {"color": color, "marker": MARKERS[counts[color] % len(MARKERS)]}
         counts[color] += 1
     return looks
+
+
+def family_colors(kinds: Sequence[str]) -> dict[str, str]:
+    """The color of each family: known ones have theirs if it is free, others the first free one.
+
+    Args:
+        kinds: names of families, each once.
+    """
+    found: dict[str, str] = {}
+    for kind in kinds:
+        wanted = FAMILY_COLORS.get(kind)
+        if wanted is not None and wanted not in found.values():
+            found[kind] = wanted
+    for k, kind in enumerate(kinds):
+        free = [color for color in COLORS if color not in found.values()]
+        found.setdefault(kind, free[0] if free else COLORS[k % len(COLORS)])
+    return found
+
+
+def line_looks(looks: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, Any]]:
+    """Returns the color and the dashes of each label's line: dashes differ within a color.
+
+    Args:
+        looks: color and marker of each label, as of `family_looks`.
+    """
+    counts: dict[str, int] = {}
+    found = {}
+    for label, look in looks.items():
+        k = counts.setdefault(look["color"], 0)
+        found[label] = {"color": look["color"], "ls": DASHES[k % len(DASHES)]}
+        counts[look["color"]] += 1
+    return found
 
 
 def draw_grid(axes: Any, axis: Literal["both", "x", "y"] = "both", width: float = 0.8) -> None:
@@ -84,17 +153,58 @@ def thousands(value: float, _position: int = 0) -> str:
     return f"{value:g}"
 
 
+def draw_legend(drawing: Any, handles: Sequence[Any]) -> None:
+    """Puts a legend above all panels, in as many columns as fit into the figure's width.
+
+    Rows after the first make the figure taller, so that panels keep their height.
+    """
+    if not handles:
+        return
+    widths = [4.2 * len(handle.get_label()) + 32 for handle in handles]  # points, at 7 points
+    columns = len(handles)
+    while columns > 1 and _width_of(widths, columns) > 72 * drawing.get_figwidth():
+        columns -= 1
+    n_rows = math.ceil(len(handles) / columns)
+    columns = math.ceil(len(handles) / n_rows)  # as even as possible
+    drawing.set_figheight(drawing.get_figheight() + 0.15 * (n_rows - 1))
+    drawing.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=columns,
+        handlelength=2.2,
+        handletextpad=0.5,
+        columnspacing=1.2,
+        borderpad=0.1,
+    )
+
+
+def _width_of(widths: Sequence[float], n_columns: int) -> float:
+    """The width of a legend, whose columns are filled one after the other, the first ones more."""
+    n_short, n_tall = divmod(len(widths), n_columns)
+    sizes = [n_short + 1] * n_tall + [n_short] * (n_columns - n_tall)
+    starts = [sum(sizes[:k]) for k in range(n_columns)]
+    return sum(max(widths[k : k + n]) for k, n in zip(starts, sizes, strict=True))
+
+
 @contextmanager
 def figure(
-    path: Path, *, width: float, height: float, purpose: str = "drawing a figure"
+    path: Path,
+    *,
+    width: float,
+    height: float,
+    purpose: str = "drawing a figure",
+    medium: Medium = "paper",
 ) -> Iterator[Any]:
     """Makes a figure in the project's style and saves it at the end; pyplot's state is unchanged.
+
+    A PNG for a paper gets a PDF of the same name beside it.
 
     Args:
         path: where to save; the suffix is the format.
         width: inches.
         height: inches.
         purpose: for the error message if matplotlib is missing.
+        medium: what it is for; a paper's figures have text of 8 points.
 
     Raises:
         SchemaError: an unknown suffix.
@@ -109,9 +219,17 @@ def figure(
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ImportError as error:
         raise MissingExtraError("matplotlib", "plots", purpose) from error
-    with mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **_STYLE}):
+    looks = {**mpl.rcParamsDefault, "backend": "agg", **_STYLE, **_LOOKS[medium]}
+    with mpl.rc_context(looks):
         drawing = Figure(figsize=(width, height), layout="constrained")
         yield drawing
-        dated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        with staged(path) as target:
-            drawing.savefig(target, dpi=DPI, metadata=dated[path.suffix.lower()])
+        for file in files_of(path, medium):
+            with staged(file) as target:
+                drawing.savefig(target, dpi=DPI[medium], metadata=_DATELESS[file.suffix.lower()])
+
+
+def files_of(path: Path, medium: Medium = "paper") -> tuple[Path, ...]:
+    """The files of a figure: a PNG for a paper has a PDF beside it."""
+    if medium == "paper" and path.suffix.lower() == ".png":
+        return path, path.with_suffix(".pdf")
+    return (path,)

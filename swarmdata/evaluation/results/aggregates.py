@@ -170,19 +170,17 @@ class Point(NamedTuple):
     label: str
     team_return: Estimate
     collisions: Estimate  # new contacts with robots and obstacles, per episode
-    is_best: bool  # Pareto-optimal on its dataset
 
 
-def pareto(case: Case) -> tuple[Point, ...]:
-    """Returns the return and the collisions of every label of a case, in its order.
+def returns_and_collisions(case: Case) -> tuple[Point, ...]:
+    """The return and the collisions of every label of a case, in its order.
 
     Raises:
         UnknownNameError: the environment counts no collisions.
     """
     returns = [mean_interval(case.metric(label, "return")) for label in case.runs]
     costs = [mean_interval(collisions(case, label)) for label in case.runs]
-    front = pareto_front([each.value for each in returns], [each.value for each in costs])
-    return tuple(map(Point, case.runs, returns, costs, front.tolist()))
+    return tuple(map(Point, case.runs, returns, costs))
 
 
 def collisions(case: Case, label: str) -> Double:

@@ -12,7 +12,7 @@ from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
 from swarmdata.envs.render import animate, draw, save_png
 from swarmdata.envs.render.video import VIDEO_SUFFIXES
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.policy_names import check_no_task, find_target
+from swarmdata.evaluation.results.policy_names import check_no_task, find_target, own_dataset
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
@@ -99,7 +99,7 @@ def draw_target(
     """Draws a recorded episode, or simulates one and draws it; returns the episode.
 
     Args:
-        name: id of a dataset, or of a policy as `find_target` takes it.
+        name: id or folder of a dataset, or a policy as `find_target` takes it.
         out: a `.gif`, `.mp4` or `.png` file.
         index: of the recorded episode, or of the reserved evaluation seed.
         task: of policies, tiers and runs, as `find_target` takes it.
@@ -113,9 +113,10 @@ def draw_target(
         SpecError: a task is given with a dataset.
     """
     check_clip(out)
-    if is_dataset(name):
+    own = None if is_dataset(name) else own_dataset(name)
+    if is_dataset(name) or own is not None:
         check_no_task(name, task)
-        dataset = load(name)
+        dataset = load(name if own is None else own)
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
         spec = with_models(dataset.task, observation, communication)

@@ -4,10 +4,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from swarmdata.drawing.style import GRAY, colors, draw_grid, figure, thousands
+from swarmdata.drawing.line_labels import label_ends
+from swarmdata.drawing.style import (
+    COLUMN_WIDTH,
+    DATA_LINE,
+    PAGE_WIDTH,
+    draw_grid,
+    figure,
+    line_looks,
+    line_style,
+    thousands,
+)
 from swarmdata.errors import SchemaError
+from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.results.learning_curves import (
     Curve,
     GroupedFiles,
@@ -15,7 +24,6 @@ from swarmdata.evaluation.results.learning_curves import (
     interval_of,
     read_curve,
 )
-from swarmdata.types import Double
 
 
 def plot_curves(
@@ -26,8 +34,11 @@ def plot_curves(
     xlabel: str = "gradient updates",
     references: Mapping[str, float] | None = None,
     factor: float = 1.0,
+    looks: Looks | None = None,
 ) -> None:
     """Draws one mean line per label in a band from the lowest to the highest run.
+
+    Labels stand at the ends of their lines.
 
     Args:
         curves: label -> its runs.
@@ -36,6 +47,7 @@ def plot_curves(
         xlabel: of the progress.
         references: label -> height of a dashed line, such as the mean of the dataset.
         factor: from values and references to the unit of the axis: 100 for percentages.
+        looks: color and marker of each label; None, or if one is absent: colors in their order.
 
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
@@ -43,38 +55,37 @@ def plot_curves(
     """
     if not curves:
         raise SchemaError("there are no curves to draw, expected at least one.")
-    with figure(path, width=6.4, height=3.8) as drawing:
+    styles = {label: line_style(k) for k, label in enumerate(curves)}
+    if looks is not None and set(curves) <= set(looks):
+        styles = line_looks({label: looks[label] for label in curves})
+    with figure(path, width=COLUMN_WIDTH, height=CURVE_HEIGHT + 0.5) as drawing:
         axes = drawing.add_subplot()
-        for (label, curve), color in zip(curves.items(), colors(len(curves)), strict=True):
+        for label, curve in curves.items():
             values = factor * curve.values
             n_runs = f" ({len(values)} seeds)" if len(values) > 1 else ""
             point = "o" if len(curve.progress) == 1 else None  # a line of one point is invisible
+            look = styles[label]
             axes.plot(
-                curve.progress,
-                values.mean(0),
-                color=color,
-                lw=1.8,
-                marker=point,
-                label=label + n_runs,
-            )
+                curve.progress, values.mean(0), lw=1.4, marker=point, ms=4, label=label + n_runs,
+                **look,
+            )  # fmt: skip
             axes.fill_between(
-                curve.progress, values.min(0), values.max(0), color=color, alpha=0.18, lw=0
+                curve.progress, values.min(0), values.max(0), color=look["color"], alpha=0.18, lw=0
             )
         for label, height in (references or {}).items():
-            axes.axhline(factor * height, color=GRAY, lw=1, ls=(0, (4, 3)), zorder=1, label=label)
+            axes.axhline(factor * height, **DATA_LINE, zorder=1, label=label)
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.xaxis.set_major_formatter(thousands)
         axes.margins(x=0)
-        draw_grid(axes, "y")
-        _label_ends(axes)
+        draw_grid(axes, "y", width=0.5)
+        label_ends(axes, axes.get_lines(), CURVE_HEIGHT)
 
+
+CURVE_HEIGHT = 1.8
+"""Inches of a panel of curves."""
 
 METRIC_ROWS = (("success", "team success (%)", 100.0), ("return", "team return", 1.0))
 """Rows of the figure of online learning: column, label with unit, factor to that unit."""
-
-
-MIN_LABEL_GAP = 0.075
-"""Between labels at the ends of lines, as a share of the axes' height."""
 
 
 def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
@@ -97,7 +108,7 @@ def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
     if not files or not all(files.values()):
         raise SchemaError("there are no curves to draw, expected at least one file for each task.")
     algorithms = list(dict.fromkeys(name for lines in files.values() for name in lines))
-    color_of = dict(zip(algorithms, colors(len(algorithms)), strict=True))
+    styles = {name: line_style(k) for k, name in enumerate(algorithms)}
     curves = {  # read before drawing, so that a malformed file leaves no figure
         (task, column): {
             name: read_curve(paths, column, progress="frames") for name, paths in lines.items()
@@ -105,13 +116,14 @@ def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
         for task, lines in files.items()
         for column, _, _ in METRIC_ROWS
     }
-    with figure(out, width=0.9 + 3.9 * len(files), height=5.6) as drawing:
+    width = COLUMN_WIDTH if len(files) == 1 else max(PAGE_WIDTH, 2.3 * len(files))
+    with figure(out, width=width, height=2 * CURVE_HEIGHT + 0.9) as drawing:
         grid = drawing.subplots(len(METRIC_ROWS), len(files), squeeze=False, sharex="col")
         for axes, task in zip(grid[0], files, strict=True):
             axes.set_title(task, fontweight="bold", loc="left")
         for row, (column, ylabel, factor) in zip(grid, METRIC_ROWS, strict=True):
             for axes, task in zip(row, files, strict=True):
-                _draw_panel(axes, curves[task, column], color_of, factor, is_share=factor != 1.0)
+                _draw_panel(axes, curves[task, column], styles, factor, is_share=factor != 1.0)
                 if log:
                     axes.set_xscale("log")
                     axes.minorticks_off()
@@ -120,13 +132,13 @@ def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
         for axes in grid[-1]:
             axes.set_xlabel("joint steps of training")
         for axes in grid.ravel():
-            _label_ends(axes)
+            label_ends(axes, axes.get_lines(), CURVE_HEIGHT)
 
 
 def _draw_panel(
     axes: Any,
     lines: Mapping[str, Curve],
-    color_of: Mapping[str, str],
+    styles: Mapping[str, Mapping[str, Any]],
     factor: float,
     *,
     is_share: bool,
@@ -135,58 +147,21 @@ def _draw_panel(
         low, high = interval_of(curve)
         if len(curve.values) > 1:
             axes.fill_between(
-                curve.progress, factor * low, factor * high, color=color_of[name], alpha=0.18, lw=0
+                curve.progress,
+                factor * low,
+                factor * high,
+                alpha=0.18,
+                lw=0,
+                color=styles[name]["color"],
             )
         n_runs = len(curve.values)
         label = f"{name} ({n_runs} {'run' if n_runs == 1 else 'runs'})"
         mean = factor * curve.values.mean(axis=0)
-        axes.plot(curve.progress, mean, color=color_of[name], lw=1.8, label=label)
+        axes.plot(curve.progress, mean, lw=1.4, label=label, **styles[name])
     axes.margins(x=0)
     if is_share:
         axes.set_ylim(-2.0, 102.0)
-    draw_grid(axes, "y")
-
-
-def _label_ends(axes: Any) -> None:
-    """Writes each line's label at its end, without overlaps."""
-    low, high = axes.get_ylim()
-    lines = axes.get_lines()
-    wanted = np.array([(line.get_ydata()[-1] - low) / (high - low) for line in lines])
-    for line, place in zip(lines, spread_labels(wanted, MIN_LABEL_GAP), strict=True):
-        axes.annotate(
-            line.get_label(),
-            (1.0, place),
-            xycoords="axes fraction",
-            xytext=(5, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8.5,
-            color=line.get_color(),
-            annotation_clip=False,
-        )
-
-
-def spread_labels(wanted: Double, gap: float) -> Double:
-    """Places labels at least `gap` apart, in their order and as near to `wanted` as possible.
-
-    Isotonic regression by least squares: without the gaps the places must not decrease, which
-    pooling adjacent violators solves (Barlow, Bartholomew, Bremner and Brunk, "Statistical
-    Inference under Order Restrictions", 1972, section 1.2). The labels stay within [0, 1] if
-    they fit.
-    """
-    order = np.argsort(wanted, kind="stable")
-    steps = gap * np.arange(len(wanted))
-    blocks: list[tuple[float, int]] = []  # mean and number of the labels in a block
-    for value in (wanted[order] - steps).tolist():
-        mean, n = value, 1
-        while blocks and blocks[-1][0] > mean:
-            before, m = blocks.pop()
-            mean, n = (before * m + mean * n) / (m + n), m + n
-        blocks.append((mean, n))
-    level = np.repeat([mean for mean, _ in blocks], [n for _, n in blocks])
-    places = np.empty(len(wanted))
-    places[order] = np.clip(level, 0.0, max(0.0, 1.0 - steps[-1])) + steps
-    return places
+    draw_grid(axes, "y", width=0.5)
 
 
 def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:

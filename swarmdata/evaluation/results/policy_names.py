@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import (
+    TIERS,
     TRAINED_TIERS,
     find_recipe,
     is_dataset,
@@ -13,17 +14,21 @@ from swarmdata.behavior_policies.tiers import (
 )
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.runs.provenance import Provenance
+from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.hub.remotes.outside_names import is_folder, looks_like_path
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.replaced_worlds import refuse_replaced
+from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.model_choice import Source, check_senses, with_models
+from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import open_store
+from swarmdata.store.integrity.recognition import is_dataset as is_dataset_folder
 
 DEFAULT_TASK = "coop_nav"
 """Preset in which policies and tiers act unless another is named."""
@@ -88,8 +93,8 @@ def find_target(
 
     Args:
         name: a registered policy such as `random`; a learned tier such as `expert`: its checkpoints
-            without noise; a dataset's id: its behavior policies as recorded; or a run folder: its
-            newest policies, one per seed.
+            without noise; a dataset, by its id or by its folder: its behavior policies as recorded;
+            or a run folder: its newest policies, one per seed.
         task: where policies, tiers and runs act: a preset's name, or a spec file. None: runs where
             they were trained, the others in `DEFAULT_TASK`. Datasets' policies act in their task.
         observation: observation model, such as `lidar`; None: that of the task, the dataset or the
@@ -100,8 +105,8 @@ def find_target(
         UnknownNameError: nothing has that name.
         ReplacedDatasetError: it is the id of a dataset that a newer version has replaced.
         PolicyFitError: the task or the models do not provide what a trained policy needs.
-        SpecError: the run was trained on a recording of another environment; or a task is given
-            with a dataset.
+        SpecError: the run was trained on a recording of another environment; a task is given with
+            a dataset; or the dataset's policies were not recorded with it.
         MissingExtraError: a run folder needs torch.
     """
     models = Models(observation, communication)
@@ -109,6 +114,9 @@ def find_target(
         return _run_target(Path(name), task, models)
     if is_dataset(name):
         check_no_task(name, task)
+    elif (own := own_dataset(name)) is not None:
+        check_no_task(name, task)
+        return _own_target(own, models)
     task = DEFAULT_TASK if task is None else task
     if name in POLICIES and name not in CHECKPOINT_POLICIES:
         spec = models.evaluation_spec(name, find_spec(task), is_fixed=False)
@@ -119,6 +127,24 @@ def find_target(
         contents = [source.sha256 for source in found]
         return Target(spec, policies, _numbered(name, contents))
     return _dataset_target(name, task, models)
+
+
+def own_dataset(name: str) -> Path | None:
+    """Finds a dataset that no shipped recipe makes: its folder, None if nothing has the name.
+
+    Args:
+        name: the folder, or an id of what is in the cache; no remote is asked.
+    """
+    if name in REPLACED_IDS or name in POLICIES or name in TIERS:
+        return None
+    if is_folder(name):
+        return Path(name) if is_dataset_folder(Path(name)) else None
+    if looks_like_path(name):
+        return None
+    try:
+        return find_folder(name)
+    except UnknownNameError:
+        return None
 
 
 def check_no_task(dataset: str, task: str | None) -> None:
@@ -144,17 +170,35 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
 def _dataset_target(name: str, task: str, models: Models) -> Target:
     refuse_replaced(name)
     if looks_like_path(name):
-        is_there = "holds no training run: there is no config.json in it"
+        is_there = "holds neither a training run nor a dataset"
         raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
     if not is_dataset(name):
         trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
         known = {*POLICIES, *trained, *shipped_recipes()} - {*CHECKPOINT_POLICIES}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
-    recipe = find_recipe(name)
-    is_fixed = any(source.name == "learned" for source in recipe.policies)
-    spec = models.evaluation_spec(name, recipe.spec, is_fixed=is_fixed)
-    policies = tuple(make_source_policy(source, spec) for source in recipe.policies)
-    return Target(spec, policies, _numbered(name, [recipe.hash()] * len(policies)))
+    return _recorded_target(name, find_recipe(name), models)
+
+
+def _own_target(folder: Path, models: Models) -> Target:
+    """The behavior policies of a dataset of one's own, whose networks are in its folder."""
+    origin = open_store(folder, "none").recipe
+    task_of(origin, "acting again")
+    unknown = [source.label for source in origin.policies if source.name not in POLICIES]
+    if unknown:
+        raise SpecError(
+            f"{origin.id} was recorded without its policies {', '.join(unknown)}, which therefore "
+            "cannot act again; `swarmdata render` draws its episodes, and a report has their mean."
+        )
+    return _recorded_target(origin.id, origin, models, folder)
+
+
+def _recorded_target(
+    name: str, origin: Origin, models: Models, folder: Path | None = None
+) -> Target:
+    is_fixed = any(source.name in CHECKPOINT_POLICIES for source in origin.policies)
+    spec = models.evaluation_spec(name, task_of(origin, "acting again"), is_fixed=is_fixed)
+    policies = tuple(make_source_policy(source, spec, folder) for source in origin.policies)
+    return Target(spec, policies, _numbered(name, [origin.hash()] * len(policies)))
 
 
 def _run_target(folder: Path, task: str | None, models: Models) -> Target:

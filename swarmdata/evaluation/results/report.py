@@ -16,8 +16,9 @@ from swarmdata.evaluation.results.result_plots import (
     plot_differences,
     plot_estimates,
     plot_pareto,
-    plot_profiles,
-    plot_scores,
+    plot_result_scores,
+    plot_score_profiles,
+    result_looks,
 )
 from swarmdata.evaluation.results.result_set import Case, ResultSet, read_results
 from swarmdata.evaluation.results.result_tables import (
@@ -26,7 +27,7 @@ from swarmdata.evaluation.results.result_tables import (
     difference_table,
     metric_table,
 )
-from swarmdata.learn.training.run_files import CURVE
+from swarmdata.learn.training.run_files import CURVE, run_folders
 from swarmdata.runtime.atomic import write_file
 
 MAX_PANELS = 4
@@ -101,7 +102,7 @@ def write_report(
     write_file(out / "runs.csv", runs_csv(results).encode())
     figures = _draw(results, tables, out, suffix)
     if runs:
-        figures["curves"] = _draw_curves(runs, out / f"curves{suffix}")
+        figures["curves"] = _draw_curves(runs, results, out / f"curves{suffix}")
     left = f"Not in marl-eval.json: {', '.join(exported.left_out)}." if exported.left_out else ""
     write_file(out / "report.md", _page(tables, figures, left).encode())
     return "\n".join(f"{name}\n{table.to_text()}" for name, table in tables.items())
@@ -115,26 +116,39 @@ def _draw(
     ours = [case for case in cases.values() if case.spec.world is not None]
     drawings: dict[str, Callable[[Path], None]] = {}
     if "scores" in tables:
-        drawings["scores"] = partial(plot_scores, results)
+        drawings["scores"] = partial(plot_result_scores, results)
+    looks = result_looks(results)
     if compared:
-        drawings["profile"] = partial(plot_profiles, compared)
-    if "differences" in tables:
+        drawings["profile"] = partial(plot_score_profiles, compared, looks)
+    if len(compared) > 2:  # of two, the table has the one difference
         drawings["differences"] = partial(plot_differences, compared)
     if ours:
-        drawings["pareto"] = partial(plot_pareto, ours)
+        drawings["pareto"] = partial(plot_pareto, ours, looks=looks)
     for name in cases:
         keys = [column.key for column in tables[name].columns][:MAX_PANELS]
-        drawings[name] = partial(plot_estimates, tables[name].panels(keys))
+        drawings[name] = partial(plot_estimates, tables[name].panels(keys), looks=looks)
     for name, draw in drawings.items():
         draw(out / f"{name}{suffix}")
     return {name: out / f"{name}{suffix}" for name in drawings}
 
 
-def _draw_curves(runs: Sequence[Path], path: Path) -> Path:
+def _draw_curves(runs: Sequence[Path], results: ResultSet, path: Path) -> Path:
     curves = {
-        run.resolve().name: read_curve([run / CURVE], "success", progress="update") for run in runs
+        run.resolve().name: read_curve(
+            [part / CURVE for part in run_folders(run) or (run,)], "success", progress="update"
+        )
+        for run in runs
     }
-    plot_curves(curves, path, ylabel="team success (%)", factor=100.0)
+    data = [case.data.success for case in results.cases if case.data is not None]
+    references = {"mean of the data": data[0]} if len(data) == 1 else {}  # of one dataset
+    plot_curves(
+        curves,
+        path,
+        ylabel="team success (%)",
+        factor=100.0,
+        looks=result_looks(results),
+        references=references,
+    )
     return path
 
 

@@ -34,7 +34,7 @@ REQUIRED_FOREIGN_METRICS = frozenset({"return", "length"})
 """Metrics that results in environments of other libraries always have."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Result:
     """The evaluation of one policy, with its provenance and spec."""
 
@@ -42,6 +42,11 @@ class Result:
     provenance: Provenance
     spec: Spec
     path: Path | None = None  # of its file; None: it was not read from a file
+
+    def __repr__(self) -> str:
+        """Shows means and the file, on one line."""
+        where = "" if self.path is None else f", {self.path}"
+        return f"Result({self.evaluation!r}{where})"
 
     @property
     def run_folder(self) -> Path | None:

@@ -1,6 +1,6 @@
 """Evaluates named teams, and measures the reference policies of a task."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from swarmdata.behavior_policies.tiers import TIERS, sources
@@ -32,7 +32,9 @@ def evaluate_target(
     *,
     block: SeedBlock = "evaluation",
     again: bool = False,
+    n_threads: int = 1,
     progress: bool = True,
+    report: Callable[[int], object] = lambda episodes: None,
 ) -> list[Result]:
     """Evaluates every policy of a target on the seeds of a block.
 
@@ -43,7 +45,9 @@ def evaluate_target(
         out: folder for one file per policy (`provenance.file_name`). Results in it of the same
             policy, spec, seeds and code are reused.
         again: whether to evaluate again instead.
+        n_threads: threads that step the worlds, as `make_env` takes it.
         progress: whether to show progress bars.
+        report: called with the number of episodes that have just finished.
 
     Returns:
         One result per policy; reused ones have a path.
@@ -65,7 +69,9 @@ def evaluate_target(
                 name=target.label,
                 n_episodes=n_episodes,
                 block=block,
+                n_threads=n_threads,
                 progress=progress,
+                report=report,
             )
             kept = Result(evaluation, provenance, target.spec)
             if out is not None:

@@ -5,28 +5,37 @@ results/PART-NAME-VALUE/    result files at one value of an axis
 sweep.csv, sweep.md         all estimates; a table for each axis
 PART-NAME.png               a figure for each axis
 
-An interrupted sweep resumes: existing results of the same policies, seeds and code are reused.
+An interrupted sweep resumes: existing results of the same policies, seeds and code are reused. A
+point is one team in one of these folders, `bc/observation-noise-0.1`; schedulers may run points in
+any order, and `collect_sweep` writes the rest.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from swarmdata.behavior_policies.learned import Learned
-from swarmdata.errors import SpecError
+from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.results.policy_names import Target, find_target
+from swarmdata.evaluation.results.evaluation_jobs import (
+    Evaluation,
+    TargetName,
+    collect_evaluations,
+    evaluations_of,
+    run_evaluations,
+)
+from swarmdata.evaluation.results.policy_names import Target
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.robustness.sweep_axes import Axis, AxisSpecs, specs_along_axis
 from swarmdata.evaluation.robustness.sweep_estimates import estimates_of
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point, to_csv
 from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.model_choice import is_same_world
@@ -46,6 +55,7 @@ class _Team:
     """A team, its label, and its specs along each axis."""
 
     label: str
+    source: TargetName
     target: Target
     axis_specs: tuple[AxisSpecs, ...]  # one per axis
 
@@ -58,6 +68,79 @@ class _SweepPoint(NamedTuple):
     spec: TaskSpec
 
 
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A sweep that has been checked: what there is to evaluate.
+
+    Attributes:
+        axes: parameters and their values.
+        out: folder of results, tables and figures.
+        n_episodes: number of reserved seeds, the same at every point.
+        teams: in the order of the tables.
+    """
+
+    axes: tuple[Axis, ...]
+    out: Path
+    n_episodes: int
+    teams: tuple[_Team, ...]
+
+    def points(self) -> dict[str, list[Evaluation]]:
+        """Name of a point, `TEAM/FOLDER` -> the evaluation of each policy of the team."""
+        return {
+            f"{team.label}/{folder}": found
+            for team in self.teams
+            for folder, found in self.evaluations(team).items()
+        }
+
+    def evaluations(self, team: _Team) -> dict[str, list[Evaluation]]:
+        """Name of a folder -> the evaluation of each policy of a team."""
+        return {
+            name: evaluations_of(
+                team.source, team.target, self.n_episodes, self.out / "results" / name, spec=spec
+            )
+            for name, spec in _specs_by_folder(team, self.axes).items()
+        }
+
+
+def plan_sweep(
+    names: Sequence[str],
+    axes: Sequence[Axis],
+    out: Path,
+    *,
+    n_episodes: int = 200,
+    task: str | None = None,
+) -> Sweep:
+    """Finds the teams and checks them, before anything is evaluated; takes what `sweep` takes.
+
+    Raises:
+        UnknownNameError: no such team or parameter.
+        SpecError: there is no axis, teams have different worlds, a value is out of its range, or
+            a team that does not communicate has a communication axis.
+        SchemaError: a team cannot read the observations that a value gives.
+        MissingExtraError: torch for a run is not installed.
+    """
+    _check_axes(axes)
+    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, task)))
+
+
+def run_point(planned: Sweep, name: str) -> bool:
+    """Evaluates one point in this process, for schedulers; where it is done, nothing happens.
+
+    Two processes may evaluate the same point: they write the same files.
+
+    Returns:
+        Whether it was not done yet.
+
+    Raises:
+        UnknownNameError: no such point.
+        ResultsError: `out` has results of another run with the same name and dataset.
+    """
+    points = planned.points()
+    if name not in points:
+        raise UnknownNameError("point", name, points)
+    return run_evaluations(points[name], progress=False) < len(points[name])
+
+
 def sweep(
     names: Sequence[str],
     axes: Sequence[Axis],
@@ -65,6 +148,8 @@ def sweep(
     *,
     n_episodes: int = 200,
     task: str | None = None,
+    engine: str | Executor = LOCAL,
+    workers: int = 1,
     progress: bool = True,
 ) -> list[Degradation]:
     """Evaluates teams along axes, one parameter at a time, and writes tables and figures.
@@ -76,40 +161,46 @@ def sweep(
         out: folder; an interrupted sweep of the same teams resumes in it.
         n_episodes: number of reserved seeds, the same at every point.
         task: of tiers and runs, as `find_target` takes it.
+        engine: where policies are evaluated, as `build` takes it; all processes see `out` and the
+            runs.
+        workers: processes of the engine `local`; 1: this one.
         progress: whether to show a progress bar.
 
     Raises:
-        UnknownNameError: no such team or parameter.
-        SpecError: there is no axis, teams have different worlds, a value is out of its range, or
-            a team that does not communicate has a communication axis.
-        SchemaError: a team cannot read the observations that a value gives.
-        ResultsError: `out` has results of another run with the same name and dataset.
-        MissingExtraError: matplotlib, or torch for a run, is not installed.
+        SwarmdataError: as `plan_sweep` and `run_evaluations` say.
+        MissingExtraError: matplotlib is not installed.
     """
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
-    _check_axes(axes)
-    teams = _teams(names, axes, task)
+    planned = plan_sweep(names, axes, out, n_episodes=n_episodes, task=task)
+    every = [each for found in planned.points().values() for each in found]
     with updating(out / SUMMARY_FILE, progress):
-        results = _evaluate_all(teams, axes, out / "results", n_episodes, progress=progress)
-        found = [_degradation(k, axes, teams, results, n_episodes) for k in range(len(axes))]
-        _write(found, out)
+        run_evaluations(every, engine=engine, workers=workers, progress=progress)
+        return _collect(planned)
+
+
+def collect_sweep(planned: Sweep) -> list[Degradation]:
+    """Writes the tables and figures of points that are done, and evaluates nothing.
+
+    Raises:
+        ResultsError: a point is not done.
+        MissingExtraError: matplotlib is not installed.
+    """
+    require_extra("matplotlib", "plots", "drawing the figures of a sweep")
+    with updating(planned.out / SUMMARY_FILE):
+        return _collect(planned)
+
+
+def _collect(planned: Sweep) -> list[Degradation]:
+    """Does what `collect_sweep` does, for a caller that holds the lock."""
+    teams, axes = planned.teams, planned.axes
+    results = [
+        {name: collect_evaluations(each) for name, each in planned.evaluations(team).items()}
+        for team in teams
+    ]
+    n_episodes = planned.n_episodes
+    found = [_degradation(k, axes, teams, results, n_episodes) for k in range(len(axes))]
+    _write(found, planned.out)
     return found
-
-
-def _evaluate_all(
-    teams: Sequence[_Team], axes: Sequence[Axis], folder: Path, n_episodes: int, *, progress: bool
-) -> list[ResultsByFolder]:
-    """Evaluates every team at every point; existing results in the folder are reused."""
-    n_all = sum(len(team.target.policies) * len(_specs_by_folder(team, axes)) for team in teams)
-    results: list[ResultsByFolder] = [{} for _ in teams]
-    with tqdm(total=n_all, unit="evaluation", disable=None if progress else True) as bar:
-        for team, found in zip(teams, results, strict=True):
-            for name, spec in _specs_by_folder(team, axes).items():
-                bar.set_description(f"{team.label} {name}", refresh=False)
-                target = replace(team.target, spec=spec)
-                found[name] = evaluate_target(target, n_episodes, folder / name, progress=False)
-                bar.update(len(found[name]))
-    return results
 
 
 def _check_axes(axes: Sequence[Axis]) -> None:
@@ -126,13 +217,16 @@ def _check_axes(axes: Sequence[Axis]) -> None:
 
 def _teams(names: Sequence[str], axes: Sequence[Axis], task: str | None) -> list[_Team]:
     """Finds the teams, and checks all of them before any evaluation."""
+    sources = [TargetName.of(name, task) for name in names]
     targets = []
-    for name in names:
-        targets.append(find_target(name, task))
+    for name, source in zip(names, sources, strict=True):
+        targets.append(source.find())
         _check_senses(targets[-1], name)
     teams = [
-        _Team(label, target, tuple(specs_along_axis(axis, name, target.spec) for axis in axes))
-        for name, label, target in zip(names, _labels(targets), targets, strict=True)
+        _Team(label, source, target, _axis_specs(axes, name, target))
+        for name, label, source, target in zip(
+            names, _labels(targets), sources, targets, strict=True
+        )
     ]
     first = teams[0]
     for other in teams[1:]:
@@ -143,6 +237,10 @@ def _teams(names: Sequence[str], axes: Sequence[Axis], task: str | None) -> list
                 "arenas). Sweep them separately, each with its own --out."
             )
     return teams
+
+
+def _axis_specs(axes: Sequence[Axis], name: str, target: Target) -> tuple[AxisSpecs, ...]:
+    return tuple(specs_along_axis(axis, name, target.spec) for axis in axes)
 
 
 def _labels(targets: Sequence[Target]) -> list[str]:

@@ -6,7 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.drawing.style import COLORS, DASHES, GRAY, draw_grid, figure, line_style
+from swarmdata.drawing.style import (
+    COLORS,
+    DASHES,
+    GRAY,
+    PAGE_WIDTH,
+    draw_grid,
+    draw_legend,
+    figure,
+    line_style,
+)
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
@@ -66,7 +75,7 @@ def plot_degradation(found: Degradation, out: Path) -> None:
         )
     first = "score" if "score" in [column.key for column in found.columns] else "return"
     xlabel = AXIS_LABELS.get((found.part, found.name), f"{found.part} {found.name}")
-    with figure(out, width=8.6, height=5.2) as drawing:
+    with figure(out, width=PAGE_WIDTH, height=4.2) as drawing:
         grid = drawing.subplots(2, 3, sharex=True)
         for axes, key in zip(grid.ravel(), (first, *PANEL_COLUMNS), strict=True):
             index = found.column(key)
@@ -86,13 +95,13 @@ def _draw(axes: Any, line: Line, index: int, column: Column, style: Mapping[str,
     mean, low, high = _shown(line.on_axis, index, column)
     axes.fill_between(at, low, high, color=color, alpha=0.16, lw=0)
     label = f"{line.label} ({line.n_runs} seeds)" if line.n_runs > 1 else line.label
-    axes.plot(at, mean, lw=1.8, marker="o", ms=3.5, label=label, **style)
+    axes.plot(at, mean, lw=1.3, marker="o", ms=3, label=label, **style)
     before = line.trained
     ((height,), *_) = _shown((before,), index, column)
     if before.value is None:
         axes.axhline(height, color=color, lw=1.1, ls=(0, (1, 2)), zorder=1)
     else:
-        ring = {"mfc": "white", "mec": color, "mew": 1.6, "ms": 7, "zorder": 4}
+        ring = {"mfc": "white", "mec": color, "mew": 1.2, "ms": 5, "zorder": 4}
         axes.plot([before.value], [height], "o", **ring)
 
 
@@ -103,25 +112,25 @@ def _shown(points: tuple[Point, ...], index: int, column: Column) -> Double:
 
 def _set_limits(axes: Any, column: Column) -> None:
     """Titles a panel and limits its vertical axis."""
-    axes.set_title(column.header, loc="left", fontsize=10)
+    axes.set_title(column.header, loc="left", fontweight="bold", fontsize=7.5)
     if column.is_rate:
         axes.set_ylim(-4.0, 104.0)  # room for markers at the ends
     elif column.key != "return":  # always shows 0, with room for a marker at the top
         low, high = axes.get_ylim()
         low, high = min(0.0, low), max(0.0, high)
         axes.set_ylim(low, high + 0.05 * (high - low))
-    draw_grid(axes, "y")
+    draw_grid(axes, "y", width=0.5)
 
 
 def _legend(drawing: Any, axes: Any, found: Degradation) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415  (matplotlib is an extra)
 
-    handles, labels = axes.get_legend_handles_labels()
+    handles, _ = axes.get_legend_handles_labels()
     on_axis = [line.trained.value is not None for line in found.lines]
     if any(on_axis):
-        handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec=GRAY, mew=1.6, ms=7))
-        labels.append("as trained")
+        ring: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": GRAY, "mew": 1.2, "ms": 5}
+        handles.append(Line2D([], [], ls="", label="as trained", **ring))
     if not all(on_axis):
-        handles.append(Line2D([], [], color=GRAY, lw=1.1, ls=(0, (1, 2))))
-        labels.append("as trained, not on the axis")
-    drawing.legend(handles, labels, loc="outside upper center", ncols=min(4, len(handles)))
+        words = "as trained, not on the axis"
+        handles.append(Line2D([], [], color=GRAY, lw=1.1, ls=(0, (1, 2)), label=words))
+    draw_legend(drawing, handles)

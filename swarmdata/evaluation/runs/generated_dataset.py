@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,6 +15,7 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, check_world
+from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Source, with_models
 from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.recipe import PolicySource, Recipe
@@ -39,6 +41,7 @@ def generate(
     tier: str = DEFAULT_TIER,
     out: Path | str | None = None,
     workers: int | None = None,
+    engine: str | Executor = LOCAL,
     progress: bool = True,
     report: Callable[[Behavior], None] = lambda behavior: None,
 ) -> Dataset:
@@ -71,7 +74,8 @@ def generate(
             number made of the id.
         tier: name of the data's quality, for the card.
         out: folder of the dataset; None: in the cache.
-        workers: processes that simulate; by default one for each core.
+        workers: processes of the engine `local` that simulate; by default one for each core.
+        engine: where parts are made, as `build` takes it.
         progress: whether to show a bar.
         report: called with each policy of the recipe once its network is copied.
 
@@ -98,7 +102,10 @@ def generate(
         recipe = _recipe(spec, _labelled(behaviors), id=id, tier=tier, seed=seed, n_steps=n_steps)
         folder = cache_folder() / "datasets" / id if out is None else Path(out)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        build(recipe, folder, checkpoints=Path(scratch), workers=workers, progress=progress)
+        build(
+            recipe, folder, checkpoints=Path(scratch), workers=workers, engine=engine,
+            progress=progress,
+        )  # fmt: skip
     return load(folder)
 
 

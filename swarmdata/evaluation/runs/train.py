@@ -1,7 +1,7 @@
 """Trains an algorithm on a dataset of the catalog or in a task, as the command line does."""
 
-import multiprocessing
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
@@ -12,7 +12,16 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
-from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
+from swarmdata.evaluation.runs.seed_jobs import (
+    Group,
+    check_folders,
+    group_folder,
+    groups_of,
+    train_groups,
+)
+from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.overrides import as_texts, override
@@ -21,16 +30,18 @@ from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start
 from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
-from swarmdata.perception.frames import Frame, find_frame, natural_anchor
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import check_world, is_simulated
 from swarmdata.registry.reward_weights import RewardChoice
 from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.engines.jobs import Handler, Report
+from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Source, with_models
-from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
@@ -38,6 +49,124 @@ CURVE_EPISODES = 64
 
 CURVE_METRICS = ("return", "success", "clean_success")
 """Columns of a learning curve, as means over the episodes of each evaluation."""
+
+TRAINER = f"{__name__}:seed_trainer"
+
+Model = str | dict[str, Any] | None
+"""A model of `Source`, as JSON."""
+
+
+class OfflineTraining(Frozen):
+    """A training on datasets, as JSON: all but its seeds and its folder. See `train`."""
+
+    algorithm: str
+    dataset_id: str | list[str]
+    weights: list[float] | None
+    changes: dict[str, str]
+    observation: Model
+    communication: Model
+    rewards: dict[str, float | str] | str | None
+    frame: str
+    curve_every: int
+    keep: bool
+    device: str
+    compile: bool
+
+    def config(self) -> Any:
+        """The algorithm's settings; raises where there are no such settings or device."""
+        kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
+        check_device(self.device)
+        return override(kind.Config(), self.changes)
+
+    def run(
+        self, seeds: Group, folder: Path, *, progress: bool, report: Report | None = None
+    ) -> list[Policy]:
+        """Trains seeds together in a folder."""
+        config = self.config()
+        view = {name: getattr(self, name) for name in ("observation", "communication", "rewards")}
+        dataset = open_data(self.dataset_id, self.weights, {**view, "progress": progress})
+        spec, evaluation = dataset.spec, None
+        if spec.world is not None and is_simulated(spec.world):
+            evaluation = partial(measure_curve_point, spec=spec.world)
+        return train_seeds(
+            self.algorithm,
+            dataset.split("train"),
+            folder,
+            seeds=seeds,
+            config=config,
+            schedule=Schedule(evaluate_every=None if evaluation is None else self.curve_every),
+            evaluate=evaluation,
+            frame=frame_of(spec, self.frame),
+            device=self.device,
+            keep=self.keep,
+            compile=self.compile,
+            progress=progress,
+            report=report,
+        )
+
+
+class OnlineTraining(Frozen):
+    """A training in a task, as JSON: all but its seeds and its folder. See `train_online`."""
+
+    algorithm: str
+    task: str
+    changes: dict[str, str]
+    observation: Model
+    communication: Model
+    start: str | None
+    data: str | list[str] | None
+    weights: list[float] | None
+    offline_share: float
+    n_threads: int
+
+    def run(
+        self,
+        seeds: Group,
+        folder: Path,
+        *,
+        progress: bool,
+        report: Report = lambda steps: None,
+    ) -> None:
+        """Trains seeds together in a folder."""
+        run, data = self.describe(seeds, progress=progress)
+        train_run(
+            run, folder, data=data, n_threads=self.n_threads, progress=progress, report=report
+        )
+
+    def describe(
+        self, seeds: Group, *, progress: bool
+    ) -> tuple[OnlineRun, Dataset | Mixture | None]:
+        """The run of some seeds, and the data that it mixes in; raises as `train_online` does."""
+        kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
+        spec = with_models(find_spec(self.task), self.observation, self.communication)
+        check_world(spec)
+        begin, settings = None, {}
+        if self.start is not None:
+            begin = read_start(self.start)
+            check_task(begin, spec)
+            settings = kind.settings_of(begin, features_of(make_task(spec)))
+        config = override(kind.Config(), {**settings, **self.changes})
+        data, recorded = None, None
+        if self.data is not None:
+            _check_replay(self.algorithm)
+            view = {"observation": self.observation, "communication": self.communication}
+            data = open_data(self.data, self.weights, {**view, "progress": progress}).split("train")
+            check_spec(data, spec)
+            recorded = RecordedSource.of(data, self.offline_share)
+        run = describe_run(self.algorithm, config, spec, seeds, start=begin, recorded=recorded)
+        return run, data
+
+
+def seed_trainer() -> Handler:
+    """Returns what trains a group of seeds in a process."""
+
+    def handle(payload: dict[str, Any], report: Report) -> None:
+        training, seeds = payload["training"], tuple(payload["seeds"])
+        kind: type[OfflineTraining | OnlineTraining]
+        kind = OnlineTraining if "task" in training else OfflineTraining
+        kind.parse(training).run(seeds, Path(payload["folder"]), progress=False, report=report)
+
+    return handle
 
 
 def train(
@@ -56,9 +185,15 @@ def train(
     keep: bool = False,
     device: str = "cpu",
     compile: bool = False,
+    workers: int = 1,
+    engine: str | Executor = LOCAL,
+    part: tuple[int, int] | None = None,
     progress: bool = True,
 ) -> list[Policy]:
     """Trains seeds 0, 1, ... together on the train split; resumes an interrupted run in `out`.
+
+    Several processes train groups of the seeds in folders `out/seeds-...`; together they are the
+    same run, and `find_target` and reports take `out` in either case.
 
     Args:
         algorithm: registered offline algorithm.
@@ -80,73 +215,39 @@ def train(
         keep: whether to keep all checkpoints, so that `rank` can compare them.
         device: torch device.
         compile: whether to compile the updates, as `train_seeds` takes it.
+        workers: processes of the engine `local`, each with an equal share of the seeds; 1: this
+            one, in `out` itself.
+        engine: where seeds are trained, as `build` takes it, each for itself; all processes see
+            `out` and the datasets.
+        part: (k, N): train only the k-th of N groups of the seeds, here; for schedulers.
         progress: whether to show progress bars.
+
+    Returns:
+        One policy for each seed; of `part`, for each seed of its group.
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
         SpecError: the task has no such frame.
         ProgramError: `compile` found no working compiler.
         CheckpointError: `out` holds another run.
+        BuildError: `out` holds other groups of seeds, or training failed in another process.
     """
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
-    check_device(device)
-    config = override(kind.Config(), changes or {})
-    view: dict[str, Any] = {"observation": observation, "communication": communication}
-    dataset = open_data(dataset_id, weights, view | {"rewards": rewards, "progress": progress})
-    spec, evaluation = dataset.spec, None
-    if spec.world is not None and is_simulated(spec.world):
-        evaluation = partial(measure_curve_point, spec=spec.world)
-    return train_seeds(
-        algorithm,
-        dataset.split("train"),
-        out,
-        seeds=tuple(range(n_seeds)),
-        config=config,
-        schedule=Schedule(evaluate_every=None if evaluation is None else curve_every),
-        evaluate=evaluation,
-        frame=frame_of(spec, frame),
-        device=device,
-        keep=keep,
-        compile=compile,
-        progress=progress,
-    )
-
-
-def open_data(
-    dataset_id: str | Sequence[str], weights: Sequence[float] | None, view: Mapping[str, Any]
-) -> Dataset | Mixture:
-    """Opens one dataset, or several as a mixture.
-
-    Args:
-        dataset_id: id or folder; several are mixed.
-        weights: of several.
-        view: further arguments of `load`.
-    """
-    if isinstance(dataset_id, str) and weights is None:
-        return load(dataset_id, **view)
-    several = (dataset_id,) if isinstance(dataset_id, str) else tuple(dataset_id)
-    return load(several, weights=weights, **view)
-
-
-def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
-    """Returns the frame of an anchor in a task; None for the world frame.
-
-    Args:
-        spec: of a dataset. Recorded environments have only the world frame.
-        anchor: as `frames.find_frame` takes it, or `auto` for the natural one of the task.
-
-    Raises:
-        SpecError: the task's observations have no such anchor.
-    """
-    if spec.world is None:
-        if anchor not in ("auto", "world"):
-            raise SpecError(
-                f"frame {anchor!r}: the meaning of a recorded environment's features is unknown. "
-                "Use frame 'world'."
-            )
-        return None
-    features = features_of(make_task(spec.world))
-    return find_frame(features, natural_anchor(features) if anchor == "auto" else anchor)
+    ids = [dataset_id] if isinstance(dataset_id, str) else dataset_id
+    names = [portable_name(name) for name in ids]
+    training = OfflineTraining(
+        algorithm=algorithm,
+        dataset_id=names[0] if isinstance(dataset_id, str) else names,
+        weights=None if weights is None else list(weights),
+        changes=dict(changes or {}),
+        observation=portable_source(observation),
+        communication=portable_source(communication),
+        rewards=dict(rewards) if isinstance(rewards, Mapping) else rewards,
+        frame=frame, curve_every=curve_every, keep=keep, device=device, compile=compile,
+    )  # fmt: skip
+    length = int(training.config().n_updates)  # unknown settings are refused before any job
+    where = _Where(Path(out), range(n_seeds), workers, engine, part, progress)
+    found = where.train(training, length)
+    return load_policies(read_trained(Path(out))) if found is None else found
 
 
 def train_online(
@@ -163,6 +264,9 @@ def train_online(
     weights: Sequence[float] | None = None,
     offline_share: float = 0.5,
     workers: int = 1,
+    engine: str | Executor = LOCAL,
+    part: tuple[int, int] | None = None,
+    n_threads: int = 1,
     progress: bool = True,
 ) -> None:
     """Trains seeds together in `out`; several processes train in folders `out/seeds-...`.
@@ -182,96 +286,106 @@ def train_online(
             into the batches of algorithms with a replay; or several datasets.
         weights: of several datasets, as `load` takes them.
         offline_share: part of each batch that `data` give, above 0 and below 1.
-        workers: number of processes, each with an equal share of the seeds.
+        workers: processes of the engine `local`, each with an equal share of the seeds; 1: this
+            one, in `out` itself.
+        engine: where seeds are trained, as `train` takes it.
+        part: (k, N): train only the k-th of N groups of the seeds, here; for schedulers.
+        n_threads: threads of each process that step its worlds, as `make_env` takes it.
         progress: whether to show progress bars.
 
     Raises:
         UnknownNameError: no such algorithm, task, dataset or setting.
-        BuildError: a folder holds another run.
+        BuildError: a folder holds another run, `out` holds other groups of seeds, or training
+            failed in another process.
         CheckpointError: `start` is no offline run for this task, or has other seeds or policies
             than the algorithm can take.
         SchemaError: the algorithm has no replay, or `data` are of another task.
         SpecError: the task is of an older version of the world, or the share is out of its range.
     """
-    kind = resolve("algorithm", ONLINE_ALGORITHMS, algorithm)
-    spec = with_models(find_spec(task), observation, communication)
-    check_world(spec)  # here, and not once in each process
-    begin, settings = None, {}
-    if start is not None:
-        begin = read_start(start)
-        check_task(begin, spec)
-        settings = kind.settings_of(begin, features_of(make_task(spec)))
-    config = override(kind.Config(), {**settings, **(changes or {})})
-    view = {"observation": observation, "communication": communication, "progress": progress}
-    mixed = None if data is None else Mixed(data, weights, view)
-    recorded = None if mixed is None else _checked(mixed, algorithm, spec, offline_share)
-    describe = partial(describe_run, algorithm, config, spec, start=begin, recorded=recorded)
-    if workers == 1:
-        train_run_with(describe(seeds), out, mixed, progress=progress)
-        return
-    groups = [tuple(map(int, group)) for group in np.array_split(seeds, workers) if len(group)]
-    _train_in_processes([describe(group) for group in groups], out, mixed, progress=progress)
+    several = data if data is None or isinstance(data, str) else [portable_name(n) for n in data]
+    training = OnlineTraining(
+        algorithm=algorithm,
+        task=portable_source(task),
+        changes=dict(changes or {}),
+        observation=portable_source(observation),
+        communication=portable_source(communication),
+        start=None if start is None else portable_name(start),
+        data=portable_name(several) if isinstance(several, str) else several,
+        weights=None if weights is None else list(weights),
+        offline_share=offline_share,
+        n_threads=n_threads,
+    )
+    where = _Where(Path(out), seeds, workers, engine, part, progress)
+    length = 0
+    if not where.is_here:  # mistakes are refused before any job
+        length = training.describe(tuple(seeds), progress=progress)[0].n_steps
+    where.train(training, length)
 
 
-def _train_in_processes(
-    runs: Sequence[OnlineRun], out: Path, mixed: "Mixed | None", *, progress: bool
-) -> None:
-    """Trains each run in a process and a folder of its own.
+@dataclass(frozen=True)
+class _Where:
+    """Where a training's seeds are trained."""
 
-    Raises:
-        BuildError: one of them failed.
+    out: Path
+    seeds: Sequence[int]
+    workers: int
+    engine: str | Executor
+    part: tuple[int, int] | None
+    progress: bool
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this process trains, all seeds or one group of them."""
+        return self.part is not None or (self.engine == LOCAL and self.workers == 1)
+
+    def train(self, training: OfflineTraining | OnlineTraining, length: int) -> list[Policy] | None:
+        """Trains; returns the policies if this process has trained them offline."""
+        out, seeds = self.out, tuple(self.seeds)
+        if self.is_here and self.part is None:
+            check_folders(out, [out])
+            return training.run(seeds, out, progress=self.progress)
+        n_groups = self.workers if self.part is None else self.part[1]
+        groups = groups_of(seeds, self.engine, n_groups)
+        check_folders(out, [group_folder(out, group) for group in groups])
+        if self.part is None:
+            train_groups(
+                training.model_dump(mode="json"), TRAINER, groups, out, engine=self.engine,
+                workers=self.workers, length=length, progress=self.progress,
+            )  # fmt: skip
+            return None
+        if self.part[0] > len(groups):
+            return []  # there are fewer seeds than parts
+        group = groups[self.part[0] - 1]
+        return training.run(group, group_folder(out, group), progress=self.progress)
+
+
+def open_data(
+    dataset_id: str | Sequence[str], weights: Sequence[float] | None, view: Mapping[str, Any]
+) -> Dataset | Mixture:
+    """Opens one dataset, or several as a mixture.
+
+    Args:
+        dataset_id: id or folder; several are mixed.
+        weights: of several.
+        view: further arguments of `load`.
     """
-    context = multiprocessing.get_context("spawn")  # torch threads do not survive a fork
-    jobs = []
-    for run in runs:
-        folder = out / f"seeds-{'-'.join(map(str, run.seeds))}"
-        options = {"progress": progress and run is runs[0]}
-        jobs.append(
-            context.Process(target=train_run_with, args=(run, folder, mixed), kwargs=options)
-        )
-        jobs[-1].start()
-    for job in jobs:
-        job.join()
-    if any(job.exitcode for job in jobs):
-        raise BuildError(
-            f"{sum(bool(job.exitcode) for job in jobs)} of {len(jobs)} processes failed; their "
-            "errors are above. Run the same command again to resume from the last checkpoints."
-        )
+    if isinstance(dataset_id, str) and weights is None:
+        return load(dataset_id, **view)
+    several = (dataset_id,) if isinstance(dataset_id, str) else tuple(dataset_id)
+    return load(several, weights=weights, **view)
 
 
-def _checked(mixed: "Mixed", algorithm: str, spec: TaskSpec, share: float) -> RecordedSource:
-    """Describes data that an algorithm can mix in.
+def _check_replay(algorithm: str) -> None:
+    """Refuses data for an algorithm that cannot mix them in.
 
     Raises:
-        SchemaError: it has no replay, or the data are of another task.
-        SpecError: the share is out of its range.
+        SchemaError: it has no replay.
     """
     if not hasattr(resolve("algorithm", ONLINE_ALGORITHMS, algorithm), "mix_in"):
         raise SchemaError(
             f"{algorithm} learns from the steps of its present policies only, so that recorded "
             "data cannot be mixed in. Leave out the data, or use maddpg, vdn or qmix."
         )
-    episodes = mixed.load()
-    check_spec(episodes, spec)
-    return RecordedSource.of(episodes, share)
-
-
-@dataclass(frozen=True, slots=True)
-class Mixed:
-    """Data that online training mixes in, which each process loads for itself."""
-
-    dataset_id: str | Sequence[str]
-    weights: Sequence[float] | None
-    view: Mapping[str, Any]  # arguments of `load`
-
-    def load(self) -> Dataset | Mixture:
-        """Opens the train split."""
-        return open_data(self.dataset_id, self.weights, self.view).split("train")
-
-
-def train_run_with(run: OnlineRun, folder: Path, mixed: Mixed | None, *, progress: bool) -> None:
-    """Trains a run in this process, which opens the data for itself."""
-    train_run(run, folder, data=None if mixed is None else mixed.load(), progress=progress)
 
 
 def read_settings(name: str) -> dict[str, str]:

@@ -3,12 +3,13 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from swarmdata.errors import CheckpointError
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.run_files import CHECKPOINT, is_online, run_folders, run_hash
-from swarmdata.learn.training.run_folder import load_run, read_run
+from swarmdata.learn.training.run_folder import Run, load_run, read_run
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path
@@ -20,7 +21,7 @@ class Trained(NamedTuple):
 
     provenances: tuple[Provenance, ...]
     spec: dict[str, Any]  # of their training, JSON
-    files: list[Path]  # of online policies; or the folder of an offline run
+    files: list[Path]  # of online policies; or the folders of an offline run
 
 
 def read_trained(folder: Path) -> Trained:
@@ -39,7 +40,7 @@ def read_trained(folder: Path) -> Trained:
 def load_policies(trained: Trained) -> list[Policy]:
     """Loads the policies, in the order of their provenances."""
     if trained.provenances[0].frames is None:
-        return load_run(trained.files[0])
+        return [policy for folder in trained.files for policy in load_run(folder)]
     return [load_policy(path) for path in trained.files]
 
 
@@ -65,29 +66,46 @@ def _online_run(folder: Path) -> Trained:
 
 
 def _offline_run(folder: Path) -> Trained:
-    """The policies of an offline run as of its last checkpoint."""
-    run = read_run(folder)
+    """The policies of an offline run as of its last checkpoint, from all its processes.
+
+    Raises:
+        CheckpointError: runs of several processes differ in more than their seeds.
+    """
+    folders = run_folders(folder) or (folder,)
+    runs = [read_run(each) for each in folders]
+    first = runs[0].model_copy(update={"seeds": ()})
+    for each, run in zip(folders, runs, strict=True):
+        if run.model_copy(update={"seeds": ()}) != first:
+            raise CheckpointError(
+                f"{each} and {folders[0]} are of different trainings, expected runs of one that "
+                "differ in their seeds only. Evaluate them separately."
+            )
+    found: list[Provenance] = []
+    for each, run in zip(folders, runs, strict=True):
+        found += _offline_provenances(each, run, folder.resolve().name, len(found))
+    return Trained(tuple(found), runs[0].model_dump(mode="json")["spec"], list(folders))
+
+
+def _offline_provenances(folder: Path, run: Run, name: str, first: int) -> list[Provenance]:
+    """The provenances of a run's policies, the first of which has the index `first`."""
     _, metadata = load_checkpoint(folder / CHECKPOINT)
-    label = label_of(folder.resolve().name, run.dataset)
     content = run_hash(folder, 0)  # one checkpoint holds all seeds
-    document = run.model_dump(mode="json")
-    provenances = tuple(
+    return [
         Provenance(
-            label=label,
-            index=index,
+            label=label_of(name, run.dataset),
+            index=first + index,
             algorithm=run.algorithm,
             dataset=run.dataset,
             digest=run.digest,
             view=run.view,
-            config=document["config"],
+            config=run.model_dump(mode="json")["config"],
             seed=seed,
             updates=metadata["update"],
             run=str(folder.resolve()),
             content=content,
         )
         for index, seed in enumerate(run.seeds)
-    )
-    return Trained(provenances, document["spec"], [folder])
+    ]
 
 
 def label_of(name: str, dataset: str) -> str:

@@ -34,6 +34,7 @@ class Variant(Frozen):
     updates: Count | None = None  # None: the algorithm's default times the study's budget
     frame: str = "auto"  # of observations and actions, as `swarmdata train --frame`
     rewards: dict[str, float] | str | None = None  # to learn from, as `load` takes them
+    datasets: Names = ()  # of the study; empty: all
 
 
 class Baseline(Frozen):
@@ -43,7 +44,7 @@ class Baseline(Frozen):
     algorithm: str | None = None  # registered online
     task: str | None = None  # preset or spec's file
     frames: Count | None = None  # joint steps of each seed; None: the algorithm's default
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
 
     @model_validator(mode="after")
     def _one_or_the_other(self) -> Self:
@@ -56,24 +57,31 @@ class Baseline(Frozen):
 class CurvesPlan(Frozen):
     """Learning curves: how often policies are evaluated, and on how many validation seeds."""
 
-    points: Points = 10
-    episodes: Episodes = 64
+    points: Points = 10  # evaluations in a training
+    episodes: Episodes = 64  # validation seeds of each
     datasets: Names = ()  # of the study; empty: all
 
 
 class SizesPlan(Frozen):
     """Data efficiency: the same algorithms on smaller parts of the same data."""
 
-    datasets: Names
+    datasets: Names  # of the study
     algorithms: Names  # labels
     sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")
+    """Parts of the data."""
 
 
 class View(Frozen):
     """What robots sense and hear; None: as recorded."""
 
-    observation: str | None = None
-    communication: str | None = None
+    observation: str | None = None  # name of the observation model
+    communication: str | None = None  # name of the communication model
+    against: Label | None = None  # the view that it is compared with; None: the first
+
+    @property
+    def models(self) -> tuple[str | None, str | None]:
+        """Of sensors and of the radio."""
+        return self.observation, self.communication
 
 
 class ViewsPlan(Frozen):
@@ -82,20 +90,20 @@ class ViewsPlan(Frozen):
     Policies that `transfer` names are also evaluated in the other views that give the same inputs.
     """
 
-    datasets: Names
+    datasets: Names  # of the study
     algorithms: Names  # labels
-    views: Annotated[dict[Label, View], Field(min_length=1)]
+    views: Annotated[dict[Label, View], Field(min_length=1)]  # by label
     transfer: Names = ()  # labels
-    transfer_episodes: Episodes = 200
+    transfer_episodes: Episodes = 200  # seeds of each pair
 
 
 class TasksPlan(Frozen):
     """Place and size: finished rows are also evaluated in other tasks, without training there."""
 
-    datasets: Names
+    datasets: Names  # of the study
     algorithms: Names  # labels
     tasks: Annotated[Names, Field(min_length=1)]  # presets or specs' files
-    episodes: Episodes = 200
+    episodes: Episodes = 200  # seeds in each task
 
 
 class SweepPlan(Frozen):
@@ -107,11 +115,11 @@ class SweepPlan(Frozen):
 
     dataset: str  # of the study; its results decide which variants are best
     communication: str | None = None  # trained with; None: as recorded
-    observation: str | None = None
-    vary: Literal["communication", "observation"]
+    observation: str | None = None  # trained with; None: as recorded
+    vary: Literal["communication", "observation"]  # which of the two gets worse
     axis: str  # in the syntax of `swarmdata sweep`, such as drop=0..0.8
-    points: Points = 5
-    episodes: Episodes = 200
+    points: Points = 5  # values along the axis
+    episodes: Episodes = 200  # seeds of each value
     families: Names = ()  # empty: all offline ones
 
 
@@ -120,7 +128,7 @@ class LossesPlan(Frozen):
 
     column: str  # of the runs' losses.csv
     label: Text  # of the axis
-    datasets: Names
+    datasets: Names  # of the study
     algorithms: Names  # labels
 
 
@@ -161,25 +169,28 @@ def _first_seeds(value: Any) -> Any:
 class Study(Frozen):
     """The grid of a study, its protocol and its budget."""
 
-    name: Label
-    title: Text = ""
+    name: Label  # of its output folder, unless `--out` says otherwise
+    title: Text = ""  # of the report
     datasets: Annotated[Names, Field(min_length=1)]  # ids or folders
     algorithms: Annotated[dict[Label, Variant], Field(min_length=1), BeforeValidator(_by_label)]
+    """Rows of the tables, by label."""
     seeds: Annotated[Seeds, BeforeValidator(_first_seeds)] = (0, 1, 2, 3, 4)
+    """Of trainings; a number n means 0 to n - 1."""
     budget: Positive = 1.0  # times each algorithm's default number of updates
     hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of every network
     settings: dict[str, Any] = Field(default_factory=dict)  # for every algorithm that has them
     episodes: Episodes = 500  # seeds of the block, from the first
     block: SeedBlock = "evaluation"  # `validation` for studies in which settings are chosen
-    curves: CurvesPlan | None = None
-    online: dict[Label, Baseline] = Field(default_factory=dict)
-    sizes: SizesPlan | None = None
-    information: ViewsPlan | None = None
-    tasks: TasksPlan | None = None
-    sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)
+    curves: CurvesPlan | None = None  # learning curves; None: none
+    online: dict[Label, Baseline] = Field(default_factory=dict)  # online rows, by label
+    sizes: SizesPlan | None = None  # data efficiency; None: none
+    information: ViewsPlan | None = None  # other sensors and radios; None: none
+    tasks: TasksPlan | None = None  # other tasks; None: none
+    sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)  # robustness, by name
     losses: dict[Label, LossesPlan] = Field(default_factory=dict)  # by the figure's name
     differences: dict[Label, DifferencesPlan] = Field(default_factory=dict)
-    device: str = "cpu"
+    """Pairs of rows, by name."""
+    device: str = "cpu"  # torch device
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
@@ -205,8 +216,25 @@ class Study(Frozen):
         for where, datasets, labels in parts:
             _check_known(f"{where}.datasets", datasets, self.datasets)
             _check_known(f"{where}.algorithms", labels, tuple(self.algorithms))
+        for label, variant in self.algorithms.items():
+            _check_known(f"algorithms.{label}.datasets", variant.datasets, self.datasets)
         for label, sweep in self.sweeps.items():
             _check_known(f"sweeps.{label}.families", sweep.families, self.families)
+        return self
+
+    @model_validator(mode="after")
+    def _views_differ_and_are_compared_with_others(self) -> Self:
+        views = self.information.views if self.information else {}
+        models = [view.models for view in views.values()]
+        for k, (label, view) in enumerate(views.items()):
+            others = tuple(name for name in views if name != label)
+            wanted = (view.against,) if view.against else ()
+            _check_known(f"information.views.{label}.against", wanted, others)
+            if models.index(models[k]) < k:
+                raise ValueError(
+                    f"information.views: {label} has the models of "
+                    f"{list(views)[models.index(models[k])]}; leave one of them out"
+                )
         return self
 
     @model_validator(mode="after")
@@ -224,11 +252,16 @@ class Study(Frozen):
     def _check_doubling(self, where: str, one: str, other: str) -> None:
         longer, shorter = self.algorithms[one], self.algorithms[other]
         expected = shorter.updates and 2 * shorter.updates
-        if expected is None or longer != shorter.model_copy(update={"updates": expected}):
+        doubled = {"updates": expected, "datasets": longer.datasets}
+        if expected is None or longer != shorter.model_copy(update=doubled):
             raise ValueError(
                 f"{where}: {one!r} is not {other!r} with twice the updates, which doubling: true "
                 "promises; state updates of both, and leave the rest of the rows equal"
             )
+
+    def has(self, label: str, dataset: str) -> bool:
+        """Whether a row is trained on a dataset of the study."""
+        return dataset in (self.algorithms[label].datasets or self.datasets)
 
     @property
     def families(self) -> Names:

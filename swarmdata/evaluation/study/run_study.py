@@ -1,20 +1,27 @@
 """Runs a study: trains and evaluates its cells, sweeps the best ones, and writes the pages."""
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from swarmdata.errors import StudyError
+from swarmdata.errors import StudyError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_folder import DONE_FILE, cell_folder, is_done
 from swarmdata.evaluation.study.cells.cells import Cell, cells_of
 from swarmdata.evaluation.study.cells.reproduction import Comparison, reproduce_cell
-from swarmdata.evaluation.study.cells.run_cells import run_cells, select_cells
+from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
 from swarmdata.evaluation.study.pages.study_folder import write_pages
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.shifts.shift_table import TASKS_FILE, TRANSFER_FILE, Shifted
 from swarmdata.registry.presets import find_spec
+from swarmdata.runtime.engines.open_engine import LOCAL
+
+if TYPE_CHECKING:
+    from swarmdata.evaluation.study.shifts.robustness_sections import PlannedSweep
 
 
 @dataclass(frozen=True)
@@ -24,8 +31,12 @@ class StudyOptions:
     Attributes:
         out: folder of tables, figures and text.
         work: folder of cells; None: `runs/study-<name>`.
-        workers: processes.
-        only: pattern of the cells to run, such as `bc/*`; sweeps are skipped then.
+        workers: processes of the engine `local`.
+        engine: where cells run, as `build` takes it.
+        only: pattern of the cells to run, such as `bc/*`; sweeps and evaluations in other views
+            and tasks are skipped then.
+        shifts_only: whether no cell of the grid is run, only sweeps, and finished cells in other
+            views and tasks.
         again: whether stale cells are deleted and run again.
         progress: whether to show progress bars.
     """
@@ -33,7 +44,9 @@ class StudyOptions:
     out: Path
     work: Path | None = None
     workers: int = 2
+    engine: str | Executor = LOCAL
     only: str | None = None
+    shifts_only: bool = False
     again: bool = False
     progress: bool = True
 
@@ -69,47 +82,108 @@ def run_study(
         check_device(study.device)
     cells = all_cells(study, progress=options.progress)
     work = options.work_of(study)
-    failures = _run(select_cells(cells, options.only), work, options)
+    chosen = [] if options.shifts_only else select_cells(cells, options.only)
+    failures = _run(chosen, work, options)
     found = collect_findings(study, cells, work, failures)
-    sections: dict[str, str] = {}
-    if study.sweeps and options.only is None:
-        # imported late: a sweep draws figures and compiles kernels of channels and sensors
-        from swarmdata.evaluation.study.shifts.robustness_sections import plan_sweeps, run_sweeps  # noqa: PLC0415  (torch)
+    measure = options.only is None
+    if measure:
+        swept = [cell for sweep in _planned_sweeps(found) for cell in sweep.cells]
+        failures |= _run(swept, work, options)
+        by_name = {cell.name: cell for cell in [*cells, *swept]}  # some are in the grid
+        found = collect_findings(study, list(by_name.values()), work, failures)
+    return failures, _write_pages(found, options, command, measure=measure)
 
-        planned = plan_sweeps(found, digest_of)
-        extra = {cell.name: cell for sweep in planned for cell in sweep.cells}
-        failures |= _run(list(extra.values()), work, options)
+
+def _planned_sweeps(found: Findings) -> "list[PlannedSweep]":
+    """The sweeps whose dataset has results."""
+    if not found.study.sweeps:
+        return []
+    from swarmdata.evaluation.study.shifts.robustness_sections import plan_sweeps  # noqa: PLC0415  (torch)
+
+    return plan_sweeps(found, digest_of)
+
+
+def _write_pages(
+    found: Findings, options: StudyOptions, command: str, *, measure: bool
+) -> list[Path]:
+    """Writes the pages with what policies reach in other conditions.
+
+    Args:
+        found: what was measured.
+        options: of the study.
+        command: that runs it again.
+        measure: whether to evaluate what is not kept in the folder of cells.
+    """
+    sections: dict[str, str] = {}
+    if planned := _planned_sweeps(found):
+        from swarmdata.evaluation.study.shifts.robustness_sections import run_sweeps  # noqa: PLC0415  (torch)
+
         ready = [
             sweep
             for sweep in planned
-            if all(is_done(cell, cell_folder(work, cell)) for cell in sweep.cells)
+            if (sweep.is_ready(found.work) if measure else sweep.is_measured(found.work))
         ]
-        sections = run_sweeps(ready, work, options.out, progress=options.progress)
-        by_name = {cell.name: cell for cell in cells} | extra  # a swept cell may be in the grid
-        found = collect_findings(study, list(by_name.values()), work, failures)
-    if options.only is None:
-        sections |= _used_elsewhere(found)
-    return failures, write_pages(found, options.out, command, sections)
+        sections = run_sweeps(ready, found.work, options.out, progress=options.progress)
+    shifts = _used_elsewhere(found, measure=measure)
+    return write_pages(found, options.out, command, sections, shifts)
 
 
-def _used_elsewhere(found: Findings) -> dict[str, str]:
-    """Evaluates policies in the other views and tasks of the plan; returns sections by title."""
-    sections: dict[str, str] = {}
-    if found.study.information:
-        from swarmdata.evaluation.study.shifts.transfer_section import run_transfers  # noqa: PLC0415  (torch)
+def _used_elsewhere(found: Findings, *, measure: bool) -> dict[str, list[Shifted]]:
+    """What policies reach in the other views and tasks of the plan, by the name of the file."""
+    # imported late: they need torch
+    from swarmdata.evaluation.study.shifts.other_tasks import find_other_tasks  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.study.shifts.transfers import find_transfers  # noqa: PLC0415  (torch)
 
-        sections |= run_transfers(found)
-    if found.study.tasks:
-        from swarmdata.evaluation.study.shifts.task_section import run_tasks  # noqa: PLC0415  (torch)
-
-        sections |= run_tasks(found)
-    return sections
+    rows = {
+        TRANSFER_FILE: find_transfers(found, measure=measure),
+        TASKS_FILE: find_other_tasks(found, measure=measure),
+    }
+    # where nothing was evaluated yet, it says nothing that some policies do not fit
+    return {name: each if any(row.estimates for row in each) else [] for name, each in rows.items()}
 
 
 def _run(cells: Sequence[Cell], work: Path, options: StudyOptions) -> dict[str, str]:
     return run_cells(
-        cells, work, workers=options.workers, again=options.again, progress=options.progress
-    )
+        cells, work, workers=options.workers, engine=options.engine, again=options.again,
+        progress=options.progress,
+    )  # fmt: skip
+
+
+def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
+    """Runs one cell in this process, for schedulers; where it is done, nothing happens.
+
+    Two processes may run the same cell: one waits for the other.
+
+    Returns:
+        Whether it was not done yet.
+
+    Raises:
+        UnknownNameError: no such cell.
+        StaleCellError: its folder has results of another configuration.
+        SwarmdataError: training or evaluation failed.
+    """
+    # imported late: it needs torch
+    from swarmdata.evaluation.study.cells.cell_worker import run_cell  # noqa: PLC0415  (torch)
+
+    cells = {cell.name: cell for cell in all_cells(study, progress=options.progress)}
+    if name not in cells:
+        raise UnknownNameError("cell", name, cells)
+    folder = cell_folder(options.work_of(study), cells[name])
+    remove_stale([cells[name]], options.work_of(study), again=options.again)
+    is_new = not is_done(cells[name], folder)
+    run_cell(cells[name], folder)
+    return is_new
+
+
+def collect_study(study: Study, options: StudyOptions, command: str) -> list[Path]:
+    """Writes the pages of what is done, and runs nothing.
+
+    Raises:
+        StudyError: no cell is done, so there is nothing to write.
+    """
+    cells = all_cells(study, progress=options.progress)
+    found = collect_findings(study, cells, options.work_of(study), {})
+    return _write_pages(found, options, command, measure=False)
 
 
 def all_cells(study: Study, *, progress: bool = True) -> list[Cell]:

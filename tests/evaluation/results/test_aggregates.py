@@ -12,9 +12,9 @@ from swarmdata.evaluation.results.aggregates import (
     comparable_scores,
     differences,
     optimality_gap,
-    pareto,
     pareto_front,
     performance_profile,
+    returns_and_collisions,
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import group_results
@@ -108,16 +108,16 @@ def test_nothing_beats_the_front_and_something_beats_the_rest(
     assert front.any()
 
 
-def test_pareto_view_of_a_case() -> None:
+def test_returns_and_collisions_of_a_case() -> None:
     good, bold = result("good", mean=5.0), result("bold", mean=9.0)
     bad = result("bad", mean=-3.0)
     for each, hits in ((good, 0.0), (bold, 3.0), (bad, 3.0)):
         each.evaluation.metrics["robot_collisions"][:] = hits
         each.evaluation.metrics["obstacle_collisions"][:] = 1.0
     (case,) = group_results([good, bold, bad]).cases
-    points = {point.label: point for point in pareto(case)}
-    assert {label for label, point in points.items() if point.is_best} == {"good", "bold"}
+    points = {point.label: point for point in returns_and_collisions(case)}
+    assert points["good"].team_return.value == pytest.approx(5.0, abs=1.0)
     assert points["bold"].collisions.value == 4.0
     del bad.evaluation.metrics["robot_collisions"]  # type: ignore[attr-defined]
     with pytest.raises(UnknownNameError, match="robot_collisions"):
-        pareto(case)
+        returns_and_collisions(case)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import plot_learning, spread_labels
+from swarmdata.evaluation.results.curve_plots import plot_learning
 from swarmdata.evaluation.results.learning_curves import Curve, group_files, interval_of
 
 
@@ -51,21 +51,6 @@ def test_interval_holds_the_mean_and_moves_with_the_runs(seed: int, n_runs: int)
     np.testing.assert_allclose(high - mean, mean - low)
     shifted = interval_of(Curve(np.arange(7.0), values + 5.0))
     np.testing.assert_allclose(shifted[0], low + 5.0)
-
-
-@given(st.lists(st.floats(-0.5, 1.5), min_size=1, max_size=9), st.floats(0.01, 0.1))
-def test_labels_stay_apart_and_in_order(wanted: list[float], gap: float) -> None:
-    ends = np.array(wanted)
-    places = spread_labels(ends, gap)
-    order = np.argsort(ends, kind="stable")
-    assert (np.diff(places[order]) >= gap - 1e-9).all()
-    assert places.min() >= -1e-9
-    assert places.max() <= 1.0 + 1e-9
-
-
-def test_labels_with_room_stay_where_they_are() -> None:
-    np.testing.assert_allclose(spread_labels(np.array([0.9, 0.1, 0.5]), 0.1), [0.9, 0.1, 0.5])
-    np.testing.assert_allclose(spread_labels(np.array([0.5, 0.5]), 0.1), [0.45, 0.55])
 
 
 def write_runs(folder: Path, seeds: int = 2) -> dict[str, dict[str, list[Path]]]:

@@ -5,29 +5,39 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from swarmdata import __version__
 from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.cli.main import app
-from swarmdata.errors import ResultsError, SchemaError, UnknownNameError
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.envs.world.pettingzoo import ParallelWorld
+from swarmdata.errors import ResultsError, SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.results import policy_names
+from swarmdata.evaluation.results.clips import draw_target
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
+from swarmdata.evaluation.runs.generated_dataset import generate
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import evaluation_seeds
+from swarmdata.record import Recorder
+from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import TaskReferences
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from tests.record.worlds import Counting, play, steady
 from tests.support.measured import references_at
+from tests.support.tiny import make_tiny
 
 HEADLINE = preset("coop_nav")
 TINY = Recipe(
@@ -229,3 +239,87 @@ def test_names_of_both_kinds_train_offline_on_a_dataset(
     assert len(evaluate_target(target, 2, progress=False)) == 1
     result = CliRunner().invoke(app, ["train", "bc", "x", "--regulariser", "cql", "--out", "y"])
     assert "unknown setting 'regulariser'" in result.output
+
+
+@pytest.fixture
+def cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A generated dataset in the cache, of an id that no shipped recipe has."""
+    monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "cache/datasets" / TINY.id
+    folder.parent.mkdir(parents=True)
+    return make_tiny(folder, id=TINY.id, spec=TaskSpec(horizon=15))
+
+
+def test_an_own_dataset_is_its_policies(cached: Path) -> None:
+    """By its id, with and without version, and by its folder; as published datasets are."""
+    for name in (TINY.id, "coop_nav-tiny", str(cached)):
+        target = find_target(name)
+        assert (target.label, target.spec) == (TINY.id, TaskSpec(horizon=15))
+        assert len(target.policies) == 2
+        results = evaluate_target(target, 3, progress=False)
+        alone = [evaluate_target(find_target(p, spec_file(cached)), 3, progress=False)[0]
+                 for p in ("random", "straight")]  # fmt: skip
+        for found, expected in zip(results, alone, strict=True):
+            one, other = found.evaluation.metrics, expected.evaluation.metrics
+            assert one["return"].tolist() == other["return"].tolist()
+    with pytest.raises(SpecError, match="is a dataset, whose policies act in its own task"):
+        find_target(TINY.id, "coop_nav")
+    assert find_target(TINY.id, observation="bearing").spec.observation.kind == "bearing"
+
+
+def spec_file(dataset: Path) -> str:
+    """The task of a dataset as a file."""
+    path = dataset.parent / "task.yaml"
+    path.write_text(Dataset.open(dataset).task.to_yaml())
+    return str(path)
+
+
+def test_copied_networks_of_an_own_dataset_act(tmp_path: Path) -> None:
+    """They are in its folder, and the run is not needed again."""
+    pytest.importorskip("torch", reason="training needs torch")
+    from swarmdata.learn.training.trainer import train_seeds
+    from tests.learn.training.test_trainer import config_of
+
+    data = Dataset.open(make_tiny(tmp_path / "tiny"))
+    settings = config_of("bc", n_updates=3)
+    train_seeds("bc", data, tmp_path / "run", seeds=(0, 1), config=settings, progress=False)
+    generate(data.task, tmp_path / "run", id="coop_nav-mine-v0", n_steps=200,
+             out=tmp_path / "mine", workers=1, progress=False)  # fmt: skip
+    recorded = Dataset.open(tmp_path / "mine")
+    shutil.rmtree(tmp_path / "run")
+    target = find_target(str(tmp_path / "mine"))
+    assert len(target.policies) == 2
+    for k, policy in enumerate(target.policies):  # each acts as it did
+        episode = next(each for each in recorded if each.policy == k)
+        (again,) = rollout(make_env(data.task), policy, np.array([episode.seed], np.uint64))
+        np.testing.assert_array_equal(again.actions, episode.actions)
+    with pytest.raises(SchemaError, match="coop_nav-mine-v0 was trained with"):
+        find_target(str(tmp_path / "mine"), observation="bearing")
+
+
+def test_datasets_without_their_policies_are_refused(
+    cached: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env = ParallelWorld(TaskSpec(horizon=10))
+    with Recorder(env, id="coop_nav-byhand-v0", path=tmp_path / "byhand") as recorder:
+        play(recorder, 4)
+    with pytest.raises(SpecError, match="recorded without its policies mine, which therefore"):
+        find_target(str(tmp_path / "byhand"))
+    with Recorder(Counting(), id="counting_v1-mine-v0", path=tmp_path / "other") as recorder:
+        play(recorder, 4, steady)
+    with pytest.raises(SpecError, match="acting again needs a task of swarmdata"):
+        find_target(str(tmp_path / "other"))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SpecError, match="holds neither a training run nor a dataset"):
+        find_target(str(tmp_path / "empty"))
+    with pytest.raises(UnknownNameError, match="unknown policy, tier, dataset or run folder"):
+        find_target("coop_nav-nothing-v0")
+
+
+def test_own_datasets_are_drawn(cached: Path, tmp_path: Path) -> None:
+    pytest.importorskip("PIL", reason="Pillow draws")
+    for name in (TINY.id, str(cached)):
+        drawn = draw_target(name, tmp_path / "x.png", 1, None)
+        assert drawn.seed == Dataset.open(cached)[1].seed
+    with pytest.raises(SpecError, match="is a dataset, whose policies act in its own task"):
+        draw_target(str(cached), tmp_path / "x.png", 0, "coop_nav")

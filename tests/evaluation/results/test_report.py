@@ -21,9 +21,10 @@ def test_a_report_of_several_datasets(tmp_path: Path) -> None:
         save_result(each, folder)
     text = write_report([folder], out)
     tables = ("scores", "aggregates", "differences", MEDIUM, EXPERT)
-    figures = ("scores", "profile", "differences", "pareto", MEDIUM, EXPERT)
+    figures = ("scores", "profile", "pareto", MEDIUM, EXPERT)  # two labels have no matrix
     files = {f"{name}{ending}" for name in tables for ending in (".md", ".csv", ".tex")}
-    files |= {f"{name}.png" for name in figures} | {"report.md", "runs.csv", "marl-eval.json"}
+    files |= {f"{name}{ending}" for name in figures for ending in (".png", ".pdf")}
+    files |= {"report.md", "runs.csv", "marl-eval.json"}
     assert {path.name for path in out.iterdir()} == files
     assert [line for line in text.splitlines() if line in tables] == list(tables)
     page = (out / "report.md").read_text()

@@ -10,8 +10,9 @@ from swarmdata.evaluation.results.result_plots import (
     looks_of,
     plot_differences,
     plot_pareto,
-    plot_profiles,
-    plot_scores,
+    plot_result_scores,
+    plot_score_profiles,
+    result_looks,
 )
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.specs.task_spec import TaskSpec
@@ -29,31 +30,32 @@ def words(path: Path) -> str:
 
 
 def test_looks_differ_and_are_by_name() -> None:
-    names = [f"algorithm_{k}" for k in range(20)]
-    looks = looks_of(names, ["idle", "algorithm_3", "random"])
+    names = {f"label_{k:02d}": f"algorithm_{k // 2}" for k in range(20)}
+    looks = looks_of(names, ["idle", "label_03", "random"])
     assert len({tuple(look.values()) for look in looks.values()}) == 22
     assert looks["idle"]["color"] == looks["random"]["color"]
-    assert looks_of(names[::-1]) == looks_of(names)
+    assert looks["label_00"]["color"] == looks["label_01"]["color"], "of one algorithm"
+    assert looks_of(dict(reversed(names.items()))) == looks_of(names)
 
 
 def test_scores_name_datasets_labels_and_the_data(tmp_path: Path) -> None:
-    plot_scores(RESULTS, tmp_path / "scores.svg")
+    plot_result_scores(RESULTS, tmp_path / "scores.svg")
     text = words(tmp_path / "scores.svg")
-    for name in ("bc", "omar", "mean of the data", "medium", "expert"):
+    for name in ("bc", "omar", "mean of the data", "coop_nav-medium", "coop_nav-expert"):
         assert f"<!-- {name} -->" in text
     with pytest.raises(SchemaError, match="no dataset has scores"):
-        plot_scores(group_results([result(spec=TaskSpec(horizon=9))]), tmp_path / "no.svg")
+        plot_result_scores(group_results([result(spec=TaskSpec(horizon=9))]), tmp_path / "no.svg")
 
 
 def test_profiles_and_differences_name_every_label(tmp_path: Path) -> None:
     tables = comparable_scores(RESULTS).tables
-    plot_profiles(tables, tmp_path / "a.svg")
+    plot_score_profiles(tables, result_looks(RESULTS), tmp_path / "a.svg")
     plot_differences(tables, tmp_path / "b.svg")
     for name in ("a.svg", "b.svg"):
         assert "<!-- omar -->" in words(tmp_path / name)
     gap = float((tables["omar"] - tables["bc"]).mean())
     assert f"<!-- +{gap:.0f} -->" in words(tmp_path / "b.svg")
-    with pytest.raises(SchemaError, match="no scores to compare"):
+    with pytest.raises(SchemaError, match="at least two"):
         plot_differences({}, tmp_path / "c.svg")
 
 
@@ -61,9 +63,9 @@ def test_pareto_names_what_is_out_of_view(tmp_path: Path) -> None:
     cases = [RESULTS.with_baselines(case) for case in RESULTS.cases]
     plot_pareto(cases, tmp_path / "pareto.svg")
     text = words(tmp_path / "pareto.svg")
-    assert text.count("<!-- not in view (return at collisions)") == 2
-    assert "idle: −1" in text
+    assert text.count("<!-- not in view") == 2
+    assert "idle (" in text
     plot_pareto(RESULTS.baselines, tmp_path / "alone.svg")
     assert "not in view" not in words(tmp_path / "alone.svg")
-    with pytest.raises(SchemaError, match="no cases to draw"):
+    with pytest.raises(SchemaError, match="no points to draw"):
         plot_pareto([], tmp_path / "no.svg")

@@ -1,6 +1,7 @@
 """Sweeps: the same numbers as an evaluation, resumed after a stop, refused if they say nothing."""
 
 import csv
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,10 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="a run is trained")
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
+from swarmdata.cli.main import app
 from swarmdata.errors import CheckpointError, ResultsError, SpecError
 from swarmdata.evaluation.results import target_evaluation
 from swarmdata.evaluation.results.policy_names import find_target
@@ -33,6 +36,7 @@ from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, EvalResult
+from tests.support.at_once import run_at_once
 from tests.support.measured import COOP_NAV as SPEC
 from tests.support.measured import result
 
@@ -83,6 +87,7 @@ def swept(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_sweep_leaves_results_tables_and_figures(swept: Path) -> None:
     names = {path.name for path in swept.iterdir()}
     figures = {"communication-drop.png", "observation-noise.png"}
+    figures |= {name.replace(".png", ".pdf") for name in figures}
     assert names == {"results", "sweep.csv", "sweep.md"} | figures
     points = ["trained", "communication-drop-0.0", "communication-drop-0.6"]
     points += ["observation-noise-0.2"]  # noise 0 is as trained
@@ -153,6 +158,56 @@ def test_a_stopped_sweep_goes_on_where_it_was(
     assert len(calls) - 4 == 8 - 3
     for path in (path for path in swept.rglob("*") if path.suffix in {".csv", ".md", ".json"}):
         assert (tmp_path / path.relative_to(swept)).read_bytes() == path.read_bytes()
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file of a sweep but figures, by its path."""
+    files = (path for path in folder.rglob("*") if path.suffix in {".csv", ".md", ".json"})
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.usefixtures("without_figures")
+@pytest.mark.slow
+def test_processes_leave_the_tables_of_one(runs: Path, swept: Path, tmp_path: Path) -> None:
+    run_sweep([runs / "talks"], [DROP, NOISE], tmp_path, workers=2)
+    assert content(tmp_path) == content(swept)
+
+
+@pytest.mark.slow
+def test_points_are_run_by_schedulers_in_any_order_and_at_once(
+    runs: Path, swept: Path, tmp_path: Path
+) -> None:
+    out = tmp_path
+    line = (
+        "sweep", str(runs / "talks"), "--communication", "drop=0,0.6", "--observation",
+        "noise=0..0.2", "--values", "2", "--episodes", str(N), "--out", str(out),
+    )  # fmt: skip
+
+    def command(*options: str, code: int = 0) -> str:
+        result = CliRunner().invoke(app, [*line, *options])
+        assert result.exit_code == code, result.output
+        return result.output
+
+    rows = [json.loads(text) for text in command("--points", "--json").splitlines()]
+    assert [row["point"] for row in rows] == [
+        "talks/trained", "talks/communication-drop-0.0", "talks/communication-drop-0.6",
+        "talks/observation-noise-0.2",
+    ]  # fmt: skip
+    assert {(row["done"], row["policies"]) for row in rows} == {(False, 2)}
+    assert not list(out.iterdir())
+    assert "unknown point 'talks/drop'" in command("--point", "talks/drop", code=1)
+
+    last = ("--point", rows[-1]["point"])
+    first, second = run_at_once((*line, *last), (*line, *last))
+    assert first.startswith("talks/observation-noise-0.2: ")
+    assert command(*last) == "talks/observation-noise-0.2: was done before\n"
+    assert command("--points").splitlines()[-1] == "done  talks/observation-noise-0.2"
+    assert second.startswith("talks/observation-noise-0.2: ")
+    assert "no result of policy 0 of talks" in command("--collect", code=1)
+    for row in rows[:-1]:
+        assert command("--point", row["point"]) == f"{row['point']}: done\n"
+    assert "| talks, noise 0 (as trained) |" in command("--collect")
+    assert content(out) == content(swept)
 
 
 @pytest.mark.usefixtures("without_figures")

@@ -10,7 +10,8 @@ pytest.importorskip("torch", reason="training needs the torch extra")
 
 import swarmdata
 from swarmdata.audit import problems_of
-from swarmdata.building.build import build, build_folder
+from swarmdata.building.build import build
+from swarmdata.building.parts_folder import build_folder
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
 from swarmdata.evaluation.runs.generated_dataset import generate
 from swarmdata.evaluation.runs.train import train, train_online

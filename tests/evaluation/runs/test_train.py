@@ -129,7 +129,6 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
         (("mappo", "--task", "coop_nav", "--device", "cpu"), "--device: it has no effect"),
         (("mappo", "--task", "coop_nav", "--reward", "time=1"), "--reward: it has no effect"),
         (("bc", "coop_nav-random", "--first-seed", "4"), "--first-seed: it has no effect"),
-        (("bc", "coop_nav-random", "--workers", "2"), "--workers: it has no effect"),
     ],
 )
 def test_wrong_usage_is_code_2(arguments: tuple[str, ...], message: str) -> None:
@@ -219,9 +218,7 @@ def test_a_run_without_checkpoints_is_no_target_yet(task: Path, tmp_path: Path) 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="exit codes of processes")
-def test_processes_share_the_seeds_and_their_failures_are_told(
-    task: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_processes_share_the_seeds_and_their_failures_are_told(task: Path, tmp_path: Path) -> None:
     changes, out = {**SMALL, "n_steps": "16"}, tmp_path / "run"
 
     def train(**other: str) -> None:
@@ -244,9 +241,11 @@ def test_processes_share_the_seeds_and_their_failures_are_told(
     alone = last_policy(tmp_path / "alone", 2).act(step)
     np.testing.assert_array_equal(last_policy(out, 2).act(step), alone)
     shutil.rmtree(out / "seeds-2")
-    with pytest.raises(BuildError, match="1 of 2 processes failed"):
+    with pytest.raises(BuildError, match="1 of 2 groups of seeds failed: seeds-0-1 of run") as told:
         train(hidden="16")
-    assert "holds another run, which differs in config" in capfd.readouterr().err
+    assert "holds another run, which differs in config" in str(told.value)
+    with pytest.raises(BuildError, match="was trained with other groups of seeds"):
+        train_online("mappo", str(task), out, seeds=(0, 1, 2), changes=changes)
 
 
 def test_a_mixture_is_trained_on_and_evaluated(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from swarmdata.errors import BuildError
 from swarmdata.evaluation.study.cells import run_cells
 from swarmdata.evaluation.study.cells.cell_worker import run_job
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.runtime.workers import Job, Report
+from swarmdata.runtime.engines.jobs import Job, OnFailure, Report
 from tests.support.tiny import make_tiny
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
@@ -28,8 +28,10 @@ MADDPG = {
 class Here:
     """A crew of this process."""
 
-    def __init__(self, entry: str, n_workers: int) -> None:
-        assert (entry, n_workers) == (run_cells.WORKER, 1)
+    def __init__(
+        self, engine: object, entry: str, *, n_workers: int, folder: Path, renews: bool
+    ) -> None:
+        assert (entry, renews) == (run_cells.WORKER, True)
 
     def __enter__(self) -> Self:
         return self
@@ -41,18 +43,18 @@ class Here:
         traceback: TracebackType | None,
     ) -> None: ...
 
-    def run(self, jobs: Sequence[Job], progress: Report) -> None:
+    def run(self, jobs: Sequence[Job], progress: Report, on_failure: OnFailure) -> None:
         for job in jobs:
             try:
                 run_job(job.payload, progress)
             except BuildError as error:
-                raise BuildError(f"{job.name} failed: {error}") from error
+                on_failure(job, BuildError(f"{job.name} failed: {error}"))
 
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells are done in this process."""
-    monkeypatch.setattr(run_cells, "Crew", Here)
+    monkeypatch.setattr(run_cells, "open_engine", Here)
 
 
 @pytest.fixture(scope="session")

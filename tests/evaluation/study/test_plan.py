@@ -18,7 +18,7 @@ SHIPPED = Path(__file__).parents[3] / "cards" / "studies"
 Make = Callable[..., Study]
 
 
-@pytest.mark.parametrize("name", ["coop_nav", "all", "smoke"])
+@pytest.mark.parametrize("name", ["regimes", "robustness", "information", "smoke"])
 def test_shipped_studies_are_of_shipped_datasets(name: str) -> None:
     study = Study.from_file(SHIPPED / f"{name}.yaml")
     assert study.name == name
@@ -28,7 +28,7 @@ def test_shipped_studies_are_of_shipped_datasets(name: str) -> None:
 
 def test_the_study_has_each_algorithm_without_its_ingredient() -> None:
     """A row of the same length with the settings of the ablation beside the algorithm's own row."""
-    study = Study.from_file(SHIPPED / "coop_nav.yaml")
+    study = Study.from_file(SHIPPED / "regimes.yaml")
     rows = study.algorithms.values()
     for name, ablation in ABLATIONS.items():
         if ablation is None:
@@ -38,9 +38,6 @@ def test_the_study_has_each_algorithm_without_its_ingredient() -> None:
         without = [row for row in rows if row.algorithm == base and wanted <= row.settings.items()]
         lengths = {row.updates for row in rows if row.algorithm == name}
         assert lengths == {row.updates for row in without}, name
-    swept = [family for sweep in study.sweeps.values() for family in sweep.families]
-    assert swept
-    assert "ablations" not in swept
 
 
 @pytest.mark.parametrize("file", sorted(SHIPPED.glob("*.yaml")), ids=lambda file: file.stem)

@@ -90,12 +90,14 @@ def tables_of(compared: Sequence[Compared]) -> str:
 
 def plot_compared(compared: Sequence[Compared], path: Path) -> None:
     """Draws all differences, a row each."""
-    rows, panels = [], dict[str, list[Estimate]]()
+    groups: dict[str, dict[str, list[Estimate]]] = {}
     for each in compared:
-        where = f" ({each.evidence.name})" if len(compared) > 1 else ""
+        where = f" (study {each.evidence.name})" if len(compared) > 1 else ""
         for difference in each.differences:
-            rows.append(f"{difference.one} − {difference.other}, {difference.dataset}{where}")
-            for column in each.columns:
-                shown = (column.factor * end for end in difference.estimates[column.key])
-                panels.setdefault(f"change of {column.header}", []).append(Estimate(*shown))
-    plot_differences_from_zero(rows, panels, path)
+            rows = groups.setdefault(f"{difference.dataset}{where}", {})
+            rows[f"{difference.one} − {difference.other}"] = [
+                Estimate(*(column.factor * end for end in difference.estimates[column.key]))
+                for column in each.columns
+            ]
+    labels = [f"change of {column.header}" for column in compared[0].columns]
+    plot_differences_from_zero(groups, labels, path)

@@ -3,35 +3,43 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.study.answers.answer import Answer
 from swarmdata.evaluation.study.answers.evidence import Evidence
 from swarmdata.evaluation.study.pages import study_text
+from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.row_differences import main_column
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard
-from swarmdata.evaluation.study.pages.study_figures import plot_scores
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
 from swarmdata.specs.plain_names import without_version
+
+ABLATIONS = "ablations"
+"""What studies call the family of rows without the ingredient that they are named after."""
 
 
 def answer_data_regimes(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies of several datasets on the reserved seeds."""
-    chosen = [
-        each for each in evidence if each.is_on_reserved_seeds and len(each.found.results.cases) > 1
-    ]
+    chosen = [each for each in evidence if each.compares_rows and len(each.found.results.cases) > 1]
     if not chosen:
         return None
-    sentences, parts, figures = [], [], []
+    sentences, parts, figures = _sentences(chosen[0]), [], []
     for each in chosen:
         found = each.found
         board = make_scoreboard(found.results, found.families, main_column(found).key)
-        sentences += study_text.families(board) + study_text.winners(board)
-        shown = {without_version(name): board.in_shown_units(name) for name in board.estimates}
+        drawn = make_scoreboard(found.results, _without_ablations(found), board.column.key)
+        shown = {without_version(name): drawn.in_shown_units(name) for name in drawn.estimates}
         data = {
             without_version(name): board.column.factor * mean for name, mean in board.data.items()
         }
         figure = f"data-regimes-{each.name}.png"
-        plot_scores(
-            shown, data, found.families, found.looks, out / figure, label=board.column.label
+        plot_by_dataset(
+            shown,
+            data,
+            found.looks,
+            out / figure,
+            label=board.column.label,
+            families=drawn.families,
+            shares_axis=board.column.key == "score",
         )
         figures.append(figure)
         parts.append(
@@ -40,3 +48,15 @@ def answer_data_regimes(evidence: Sequence[Evidence], out: Path) -> Answer | Non
             f"episode:\n\n{scoreboard_table(board)}"
         )
     return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def _sentences(largest: Evidence) -> list[str]:
+    """What the study with the most cells says, whose ablations are no families."""
+    found = largest.found
+    board = make_scoreboard(found.results, _without_ablations(found), main_column(found).key)
+    return study_text.families(board) + study_text.winners(board)
+
+
+def _without_ablations(found: Findings) -> dict[str, str]:
+    """The family of each row that is no ablation."""
+    return {label: family for label, family in found.families.items() if family != ABLATIONS}

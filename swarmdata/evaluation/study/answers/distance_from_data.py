@@ -36,7 +36,7 @@ class Distance(NamedTuple):
 
 def answer_distance_from_data(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies on the reserved seeds that have a clone of the data."""
-    chosen = [each for each in evidence if each.is_on_reserved_seeds and clone_of(each.found.study)]
+    chosen = [each for each in evidence if each.compares_rows and clone_of(each.found.study)]
     if not chosen:
         return None
     sentences, parts, figures = [], [], []
@@ -94,13 +94,13 @@ def _against_clone(distances: Sequence[Distance], board: Scoreboard) -> Iterator
 
 
 def _plot(distances: Sequence[Distance], board: Scoreboard, path: Path) -> None:
-    rows = [f"{each.label}, {without_version(each.dataset)}" for each in distances]
+    groups: dict[str, dict[str, list[Estimate]]] = {}
+    for each in distances:
+        rows = groups.setdefault(without_version(each.dataset), {})
+        rows[each.label] = [each.from_mean, each.from_clone]
     label = board.column.label
-    panels = {
-        f"{label} minus the mean of the data": [each.from_mean for each in distances],
-        f"{label} minus the clone's": [each.from_clone for each in distances],
-    }
-    plot_differences_from_zero(rows, panels, path)
+    labels = f"{label} minus the mean of the data", f"{label} minus the clone's"
+    plot_differences_from_zero(groups, labels, path)
 
 
 def _table(distances: Sequence[Distance], board: Scoreboard) -> str:

@@ -39,16 +39,25 @@ class Evidence:
         """Whether the episodes were read once, for results, and not to choose settings."""
         return self.found.study.block == "evaluation"
 
+    @property
+    def compares_rows(self) -> bool:
+        """Whether its cells on reserved seeds compare rows on data as recorded.
+
+        Other studies have such cells too, beside those of other views and conditions.
+        """
+        plan = self.found.study
+        return self.is_on_reserved_seeds and not (plan.information or plan.tasks or plan.sweeps)
+
 
 @contextmanager
 def open_evidence(studies: Path) -> Iterator[tuple[list[Evidence], dict[str, str]]]:
-    """Reads the archives of all studies in a folder, by name; they are unpacked meanwhile.
+    """Reads the archives of all studies in a folder; they are unpacked meanwhile.
 
     Args:
         studies: with a folder of each study.
 
     Yields:
-        The studies, and why folders with a plan are left out.
+        The studies, those with the most cells first, and why folders with a plan are left out.
 
     Raises:
         StudyError: no study in the folder has an archive.
@@ -71,6 +80,7 @@ def open_evidence(studies: Path) -> Iterator[tuple[list[Evidence], dict[str, str
                 f"{studies} has no folder of a study with {PLAN_FILE} and {ARCHIVE_FILE}. Pass the "
                 "folder in which `swarmdata study` writes, such as cards/studies."
             )
+        evidence.sort(key=lambda each: (-len(each.found.cells), each.name))
         yield evidence, left_out
 
 

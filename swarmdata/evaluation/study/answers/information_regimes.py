@@ -1,91 +1,167 @@
 """Information: what it costs to train and act with worse sensors and radios."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from swarmdata.drawing import markdown
-from swarmdata.evaluation.results.estimate_table import Column, format_estimate
+from swarmdata.evaluation.figures.score_matrix import plot_score_matrix
+from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
 from swarmdata.evaluation.study.answers.answer import Answer
-from swarmdata.evaluation.study.answers.answer_figures import plot_differences_from_zero
 from swarmdata.evaluation.study.answers.evidence import Evidence
+from swarmdata.evaluation.study.answers.transferred_views import describe_transfers
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.information_section import view_columns
-from swarmdata.evaluation.study.pages.row_differences import format_difference, verdict_of
-from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
+from swarmdata.evaluation.study.pages.row_differences import Verdict, format_difference, verdict_of
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.rollouts.score_statistics import Estimate
 
+MEMORY = "memory"
+"""What studies call pairs of a row that remembers and the same row without a memory."""
 
-class ViewChange(NamedTuple):
-    """What a view changes for an algorithm that is trained and evaluated with it."""
 
-    dataset: str
-    label: str
-    view: str
-    reference: str  # the first view of the plan that was measured
-    value: Estimate  # with the view
-    change: Estimate  # view minus reference, paired by episode
-    column: Column
+class Views(NamedTuple):
+    """What was measured on one dataset of a study."""
+
+    dataset: str  # short name
+    board: Scoreboard  # of the score
+    cases: Mapping[str, str]  # label of a view, in the plan's order -> its case on the board
+    against: Mapping[str, str]  # label of a view -> the measured view that it is compared with
+
+    def changes(self, view: str) -> dict[str, Estimate]:
+        """View minus the one that it is compared with, by algorithm, paired by episode."""
+        values = self.board.values[self.cases[view]]
+        base = self.board.values[self.cases[self.against[view]]]
+        return {
+            label: difference_interval(values[label], base[label])
+            for label in values
+            if label in base
+        }
 
 
 def answer_information_regimes(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies that train and evaluate in several views of the same data."""
-    changes = {each.name: list(_changes(each)) for each in evidence}
-    chosen = [each for each in evidence if changes[each.name]]
-    if not chosen:
+    measured = [(each, views) for each in evidence for views in _views_of(each)]
+    if not measured:
         return None
-    shown = [change for each in chosen for change in changes[each.name]]
-    figure = "information.png"
-    rows = [f"{c.label}, {c.view} − {c.reference}, {c.dataset}" for c in shown]
-    plot_differences_from_zero(
-        rows, {f"change of {shown[0].column.label}": [c.change for c in shown]}, out / figure
-    )
-    details = f"![what each view changes]({figure})\n\n" + "\n".join(
-        f"Study {each.name}:\n\n{_table(changes[each.name])}" for each in chosen
-    )
-    return Answer(tuple(map(_sentence, shown)), details, tuple(chosen), (figure,))
+    sentences: list[str] = []
+    details, figures = "", []
+    for each, views in measured:
+        pairs = each.found.study.differences.get(MEMORY)
+        sentences += [view_sentence(views, view) for view in views.against if views.changes(view)]
+        sentences += [memory_sentence(views, *pair) for pair in (pairs.pairs if pairs else ())]
+        figures.append(f"information-{each.name}-{views.dataset}.png")
+        column = views.board.column
+        plot_score_matrix(
+            _in_shown_units(views), out / figures[-1], label=column.label, decimals=column.decimals
+        )
+        details += (
+            f"Study {each.name} on {views.dataset}: {views.board.column.label} of policies that "
+            f"learned in a view and are used in it; bold are the best of a view and those that are "
+            f"not clearly worse, paired by episode.\n\n{_table(views)}\n"
+            f"![{views.board.column.label} by view]({figures[-1]})\n\n"
+        )
+        moved = describe_transfers(each, views.dataset, out)
+        sentences += moved.sentences
+        details += moved.details
+        figures += moved.figures
+    chosen = tuple(dict.fromkeys(each for each, _ in measured))
+    return Answer(tuple(filter(None, sentences)), details, chosen, tuple(figures))
 
 
-def _changes(evidence: Evidence) -> Iterator[ViewChange]:
+def _views_of(evidence: Evidence) -> Iterator[Views]:
+    """Datasets of which two views that are compared were measured."""
     found, plan = evidence.found, evidence.found.study.information
     if plan is None or found.views is None:
         return
     families = {label: found.family(label) for label in plan.algorithms}
     board = make_scoreboard(found.views, families, quantity_of(found.views).column.key)
+    first = next(iter(plan.views))
     for dataset in map(short_name, plan.datasets):
-        columns = list(view_columns(found, dataset))
-        for reference, first in columns[:1]:
-            for label, base in board.values[first].items():
-                for view, case in columns[1:]:
-                    values = board.values[case].get(label)
-                    if values is not None:
-                        value = board.estimates[case][label]
-                        change = difference_interval(values, base)
-                        yield ViewChange(
-                            dataset, label, view, reference, value, change, board.column
-                        )
+        cases = dict(view_columns(found, dataset))
+        references = {view: plan.views[view].against or first for view in cases}
+        against = {
+            view: reference
+            for view, reference in references.items()
+            if reference in cases and reference != view
+        }
+        if against:
+            yield Views(dataset, board, cases, against)
 
 
-def _sentence(change: ViewChange) -> str:
-    shown = format_difference(change.change, change.column)
+def view_sentence(views: Views, view: str) -> str:
+    """What a view costs: how many algorithms, and which of them most and least."""
+    changes, column = views.changes(view), views.board.column
+    case = views.cases[view]
+    best = max(changes, key=lambda label: views.board.estimates[case][label].value)
+    ranked = sorted(changes, key=lambda label: -changes[label].value)
+    text = f"On {views.dataset}, with `{view}` instead of `{views.against[view]}`, "
+    if len(changes) == 1:
+        change = changes[best]
+        return (
+            f"{text}the {column.label} of `{best}` changes by {format_difference(change, column)} "
+            f"({verdict_of(change)})."
+        )
+    verdicts = [verdict_of(change) for change in changes.values()]
     return (
-        f"`{change.label}` on {change.dataset}, with `{change.view}` instead of "
-        f"`{change.reference}`: {change.column.label} {shown} ({verdict_of(change.change)})."
+        f"{text}the {column.label} of {_counted(verdicts, 'lower')} of {len(changes)} algorithms "
+        f"falls clearly and that of {_counted(verdicts, 'higher')} rises; from "
+        f"{_changed(ranked[-1], changes, views)} to {_changed(ranked[0], changes, views)}. The "
+        f"best is `{best}` with {format_estimate(views.board.estimates[case][best], column)}."
     )
 
 
-def _table(changes: Sequence[ViewChange]) -> str:
-    rows = [
-        (
-            f"`{each.label}`",
-            each.dataset,
-            f"`{each.view}`",
-            format_estimate(each.value, each.column),
-            f"{format_difference(each.change, each.column)}, {verdict_of(each.change)}",
-        )
-        for each in changes
+def _counted(verdicts: Sequence[Verdict], kind: Verdict) -> str:
+    return str(verdicts.count(kind) or "none")
+
+
+def _changed(label: str, changes: Mapping[str, Estimate], views: Views) -> str:
+    return f"{format_difference(changes[label], views.board.column)} (`{label}`)"
+
+
+def memory_sentence(views: Views, one: str, other: str) -> str:
+    """In which views a row that remembers is better, and in which it is worse."""
+    column, groups = views.board.column, dict[Verdict, list[str]]()
+    for view, case in views.cases.items():
+        values = views.board.values[case]
+        if {one, other} <= values.keys():
+            lead = views.board.lead(case, one, other)
+            shown = f"`{view}` ({format_difference(lead, column)})"
+            groups.setdefault(verdict_of(lead), []).append(shown)
+    if not groups:
+        return ""
+    parts = [
+        f"{words} {', '.join(groups[verdict])}"
+        for verdict, words in (("higher", "better in"), ("lower", "worse in"))
+        if verdict in groups
     ]
-    column = changes[0].column
-    head = ("algorithm", "dataset", "view", column.header, f"minus `{changes[0].reference}`")
-    return markdown.table(head, rows)
+    if unclear := groups.get("no clear change"):
+        parts.append(f"neither clearly in {len(unclear)} of the views")
+    return f"On {views.dataset}, `{one}` against `{other}`: {'; '.join(parts)}."
+
+
+def _in_shown_units(views: Views) -> dict[str, dict[str, float]]:
+    return {
+        view: {label: found.value for label, found in views.board.in_shown_units(case).items()}
+        for view, case in views.cases.items()
+    }
+
+
+def _table(views: Views) -> str:
+    """A row for each view, a column for each algorithm."""
+    labels = list(views.board.families)
+    rows = []
+    for view, case in views.cases.items():
+        leaders = views.board.leaders(case)
+        cells = (_text(views, case, label, label in leaders) for label in labels)
+        rows.append((f"`{view}`", *cells))
+    return markdown.table(("view", *(f"`{label}`" for label in labels)), rows)
+
+
+def _text(views: Views, case: str, label: str, is_best: bool) -> str:
+    found = views.board.estimates[case].get(label)
+    if found is None:
+        return UNDEFINED
+    text = format_estimate(found, views.board.column)
+    return f"**{text}**" if is_best else text

@@ -32,7 +32,7 @@ def answer_safety(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies on the reserved seeds, and from those that compare rewards."""
     compared = compared_rows(evidence, DIFFERENCES)
     with_rewards = [each.evidence for each in compared]
-    chosen = [each for each in evidence if each.is_on_reserved_seeds or each in with_rewards]
+    chosen = [each for each in evidence if each.compares_rows or each in with_rewards]
     if not chosen:
         return None
     sentences = [sentence for each in chosen for sentence in _most_and_cleanest(each)]
@@ -41,11 +41,11 @@ def answer_safety(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     for each in chosen:
         figures.append(f"safety-{each.name}.png")
         fronts = fronts_of(each.found)
-        plot_safety(fronts, each.found.looks, out / figures[-1])
+        plot_safety(each.found, fronts, out / figures[-1])
         bullets = "".join(f"- {sentence}\n" for sentence in front_sentences(fronts))
         parts.append(
-            f"Study {each.name}; filled points are Pareto-optimal:\n\n"
-            f"![success against clean success and collisions]({figures[-1]})\n\n{bullets}\n"
+            f"Study {each.name}:\n\n"
+            f"![success, clean success and collisions]({figures[-1]})\n\n{bullets}\n"
             f"{_table(each)}"
         )
     parts += [tables_of(compared)] if compared else []

@@ -10,6 +10,11 @@ from swarmdata.evaluation.study.answers.compared_rows import (
     plot_compared,
     tables_of,
 )
+from swarmdata.evaluation.study.answers.doubled_orders import (
+    doubled_orders,
+    order_sentences,
+    order_table,
+)
 from swarmdata.evaluation.study.answers.evidence import Evidence
 from swarmdata.evaluation.study.pages.row_differences import doubling_sentences
 
@@ -22,14 +27,19 @@ def answer_training_length(evidence: Sequence[Evidence], out: Path) -> Answer | 
     compared = compared_rows(evidence, DIFFERENCES)
     if not compared:
         return None
-    sentences = [
-        sentence
-        for each in compared
-        for plan in (each.evidence.found.study.differences[DIFFERENCES],)
-        for sentence in doubling_sentences(each.evidence.found, plan)
-    ]
+    sentences, orders = [], ""
+    for each in compared:
+        found = each.evidence.found
+        plan = found.study.differences[DIFFERENCES]
+        sentences += order_sentences(doubled_orders(found, plan))
+        sentences += doubling_sentences(found, plan)
+        orders += f"Study {each.evidence.name}:\n\n{order_table(found, plan)}\n"
     sentences += count_sentences(compared, "doubling the updates")
     figure = "training-length.png"
     plot_compared(compared, out / figure)
-    details = f"![what doubling changes]({figure})\n\n{tables_of(compared)}"
+    details = (
+        "Families by score, the best first. `>`: clearly better than the next, paired by episode; "
+        f"`≥`: not clearly.\n\n{orders}![what doubling changes]({figure})\n\n"
+        f"{tables_of(compared)}"
+    )
     return Answer(tuple(sentences), details, tuple(each.evidence for each in compared), (figure,))

@@ -4,11 +4,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from swarmdata.evaluation.study.answers.answer import Answer, Question
+from swarmdata.evaluation.study.answers.data_efficiency import answer_data_efficiency
 from swarmdata.evaluation.study.answers.data_regimes import answer_data_regimes
 from swarmdata.evaluation.study.answers.distance_from_data import answer_distance_from_data
 from swarmdata.evaluation.study.answers.evidence import limits, open_evidence
 from swarmdata.evaluation.study.answers.information_regimes import answer_information_regimes
 from swarmdata.evaluation.study.answers.ingredients import answer_ingredients
+from swarmdata.evaluation.study.answers.other_places import answer_other_places
+from swarmdata.evaluation.study.answers.robustness import answer_robustness
 from swarmdata.evaluation.study.answers.safety import answer_safety
 from swarmdata.evaluation.study.answers.training_length import answer_training_length
 from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL
@@ -48,6 +51,28 @@ QUESTIONS = (
         answer_information_regimes,
         "The same data seen and heard in other ways, for training and for evaluation. Every view "
         "is compared with the first one of its study.",
+    ),
+    Question(
+        "robustness",
+        "How do they take worse radios and sensors than in training?",
+        "measured `sweeps`",
+        answer_robustness,
+        "Policies keep what they learned; only one parameter of what they hear or see gets worse. "
+        "Changes are paired by training seed and episode.",
+    ),
+    Question(
+        "places",
+        "Do they act in other places and larger teams?",
+        "policies evaluated in other `tasks`",
+        answer_other_places,
+        "Policies are used as they are, in arenas and teams that they were not trained in.",
+    ),
+    Question(
+        "data-efficiency",
+        "How much data do they need?",
+        "measured `sizes`",
+        answer_data_efficiency,
+        "The same algorithms with the same updates on the first episodes of the same data.",
     ),
     Question(
         "safety",
@@ -109,7 +134,8 @@ def write_answers(studies: Path, out: Path) -> tuple[list[Path], dict[str, str]]
 
 def _remove(question: Question, out: Path) -> None:
     """Deletes what was written for a question before; figures are named after their page."""
-    for path in (out / f"{question.stem}.md", *out.glob(f"{question.stem}*.png")):
+    figures = (path for ending in ("png", "pdf") for path in out.glob(f"{question.stem}*.{ending}"))
+    for path in (out / f"{question.stem}.md", *figures):
         path.unlink(missing_ok=True)
 
 

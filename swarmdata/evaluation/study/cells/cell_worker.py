@@ -12,7 +12,7 @@ from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluation.results.policy_names import Target, find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.provenance import file_name
-from swarmdata.evaluation.runs.train import frame_of, measure_curve_point
+from swarmdata.evaluation.runs.train import measure_curve_point
 from swarmdata.evaluation.study.cells.cell_costs import CostMeter
 from swarmdata.evaluation.study.cells.cell_folder import (
     CELL_FILE,
@@ -42,8 +42,9 @@ from swarmdata.online_algos.runs.online_training import REPLAY_FOLDER, describe_
 from swarmdata.online_algos.runs.seed_files import last_policy_path, saved_frames
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
+from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.locking import locked
-from swarmdata.runtime.workers import Report, serve
 from swarmdata.store import write_file
 
 MIN_LOSS_ROWS = 50
@@ -200,6 +201,6 @@ def run_job(payload: dict[str, Any], report: Report) -> None:
         raise BuildError(f"{type(error).__name__}: {error}") from error
 
 
-def serve_cells() -> None:
-    """The main loop of a worker process."""
-    serve(run_job)
+def cell_runner() -> Handler:
+    """Returns what runs cells in a worker process."""
+    return run_job

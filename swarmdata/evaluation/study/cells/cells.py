@@ -97,7 +97,8 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     """
     _check_settings(study)
     parts: list[tuple[str, int | None, tuple[str, ...]]] = [
-        (dataset, None, tuple(study.algorithms)) for dataset in study.datasets
+        (dataset, None, tuple(label for label in study.algorithms if study.has(label, dataset)))
+        for dataset in study.datasets
     ]
     if study.sizes is not None:
         for dataset in study.sizes.datasets:

@@ -1,10 +1,9 @@
 """Runs the cells of a study, each in a fresh process; a failed cell does not stop the others."""
 
-import queue
 import shutil
 import sys
-import threading
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
@@ -24,13 +23,14 @@ from swarmdata.evaluation.study.cells.cell_folder import (
 )
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.learn.training.run_files import LOSSES
+from swarmdata.runtime.engines.jobs import Job
+from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
 from swarmdata.runtime.locking import locked
-from swarmdata.runtime.workers import Crew, Job
 
 MAX_SHOWN_STALE = 3
 """Stale cells that an error message names; more are counted."""
 
-WORKER = "swarmdata.evaluation.study.cells.cell_worker:serve_cells"
+WORKER = "swarmdata.evaluation.study.cells.cell_worker:cell_runner"
 
 
 def select_cells(cells: Sequence[Cell], pattern: str | None) -> list[Cell]:
@@ -50,6 +50,7 @@ def run_cells(
     work: Path,
     *,
     workers: int = 2,
+    engine: str | Executor = LOCAL,
     again: bool = False,
     progress: bool = True,
 ) -> dict[str, str]:
@@ -58,7 +59,8 @@ def run_cells(
     Args:
         cells: of a study.
         work: the study's folder of cells.
-        workers: processes, each with one thread.
+        workers: processes of the engine `local`, each with one thread.
+        engine: where cells run, as `build` takes it; all processes see `work` and the datasets.
         again: whether stale cells are deleted and run again.
         progress: whether to show a progress bar on standard error, if that is a terminal.
 
@@ -67,6 +69,7 @@ def run_cells(
 
     Raises:
         StaleCellError: a folder holds a cell of another key, and `again` is false.
+        EngineError: the engine is unknown, or cannot be reached.
     """
     remove_stale(cells, work, again=again)
     waiting = [cell for cell in cells if not is_done(cell, cell_folder(work, cell))]
@@ -78,7 +81,7 @@ def run_cells(
     with tqdm(
         total=total, initial=n_done, unit="update", unit_scale=True, desc="cells", disable=hidden
     ) as bar:
-        return _CellQueue(longest_first(waiting, work), work, bar, progress).run(workers)
+        return _CellQueue(longest_first(waiting, work), work, bar, progress).run(engine, workers)
 
 
 def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
@@ -139,59 +142,34 @@ def known_speeds(work: Path) -> dict[str, float]:
 
 @dataclass
 class _CellQueue:
-    """Threads that take cells from a queue; each waits for the process that runs its cell."""
+    """Gives cells to an engine; a failed one does not stop the others."""
 
     cells: Sequence[Cell]
     work: Path
     bar: "tqdm[Any]"
     prints_failures: bool
     failures: dict[str, str] = field(default_factory=dict)
-    lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def run(self, workers: int) -> dict[str, str]:
-        """Runs all cells; returns the reasons of failures by the cell's name."""
-        waiting: queue.SimpleQueue[Cell] = queue.SimpleQueue()
-        for cell in self.cells:
-            waiting.put(cell)
-        # daemons: after Ctrl-C this process ends, and the workers end soon after, because their
-        # next report fails
-        threads = [
-            threading.Thread(target=self._run_waiting, args=(waiting,), daemon=True)
-            for _ in range(min(workers, len(self.cells)))
-        ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+    def run(self, engine: str | Executor, workers: int) -> dict[str, str]:
+        """Runs all cells, each in a new process; returns why some failed, by the cell's name."""
+        jobs = [self._job(cell) for cell in self.cells]
+        with open_engine(
+            engine, WORKER, n_workers=min(workers, len(jobs)), folder=self.work, renews=True
+        ) as opened:
+            opened.run(jobs, self._report, self._record_failure)
         return self.failures
 
-    def _run_waiting(self, waiting: "queue.SimpleQueue[Cell]") -> None:
-        while True:
-            try:
-                cell = waiting.get_nowait()
-            except queue.Empty:
-                return
-            self._run(cell)
-
-    def _run(self, cell: Cell) -> None:
-        """Runs a cell in a new process, which frees its memory; a killed process is retried."""
-        folder = cell_folder(self.work, cell)
-        job = Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
-        try:
-            with Crew(WORKER, 1) as crew:
-                crew.run([job], self._report)
-        except BuildError as error:
-            reason = str(error).removeprefix(f"{cell.name} failed: ").removeprefix("BuildError: ")
-            self._record_failure(cell, folder, reason)
+    def _job(self, cell: Cell) -> Job:
+        folder = cell_folder(self.work, cell).resolve()  # for processes elsewhere
+        return Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
 
     def _report(self, updates: int) -> None:
-        with self.lock:
-            self.bar.update(updates)
+        self.bar.update(updates)
 
-    def _record_failure(self, cell: Cell, folder: Path, reason: str) -> None:
-        with self.lock:
-            self.failures[cell.name] = reason
-            if self.prints_failures:
-                details = folder / ERROR_FILE
-                where = f" (more in {details})" if details.exists() else ""
-                tqdm.write(f"{cell.name} failed: {reason}{where}", file=sys.stderr)
+    def _record_failure(self, job: Job, error: BuildError) -> None:
+        reason = str(error).removeprefix(f"{job.name} failed: ").removeprefix("BuildError: ")
+        self.failures[job.name] = reason
+        if self.prints_failures:
+            details = Path(job.payload["folder"]) / ERROR_FILE
+            where = f" (more in {details})" if details.exists() else ""
+            tqdm.write(f"{job.name} failed: {reason}{where}", file=sys.stderr)

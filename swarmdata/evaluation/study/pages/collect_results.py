@@ -22,7 +22,7 @@ from swarmdata.evaluation.study.cells.cell_folder import (
 )
 from swarmdata.evaluation.study.cells.cells import ONLINE_FAMILY, Cell
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
-from swarmdata.evaluation.study.plan import Study, View
+from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import CURVE, LOSSES
 from swarmdata.learn.training.run_folder import read_table
 
@@ -167,8 +167,8 @@ def is_view_cell(study: Study, cell: Cell) -> bool:
     plan = study.information
     if plan is None or cell.source not in plan.datasets or cell.label not in plan.algorithms:
         return False
-    view = View(observation=cell.observation, communication=cell.communication)
-    return cell.n_steps is None and view in plan.views.values()
+    models = {view.models for view in plan.views.values()}
+    return cell.n_steps is None and (cell.observation, cell.communication) in models
 
 
 def _read_results(

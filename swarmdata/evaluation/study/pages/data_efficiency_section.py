@@ -1,8 +1,8 @@
 """The section on data efficiency: the same algorithms on smaller parts of the same data."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.results.estimate_table import format_estimate
@@ -16,6 +16,41 @@ EstimatesBySize = dict[str, dict[int, Estimate]]
 """Label -> joint steps -> estimate."""
 
 
+class SizedScores(NamedTuple):
+    """What algorithms reach with smaller parts of the same data."""
+
+    board: Scoreboard  # of the score; its datasets are the parts
+    ids: dict[str, dict[int, str]]  # dataset -> joint steps -> the part on the board
+    panels: dict[str, EstimatesBySize]  # dataset -> estimates in shown units
+    data: dict[str, dict[int, float]]  # dataset -> joint steps -> mean of those episodes
+
+
+def sized_scores(found: Findings) -> SizedScores | None:
+    """The scores of a study's parts of datasets; None if no dataset has two that were measured."""
+    if found.sizes is None or found.study.sizes is None:
+        return None
+    families = {label: found.family(label) for label in found.study.sizes.algorithms}
+    board = make_scoreboard(found.sizes, families, quantity_of(found.sizes).column.key)
+    scores = SizedScores(board, {}, {}, {})
+    for dataset in found.study.sizes.datasets:
+        parts = _facts_of(dataset, found)
+        for facts in parts if len(parts) > 1 else ():
+            _add(scores, short_name(dataset), facts)
+    return scores if scores.panels else None
+
+
+def _add(scores: SizedScores, dataset: str, facts: DatasetFacts) -> None:
+    """Adds one part of a dataset."""
+    board, n_steps = scores.board, facts.figures.n_steps
+    if facts.id in board.estimates:
+        scores.ids.setdefault(dataset, {})[n_steps] = facts.id
+        for label, each in board.in_shown_units(facts.id).items():
+            scores.panels.setdefault(dataset, {}).setdefault(label, {})[n_steps] = each
+    if facts.id in board.data:
+        mean = board.column.factor * board.data[facts.id]
+        scores.data.setdefault(dataset, {})[n_steps] = mean
+
+
 def size_section(found: Findings, out: Path) -> dict[str, str]:
     """The section by its title; empty if nothing of it was measured.
 
@@ -23,30 +58,14 @@ def size_section(found: Findings, out: Path) -> dict[str, str]:
         found: what was measured.
         out: folder for the figure.
     """
-    if found.sizes is None or found.study.sizes is None:
+    scores = sized_scores(found)
+    if scores is None:
         return {}
-    sizes = found.study.sizes
-    families = {label: found.family(label) for label in sizes.algorithms}
-    key = quantity_of(found.sizes).column.key
-    board = make_scoreboard(found.sizes, families, key)
-    panels: dict[str, EstimatesBySize] = {}
-    data: dict[str, dict[int, float]] = {}
-    for dataset in sizes.datasets:
-        for facts in _facts_of(dataset, found):
-            name, n_steps = facts.id, facts.figures.n_steps
-            for label, each in (
-                board.in_shown_units(name).items() if name in board.estimates else ()
-            ):
-                panels.setdefault(short_name(dataset), {}).setdefault(label, {})[n_steps] = each
-            if name in board.data:
-                mean = board.column.factor * board.data[name]
-                data.setdefault(short_name(dataset), {})[n_steps] = mean
-    if not panels:
-        return {}
-    plot_sizes(panels, data, found.looks, out / "sizes.png", ylabel=board.column.label)
-    caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
+    label = scores.board.column.label
+    plot_sizes(scores.panels, scores.data, found.looks, out / "sizes.png", ylabel=label)
+    caption = f"{label.capitalize()}; the dashed line is the mean of those episodes."
     figure = "![by joint steps](sizes.png)"
-    return {"Data efficiency": f"{_size_table(panels, board)}\n{caption}\n\n{figure}\n"}
+    return {"Data efficiency": f"{size_table(scores)}\n{caption}\n\n{figure}\n"}
 
 
 def _facts_of(dataset: str, found: Findings) -> list[DatasetFacts]:
@@ -61,12 +80,12 @@ def _facts_of(dataset: str, found: Findings) -> list[DatasetFacts]:
     return sorted(facts.values(), key=lambda each: each.figures.n_steps)
 
 
-def _size_table(panels: Mapping[str, EstimatesBySize], board: Scoreboard) -> str:
-    """A row for each dataset and algorithm, a column for each size of that dataset."""
-    column = replace(board.column, factor=1.0)  # the numbers have shown units already
+def size_table(scores: SizedScores) -> str:
+    """A row for each dataset and algorithm, with the estimates of all sizes of that dataset."""
+    column = replace(scores.board.column, factor=1.0)  # the numbers have shown units already
     rows = []
-    for dataset, lines in panels.items():
+    for dataset, lines in scores.panels.items():
         for label, points in lines.items():
             cells = [f"{n:,}: {format_estimate(points[n], column)}" for n in sorted(points)]
             rows.append((dataset, f"`{label}`", "; ".join(cells)))
-    return markdown.table(("dataset", "algorithm", f"joint steps: {board.column.label}"), rows)
+    return markdown.table(("dataset", "algorithm", f"joint steps: {column.label}"), rows)

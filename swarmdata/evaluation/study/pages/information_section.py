@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from swarmdata.drawing import markdown
+from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, Column, format_estimate
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_view_cell, results_of
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
-from swarmdata.evaluation.study.pages.study_figures import plot_scores
 from swarmdata.evaluation.study.plan import View, ViewsPlan
 from swarmdata.rollouts.score_statistics import Estimate
 
@@ -44,14 +44,15 @@ def information_section(found: Findings, out: Path) -> dict[str, str]:
 
 
 def _words(view: View) -> str:
-    models = [f"{k} {v}" for k, v in view.model_dump().items() if v is not None]
+    names = zip(("observation", "communication"), view.models, strict=True)
+    models = [f"{name} {model}" for name, model in names if model is not None]
     return " and ".join(models) or "as recorded"
 
 
 def label_of(plan: ViewsPlan, cell: Cell) -> str:
     """What the plan calls the view of a cell."""
-    view = View(observation=cell.observation, communication=cell.communication)
-    return next(label for label, each in plan.views.items() if each == view)
+    models = (cell.observation, cell.communication)
+    return next(label for label, view in plan.views.items() if view.models == models)
 
 
 def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
@@ -100,5 +101,7 @@ def _figure(
         if name in board.data
     }
     file = f"information-{dataset}.png"
-    plot_scores(shown, data, board.families, found.looks, out / file, label=board.column.label)
+    plot_by_dataset(
+        shown, data, found.looks, out / file, label=board.column.label, families=board.families
+    )
     return f"![{board.column.label} by view]({file})\n"

@@ -83,9 +83,10 @@ def missing_pairs(found: Findings, plan: DifferencesPlan) -> list[str]:
 
 
 def _wanted(study: Study, plan: DifferencesPlan) -> Iterator[tuple[tuple[str, str], str]]:
-    for pair in plan.pairs:
+    for one, other in plan.pairs:
         for dataset in study.datasets:
-            yield pair, short_name(dataset)
+            if study.has(one, dataset) and study.has(other, dataset):
+                yield (one, other), short_name(dataset)
 
 
 def _missing_of(found: Findings, one: str, other: str, dataset: str) -> list[str]:
@@ -116,7 +117,7 @@ def doubling_sentences(found: Findings, plan: DifferencesPlan) -> list[str]:
     """For each family, the shortest budget after which doubling changes no score clearly.
 
     A change is clear if its interval excludes 0. All longer doublings that were tried have to pass
-    too, on every dataset of the study.
+    too, on every dataset that the rows are trained on.
     """
     measured = measured_differences(found, plan)
     families: dict[str, list[tuple[str, str]]] = {}
@@ -131,19 +132,21 @@ def _shortest_budget(
     pairs: Sequence[tuple[str, str]],
     measured: Sequence[RowDifference],
 ) -> str:
-    name, n_datasets = family[:1].upper() + family[1:], len(found.study.datasets)
+    name = family[:1].upper() + family[1:]
+    datasets = found.study.datasets
     by_budget: dict[int, list[RowDifference]] = {}
     for one, other in pairs:
         budget = found.study.algorithms[other].updates
         assert budget is not None  # checked by Study
         each = [d for d in measured if (d.one, d.other) == (one, other)]
-        if len(each) < n_datasets:
+        n_wanted = sum(found.study.has(one, d) & found.study.has(other, d) for d in datasets)
+        if len(each) < n_wanted:
             return (
                 f"{name}: not known yet, because doubling {budget:,} updates was measured on "
-                f"{len(each)} of {n_datasets} datasets."
+                f"{len(each)} of {n_wanted} datasets."
             )
         by_budget.setdefault(budget, []).extend(each)
-    return f"{name}: {enough_updates(by_budget, main_column(found), n_datasets)}"
+    return f"{name}: {enough_updates(by_budget, main_column(found), len(datasets))}"
 
 
 def enough_updates(

@@ -4,18 +4,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmdata.evaluation.figures.dot_plot import (
+    HOLLOW_LOOK,
+    Panel,
+    PanelLine,
+    family_legend,
+    plot_dots,
+)
 from swarmdata.evaluation.results.aggregates import collisions, pareto_front
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_plots import plot_pareto
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
-from swarmdata.evaluation.study.pages.study_figures import Looks, plot_fronts, plot_two_estimates
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
-MAX_ALGORITHMS_IN_FIGURE = 24
-"""Algorithms whose names fit beside a figure; with more, some figures are left out."""
+MAX_ALGORITHMS_IN_MATRIX = 24
+"""Algorithms of which all pairs fit into a figure."""
 
 COLLISIONS = Column("collisions", "collisions per episode", "", 2)
 """New contacts of a robot with others and with obstacles, counted from events."""
@@ -87,14 +93,66 @@ def _in_both(x: Scoreboard, y: Scoreboard, dataset: str) -> Pairs:
     return {label: (first[label], second[label]) for label in first if label in second}
 
 
-def plot_safety(fronts: Mapping[str, Fronts], looks: Looks, path: Path) -> None:
-    """Draws success against clean success, and against collisions: a row for each dataset."""
-    panels = {
-        dataset: (("clean success (%)", each.clean), (COLLISIONS.label, each.collisions))
-        for dataset, each in fronts.items()
+def plot_safety(found: Findings, fronts: Mapping[str, Fronts], path: Path) -> None:
+    """Draws success, clean success and collisions: a line for each dataset, a row for each label.
+
+    Rows are sorted by success. Markers of clean success and of collisions are filled where the row
+    is Pareto-optimal in this and success.
+    """
+    tasks = {without_version(case.name): case.spec.task for case in found.results.cases}
+    means = _data_means(found)
+    lines = [_safety_line(each, dataset, tasks[dataset], means) for dataset, each in fronts.items()]
+    legend = {
+        **family_legend(found.families, found.looks),
+        "not Pareto-optimal in this and success": HOLLOW_LOOK,
     }
-    optimal = {dataset: (each.cleanest, each.safest) for dataset, each in fronts.items()}
-    plot_fronts(panels, optimal, looks, path, ylabel="success (%)")
+    plot_dots(lines, found.looks, path, legend=legend)
+
+
+def _data_means(found: Findings) -> dict[str, dict[str, float]]:
+    """Quantity -> dataset -> mean of its own episodes, in shown units."""
+    boards = {
+        **{
+            key: make_scoreboard(found.results, found.families, key)
+            for key in ("success", "clean_success")
+        },
+        "collisions": collision_board(found),
+    }
+    return {
+        key: {without_version(name): board.column.factor * v for name, v in board.data.items()}
+        for key, board in boards.items()
+    }
+
+
+def _safety_line(
+    fronts: Fronts, dataset: str, task: str, means: Mapping[str, Mapping[str, float]]
+) -> PanelLine:
+    """The panels of a dataset; collisions are compared within a task."""
+    success = {label: y for label, (_, y) in fronts.clean.items()}
+    clean = {label: x for label, (x, _) in fronts.clean.items()}
+    crashes = {label: x for label, (x, _) in fronts.collisions.items()}
+    rows = sorted(success, key=lambda label: (-success[label].value, label))
+    rate = (0.0, 100.0)
+    panels = (
+        Panel(success, "success (%)", dataset, means["success"].get(dataset), "rate", rate),
+        Panel(
+            clean,
+            "clean success (%)",
+            line=means["clean_success"].get(dataset),
+            scale="rate",
+            limits=rate,
+            hollow={*rows} - {*fronts.cleanest},
+        ),
+        Panel(
+            crashes,
+            COLLISIONS.label,
+            line=means["collisions"].get(dataset),
+            scale=f"collisions in {task}",
+            limits=(0.0, None),
+            hollow={*rows} - {*fronts.safest},
+        ),
+    )
+    return PanelLine(rows, panels)
 
 
 def front_sentences(fronts: Mapping[str, Fronts]) -> list[str]:
@@ -117,43 +175,28 @@ def safety_sections(found: Findings, out: Path) -> dict[str, str]:
         found: what was measured.
         out: folder for the figures.
     """
-    boards = {
-        key: make_scoreboard(found.results, found.families, key)
-        for key in (quantity_of(found.results).column.key, "success", "clean_success")
-    }
-    board, success, clean = boards.values()
+    success, clean = (
+        make_scoreboard(found.results, found.families, key) for key in ("success", "clean_success")
+    )
     fronts = fronts_of(found)
     crashes = collision_board(found)
-    plot_safety(fronts, found.looks, out / "safety.png")
+    plot_safety(found, fronts, out / "safety.png")
     bullets = "".join(f"- {sentence}\n" for sentence in front_sentences(fronts))
-    panels = {
-        without_version(dataset): _in_both(clean, board, dataset)
-        for dataset in clean.estimates
-        if dataset in board.estimates
-    }
-    plot_two_estimates(
-        panels, found.looks, out / "clean.png",
-        xlabel="clean success (%)", ylabel=board.column.label, xlim=(-3.0, 103.0),
-    )  # fmt: skip
     body = (
         f"Episodes solved (%):\n\n{scoreboard_table(success)}\n"
         f"Episodes solved without a collision (%):\n\n{scoreboard_table(clean)}\n"
         "Collisions per episode, which are new contacts with robots and obstacles (fewer are "
         f"better):\n\n{scoreboard_table(crashes, is_ranked=False)}\n"
         f"{bullets}\n"
-        "Filled points are Pareto-optimal.\n\n"
-        "![success against clean success and collisions](safety.png)\n\n"
-        f"![{board.column.label} against clean success](clean.png)\n"
+        "![success, clean success and collisions](safety.png)\n"
     )
     return {"Success and collisions": body, **_return_section(found, out)}
 
 
 def _return_section(found: Findings, out: Path) -> dict[str, str]:
-    if len(found.results.labels) > MAX_ALGORITHMS_IN_FIGURE:
-        return {}
-    plot_pareto(found.results.cases, out / "collisions.png", found.looks)
+    plot_pareto(found.results.cases, out / "collisions.png", found.looks, found.families)
     body = (
-        "Filled points are Pareto-optimal on their dataset; the dashed line is the mean return of "
-        "the data.\n\n![team return against collisions](collisions.png)\n"
+        "A line joins the Pareto-optimal rows of a dataset, which are filled; the dashed line is "
+        "the mean return of the data.\n\n![team return against collisions](collisions.png)\n"
     )
     return {"Return and collisions": body}

@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.results.aggregates import comparable_scores
-from swarmdata.evaluation.results.result_plots import plot_differences, plot_profiles
+from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
 from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.cell_archive import (
@@ -29,7 +30,7 @@ from swarmdata.evaluation.study.pages.data_efficiency_section import size_sectio
 from swarmdata.evaluation.study.pages.differences_section import differences_sections
 from swarmdata.evaluation.study.pages.information_section import information_section
 from swarmdata.evaluation.study.pages.safety_section import (
-    MAX_ALGORITHMS_IN_FIGURE,
+    MAX_ALGORITHMS_IN_MATRIX,
     safety_sections,
 )
 from swarmdata.evaluation.study.pages.scoreboard import (
@@ -37,7 +38,6 @@ from swarmdata.evaluation.study.pages.scoreboard import (
     make_scoreboard,
     quantity_of,
 )
-from swarmdata.evaluation.study.pages.study_figures import plot_scores
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_table,
     duration,
@@ -47,6 +47,14 @@ from swarmdata.evaluation.study.pages.study_tables import (
 )
 from swarmdata.evaluation.study.pages.training_sections import curve_section, loss_sections
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.shifts.shift_sections import task_section, transfer_section
+from swarmdata.evaluation.study.shifts.shift_table import (
+    TASKS_FILE,
+    TRANSFER_FILE,
+    Shifted,
+    read_shifts,
+    write_shifts,
+)
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.plain_names import without_version
@@ -78,7 +86,11 @@ class Section:
 
 
 def write_pages(
-    found: Findings, out: Path, command: str, sweeps: Mapping[str, str] | None = None
+    found: Findings,
+    out: Path,
+    command: str,
+    sweeps: Mapping[str, str] | None = None,
+    shifts: Mapping[str, Sequence[Shifted]] | None = None,
 ) -> list[Path]:
     """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
 
@@ -86,7 +98,8 @@ def write_pages(
         found: what was measured.
         out: folder; existing files are replaced.
         command: that runs the study again, for the page.
-        sweeps: sections on policies in other conditions by title, whose files are in `out` already.
+        sweeps: sections on sweeps by title, whose files are in `out` already.
+        shifts: what policies reach in other views and tasks, by the name of the file.
 
     Returns:
         The files, the page first.
@@ -106,6 +119,8 @@ def write_pages(
         for name, rows_of in tables.items():
             write_file(out / name, to_csv(rows_of(found)).encode())
         write_file(out / PLAN_FILE, found.study.to_yaml().encode())
+        for name, rows in (shifts or {}).items():
+            write_shifts(rows, out / name)
         write_archive(found, notes, out / ARCHIVE_FILE)
         _write_from_archive(out)
         return _changed(out, before)
@@ -114,8 +129,8 @@ def write_pages(
 def rewrite_pages(out: Path) -> list[Path]:
     """Writes estimates, page and figures of a finished study again, from its folder alone.
 
-    Sections on policies in other conditions stay as they are: the archive has their text, not their
-    episodes.
+    What policies reach in other conditions is not computed again: the archive does not have these
+    episodes, but the text on sweeps, and the folder has the estimates.
 
     Args:
         out: folder that `write_pages` wrote.
@@ -169,12 +184,19 @@ def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -
         *(Section(*part) for part in safety_sections(found, out).items()),
         *_overall(found, out),
         *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
+        *(Section(*part) for part in _shifted(found, out)),
         Section("Surprises", _bullets(surprises)),
         Section("Failures", _bullets(study_text.failures(board, found.missing))),
         Section("Cost", cost_table(found)),
     ]
     title = found.study.title or f"Study {found.study.name}"
     return f"# {title}\n" + "".join(section.to_markdown() for section in sections)
+
+
+def _shifted(found: Findings, out: Path) -> list[tuple[str, str]]:
+    """The sections on other views and tasks, from the estimates in the folder."""
+    transfers = transfer_section(found, read_shifts(out / TRANSFER_FILE))
+    return [*transfers.items(), *task_section(found, read_shifts(out / TASKS_FILE)).items()]
 
 
 def _bullets(sentences: Sequence[str]) -> str:
@@ -247,8 +269,14 @@ def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
     data_means = {
         without_version(name): board.column.factor * value for name, value in board.data.items()
     }
-    plot_scores(
-        shown, data_means, board.families, found.looks, out / "scores.png", label=board.column.label
+    plot_by_dataset(
+        shown,
+        data_means,
+        found.looks,
+        out / "scores.png",
+        label=board.column.label,
+        families=board.families,
+        shares_axis=key == "score",
     )
     return (
         f"{scale} Bold: the best algorithm of a dataset, and those whose difference to it, paired "
@@ -290,13 +318,11 @@ def _overall(found: Findings, out: Path) -> list[Section]:
     if len(tables) < 2 or len(results.cases) < 2:
         return []
     body = aggregate_table(results).to_markdown()
-    if len(tables) <= MAX_ALGORITHMS_IN_FIGURE:
-        plot_profiles(tables, out / "profiles.png", found.looks)
+    plot_score_profiles(tables, found.looks, out / "profiles.png")
+    body += "\n![share of runs above a score](profiles.png)\n"
+    if 2 < len(tables) <= MAX_ALGORITHMS_IN_MATRIX:  # of two, the table has the one difference
         plot_differences(tables, out / "differences.png")
-        body += (
-            "\n![share of runs above a score](profiles.png)\n\n"
-            "![paired differences of scores](differences.png)\n"
-        )
+        body += "\n![paired differences of scores](differences.png)\n"
     return [Section("Aggregates over datasets", body)]
 
 

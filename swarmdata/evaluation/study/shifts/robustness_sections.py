@@ -11,18 +11,16 @@ from swarmdata.evaluation.results.estimate_table import format_estimate
 from swarmdata.evaluation.robustness.sweep import sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line
-from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder
+from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder, is_done
 from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan, View
+from swarmdata.evaluation.study.shifts.sweep_files import SWEEP_FILE, SWEEPS_FOLDER
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
-
-SWEEPS_FOLDER = "sweeps"
-"""Holds results in the study's folder of cells, and tables and figures beside its page."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,18 @@ class PlannedSweep:
         """Hash of everything that decides the sweep's results."""
         content = [self.plan.model_dump(mode="json"), [cell.key for cell in self.cells]]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def folder(self, work: Path) -> Path:
+        """Where its results are kept, in the folder of cells."""
+        return work / SWEEPS_FOLDER / f"{self.label}-{self.key[:12]}"
+
+    def is_ready(self, work: Path) -> bool:
+        """Whether all its cells are done."""
+        return all(is_done(cell, cell_folder(work, cell)) for cell in self.cells)
+
+    def is_measured(self, work: Path) -> bool:
+        """Whether all its points were evaluated."""
+        return self.is_ready(work) and (self.folder(work) / SWEEP_FILE).exists()
 
 
 def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[PlannedSweep]:
@@ -92,14 +102,14 @@ def run_sweeps(
     sections = {}
     for each in planned:
         plan = each.plan
-        folder = work / SWEEPS_FOLDER / f"{each.label}-{each.key[:12]}"
+        folder = each.folder(work)
         names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
         (found,) = sweep(names, [axis], folder, n_episodes=plan.episodes, progress=progress)
         page_folder = out / SWEEPS_FOLDER / each.label
         page_folder.mkdir(parents=True, exist_ok=True)
         picture = f"{axis.part}-{axis.name}.png"
-        for name in ("sweep.csv", picture):
+        for name in (SWEEP_FILE, picture):
             shutil.copyfile(folder / name, page_folder / name)
         sections[f"Robustness: {axis.parameter}"] = _section_body(
             plan, found, f"{SWEEPS_FOLDER}/{each.label}", picture

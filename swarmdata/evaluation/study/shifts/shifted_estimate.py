@@ -1,31 +1,31 @@
-"""Estimates of a finished cell's policies in other conditions, as texts of a table."""
+"""Evaluates a finished cell's policies in other conditions."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.errors import PolicyFitError
-from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import Quantity, estimate, quantities_of
-from swarmdata.evaluation.results.target_evaluation import evaluate_target
+from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.shifts.shift_table import Shifted
+from swarmdata.numerics.random import block_seeds
 
-NO_FIT = "other inputs"
-"""Stands where a policy cannot read what it would be given, or the robots are others."""
 
-
-def shifted_estimates(
+def shifted(
     found: Findings,
     cell: Cell,
     conditions: Mapping[str, object],
     results: Path,
-    quantities: tuple[Quantity, ...],
-    n_episodes: int,
-) -> tuple[str, ...]:
-    """Evaluates the policies of a cell, and returns a text for each quantity.
+    quantities: Sequence[Quantity],
+    place: Shifted,
+    *,
+    measure: bool,
+) -> Shifted | None:
+    """Evaluates the policies of a cell; None if that was not done before and is not wanted now.
 
     Args:
         found: what was measured.
@@ -33,19 +33,26 @@ def shifted_estimates(
         conditions: `task`, `observation` and `communication`, as `find_target` takes them.
         results: folder that keeps the episodes, so that an interrupted study resumes.
         quantities: to estimate.
-        n_episodes: seeds of the study's block.
+        place: names of the conditions, and the number of seeds of the study's block.
+        measure: whether to evaluate what is not kept.
     """
     run = cell_run_folder(cell, cell_folder(found.work, cell))
     try:
         target = find_target(str(run), **conditions)  # type: ignore[arg-type]
     except PolicyFitError:
-        return (NO_FIT,) * len(quantities)
-    files = evaluate_target(target, n_episodes, results, block=found.study.block, progress=False)
-    (case,) = group_results(files).cases
+        return place
+    block, n = found.study.block, place.n_episodes
+    if measure:
+        evaluated = evaluate_target(target, n, results, block=block, progress=False)
+    else:
+        seeds = block_seeds(block, n)
+        kept = (kept_result(target.spec, each, seeds, results) for each in target.provenances)
+        evaluated = [each for each in kept if each is not None]
+    if len(evaluated) < len(target.policies):
+        return None
+    (case,) = group_results(evaluated).cases
     known = quantities_of(case)
-    return tuple(
-        format_estimate(estimate(each, case, cell.label), each.column)
-        if each in known
-        else UNDEFINED
-        for each in quantities
-    )
+    estimates = {
+        each.column.key: estimate(each, case, cell.label) for each in quantities if each in known
+    }
+    return place._replace(estimates=estimates)

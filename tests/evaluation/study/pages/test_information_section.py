@@ -1,14 +1,17 @@
 """Views of a study's data: each is trained and evaluated, and policies are tried in the others."""
 
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
 from swarmdata.errors import SpecError
+from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -58,6 +61,27 @@ def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Pat
     again, _ = run_study(study, options, "x")
     assert again == {}
     assert files[0].read_text() == page
+
+
+def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
+    study: Study, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/*", progress=False)
+    title = "## Information: learned with one, used with another"
+    _, (page, *_) = run_study(study, options, "x")
+    assert title not in page.read_text()
+    shutil.rmtree(tmp_path / "work/cells/bc/coop_nav-tiny-v0~lidar")  # not finished
+    measured = replace(options, only=None, shifts_only=True)
+    run_study(study, measured, "x")
+    section = page.read_text().partition(title)[2].partition("\n## ")[0]
+    assert "`noisy`" in section
+    assert "lidar" not in section
+    assert not (tmp_path / "work/cells/bc/coop_nav-tiny-v0~lidar").exists()
+    collect_study(study, options, "x")
+    assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
+    rewrite_pages(tmp_path / "out")
+    assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
 
 
 def test_the_grid_stays_as_recorded(study: Study, tmp_path: Path) -> None:

@@ -1,0 +1,1 @@
+"""Figures of estimates: what they show comes in as numbers, names and looks."""

@@ -1,0 +1,245 @@
+"""Dot plots: rows of estimates with intervals, in panels that can share their limits."""
+
+import math
+import textwrap
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from swarmdata.drawing.style import (
+    COLUMN_WIDTH,
+    DATA_LINE,
+    FAINT,
+    GRAY,
+    INK,
+    PAGE_WIDTH,
+    draw_grid,
+    draw_legend,
+    figure,
+)
+from swarmdata.errors import SchemaError
+from swarmdata.rollouts.score_statistics import Estimate
+
+Looks = Mapping[str, Mapping[str, str]]
+"""Color and marker of each label, as of `family_looks`."""
+
+ROW_HEIGHT = 0.155  # inches
+MAX_PANELS_IN_A_LINE = 4
+
+LETTER_WIDTH = 0.055  # inches, of 7 points
+
+
+class Panel(NamedTuple):
+    """One quantity of the rows of a line.
+
+    Attributes:
+        estimates: row -> estimate in shown units; rows may be absent, values NaN.
+        xlabel: of the horizontal axis.
+        title: above the panel.
+        line: where the mean of the data is; None: there is none.
+        scale: panels of one scale have the same limits; empty: limits of its own.
+        limits: ends of the axis; None: as far as the intervals reach.
+        hollow: rows whose markers are not filled.
+    """
+
+    estimates: Mapping[str, Estimate]
+    xlabel: str
+    title: str = ""
+    line: float | None = None
+    scale: str = ""
+    limits: tuple[float | None, float | None] = (None, None)
+    hollow: Collection[str] = ()
+
+
+class PanelLine(NamedTuple):
+    """Panels side by side, which share their rows, the first one on top."""
+
+    rows: Sequence[str]
+    panels: Sequence[Panel]
+
+
+def plot_by_dataset(
+    estimates: Mapping[str, Mapping[str, Estimate]],
+    data: Mapping[str, float],
+    looks: Looks,
+    path: Path,
+    *,
+    label: str,
+    families: Mapping[str, str] | None = None,
+    shares_axis: bool = True,
+) -> None:
+    """Draws one quantity: a panel for each dataset, a row for each algorithm, the best on top.
+
+    Args:
+        estimates: dataset -> algorithm -> estimate; an algorithm may be absent.
+        data: dataset -> mean of its own episodes, where it is known.
+        looks: color and marker of each algorithm.
+        path: where to save; the suffix is the format.
+        label: of the horizontal axes.
+        families: algorithm -> family, for the legend; None: there are none.
+        shares_axis: whether all panels have the same horizontal axis.
+
+    Raises:
+        SchemaError: there is nothing to draw, or the suffix is unknown.
+        MissingExtraError: matplotlib is not installed.
+    """
+    shown = {name for found in estimates.values() for name in found}
+    rows = sorted(shown, key=lambda name: (-_mean_of(name, estimates), name))
+    panels = [
+        Panel(found, label, dataset, data.get(dataset), "all" if shares_axis else "")
+        for dataset, found in estimates.items()
+    ]
+    starts = range(0, len(panels), MAX_PANELS_IN_A_LINE)
+    lines = [PanelLine(rows, panels[k : k + MAX_PANELS_IN_A_LINE]) for k in starts]
+    known = {name: kind for name, kind in (families or {}).items() if name in shown}
+    plot_dots(lines, looks, path, legend=family_legend(known, looks))
+
+
+def _mean_of(name: str, estimates: Mapping[str, Mapping[str, Estimate]]) -> float:
+    values = [found[name].value for found in estimates.values() if name in found]
+    return sum(values) / len(values)
+
+
+def family_legend(families: Mapping[str, str], looks: Looks) -> dict[str, Mapping[str, Any]]:
+    """Family -> look of its color; empty if every label is a family of its own."""
+    if len(set(families.values())) == len(families):
+        return {}
+    return {
+        family or "algorithms": {"color": looks[name]["color"], "marker": "o"}
+        for name, family in families.items()
+    }
+
+
+def plot_dots(
+    lines: Sequence[PanelLine],
+    looks: Looks,
+    path: Path,
+    *,
+    legend: Mapping[str, Mapping[str, Any]],
+    zero: bool = False,
+) -> None:
+    """Draws lines of panels.
+
+    Args:
+        lines: from the top.
+        looks: color and marker of each row; a row without one is dark.
+        path: where to save; the suffix is the format.
+        legend: text -> look; the mean of the data is added if it is drawn.
+        zero: whether the panels have a line at 0.
+
+    Raises:
+        SchemaError: there is nothing to draw, or the suffix is unknown.
+        MissingExtraError: matplotlib is not installed.
+    """
+    if not any(line.rows and line.panels for line in lines):
+        raise SchemaError("there are no estimates to draw, expected at least one panel and row.")
+    n_columns = max(len(line.panels) for line in lines)
+    width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
+    letters = max(len(row) for line in lines for row in line.rows)
+    room = (width - LETTER_WIDTH * letters) / n_columns  # of a panel
+    lines = [_wrapped(line, room) for line in lines]
+    heights = [ROW_HEIGHT * (len(line.rows) + 0.4) for line in lines]
+    limits = _limits([panel for line in lines for panel in line.panels], zero=zero)
+    with figure(path, width=width, height=sum(map(_decorated, lines)) + 0.5) as drawing:
+        grid = drawing.subplots(len(lines), n_columns, squeeze=False, height_ratios=heights)
+        for k, line in enumerate(lines):
+            for column, axes in enumerate(grid[k]):
+                if column >= len(line.panels):
+                    axes.set_visible(False)
+                    continue
+                panel = line.panels[column]
+                _draw_panel(axes, line.rows, panel, looks, zero=zero)
+                axes.set_xlim(*limits[panel.scale or id(panel)])
+                axes.tick_params(axis="y", length=0, labelleft=column == 0)
+                below = lines[k + 1].panels[column : column + 1] if k + 1 < len(lines) else ()
+                _label_axis(axes, panel, below)
+        draw_legend(drawing, _handles(grid[0, 0], lines, legend))
+
+
+def _wrapped(line: PanelLine, width: float) -> PanelLine:
+    """Breaks titles at hyphens and spaces, so that they fit into a panel's width in inches."""
+    if not any(panel.title for panel in line.panels[1:]):  # it may run over the next panels
+        width *= len(line.panels)
+    letters = max(8, int(width / (1.3 * LETTER_WIDTH)))
+    panels = [
+        each._replace(title="\n".join(textwrap.wrap(each.title, letters))) for each in line.panels
+    ]
+    return line._replace(panels=panels)
+
+
+def _decorated(line: PanelLine) -> float:
+    """The height of a line of panels with its titles and ticks, in inches."""
+    title = max(panel.title.count("\n") + 1 if panel.title else 0 for panel in line.panels)
+    return ROW_HEIGHT * (len(line.rows) + 0.4) + 0.14 * title + 0.22
+
+
+def _limits(panels: Iterable[Panel], *, zero: bool) -> dict[str | int, tuple[float, float]]:
+    """The limits of each scale, and of each panel without one."""
+    ends: dict[str | int, list[float]] = {}
+    fixed: dict[str | int, tuple[float | None, float | None]] = {}
+    for panel in panels:
+        found = [end for each in panel.estimates.values() for end in each]
+        found += [] if panel.line is None else [panel.line]
+        found += [0.0] if zero else []
+        known = ends.setdefault(panel.scale or id(panel), [])
+        known += [end for end in found if math.isfinite(end)]
+        fixed[panel.scale or id(panel)] = panel.limits
+    limits = {}
+    for key, found in ends.items():
+        low, high = (min(found), max(found)) if found else (0.0, 1.0)
+        low, high = (b if a is None else a for a, b in zip(fixed[key], (low, high), strict=True))
+        margin = 0.04 * (high - low) or 0.5
+        limits[key] = low - margin, high + margin
+    return limits
+
+
+def _draw_panel(axes: Any, rows: Sequence[str], panel: Panel, looks: Looks, *, zero: bool) -> None:
+    for y, row in enumerate(rows):
+        axes.axhline(y, color=FAINT, lw=0.5, zorder=0)
+        if row in panel.estimates:
+            look = looks.get(row, {"color": INK, "marker": "o"})
+            _draw_dot(axes, panel.estimates[row], y, look, is_hollow=row in panel.hollow)
+    if zero:
+        axes.axvline(0.0, color=INK, lw=0.8, zorder=1)
+    if panel.line is not None:
+        axes.axvline(panel.line, **DATA_LINE, zorder=1)
+    axes.set_title(panel.title, loc="left", fontweight="bold", fontsize=7.5)
+    axes.set_yticks(range(len(rows)), rows)
+    axes.set_ylim(len(rows) - 0.3, -0.7)
+    axes.spines["left"].set_visible(False)
+    axes.locator_params(axis="x", nbins=6)
+    draw_grid(axes, "x", width=0.5)
+
+
+def _draw_dot(
+    axes: Any, estimate: Estimate, y: int, look: Mapping[str, str], *, is_hollow: bool
+) -> None:
+    color = look["color"]
+    axes.plot([estimate.low, estimate.high], [y, y], color=color, lw=1.6, alpha=0.55, zorder=2)
+    unknown = math.isnan(estimate.low)  # no interval: not a measured policy
+    face = "white" if is_hollow or unknown else color
+    axes.plot([estimate.value], [y], ls="none", ms=4.2, mew=0.9, mfc=face, zorder=3, **look)
+
+
+def _label_axis(axes: Any, panel: Panel, below: Sequence[Panel]) -> None:
+    """Labels the axis, unless the panel below has the same."""
+    is_same = bool(below) and bool(panel.scale) and below[0].scale == panel.scale
+    axes.tick_params(axis="x", labelbottom=not is_same)
+    if not (below and below[0].xlabel == panel.xlabel):
+        axes.set_xlabel(panel.xlabel)
+
+
+def _handles(
+    axes: Any, lines: Sequence[PanelLine], legend: Mapping[str, Mapping[str, Any]]
+) -> list[Any]:
+    handles = [
+        axes.plot([], [], **{"ls": "none", "ms": 4.2, "mew": 0.9, **look}, label=text)[0]
+        for text, look in legend.items()
+    ]
+    if any(panel.line is not None for line in lines for panel in line.panels):
+        handles += axes.plot([], [], **DATA_LINE, label="mean of the data")
+    return handles
+
+
+HOLLOW_LOOK: Mapping[str, Any] = {"color": GRAY, "marker": "o", "mfc": "white"}
+"""Of the entry in a legend that says what hollow markers are."""

@@ -1,0 +1,187 @@
+"""One estimate against another, with names beside the points of the Pareto front."""
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swarmdata.drawing.point_labels import label_points
+from swarmdata.drawing.style import (
+    COLUMN_WIDTH,
+    DATA_LINE,
+    GRAY,
+    PAGE_WIDTH,
+    draw_grid,
+    draw_legend,
+    figure,
+)
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks
+from swarmdata.rollouts.score_statistics import Estimate
+
+MAX_NAMED_POINTS = 6
+"""Of more points in a panel, only those of its front have names and intervals."""
+
+MAX_COLUMNS = 3
+
+POINTS_ON_A_LINE = 25
+"""Of which each keeps names away from the line."""
+
+
+class FrontPanel(NamedTuple):
+    """The points of a panel.
+
+    Attributes:
+        points: label -> (horizontal, vertical) in shown units.
+        front: labels that no other exceeds; they are filled, and a line joins them.
+        line: vertical place of the mean of the data; None: there is none.
+        scale: panels of one scale have the same limits; empty: limits of its own.
+        far: labels that are listed in words, because they would dwarf the others.
+    """
+
+    points: Mapping[str, tuple[Estimate, Estimate]]
+    front: Collection[str]
+    line: float | None = None
+    scale: str = ""
+    far: Collection[str] = ()
+
+    @property
+    def near(self) -> dict[str, tuple[Estimate, Estimate]]:
+        """The points that are drawn."""
+        return {label: each for label, each in self.points.items() if label not in self.far}
+
+
+Limits = tuple[tuple[float, float], tuple[float, float]]
+
+
+def plot_fronts(
+    panels: Mapping[str, FrontPanel],
+    looks: Looks,
+    path: Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    legend: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """Draws a panel for each dataset.
+
+    Args:
+        panels: title -> points.
+        looks: color and marker of each label.
+        path: where to save; the suffix is the format.
+        xlabel: of the horizontal axes, which start at 0; less is better.
+        ylabel: of the vertical axes; more is better.
+        legend: text -> look, such as the colors of families.
+
+    Raises:
+        SchemaError: there is nothing to draw, or the suffix is unknown.
+        MissingExtraError: matplotlib is not installed.
+    """
+    if not panels:
+        raise SchemaError("there are no points to draw, expected at least one panel.")
+    n_columns = 2 if len(panels) == 4 else min(MAX_COLUMNS, len(panels))
+    n_rows = math.ceil(len(panels) / n_columns)
+    width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
+    limits = _limits(panels.values())
+    with figure(path, width=width, height=0.4 + 2.2 * n_rows) as drawing:
+        grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
+        for axes, (title, panel) in zip(grid, panels.items(), strict=False):
+            _draw_panel(axes, panel, looks)
+            xlim, ylim = limits[panel.scale or id(panel)]
+            axes.set(xlim=xlim, ylim=ylim)
+            axes.set_title(title, loc="left", fontweight="bold", fontsize=7.5)
+        for axes in grid[len(panels) :]:
+            axes.set_visible(False)
+        drawing.supxlabel(xlabel, fontsize=8)
+        drawing.supylabel(ylabel, fontsize=8)
+        draw_legend(drawing, _handles(grid[0], panels.values(), legend))
+        for axes, panel in zip(grid, panels.values(), strict=False):
+            _name_points(axes, panel, looks)
+
+
+def _limits(panels: Iterable[FrontPanel]) -> dict[str | int, Limits]:
+    """The limits of each scale, and of each panel without one."""
+    xs: dict[str | int, list[float]] = {}
+    ys: dict[str | int, list[float]] = {}
+    for panel in panels:
+        key = panel.scale or id(panel)
+        is_crowded = len(panel.near) > MAX_NAMED_POINTS
+        for label, (x, y) in panel.near.items():
+            whole = label in panel.front or not is_crowded
+            xs.setdefault(key, [0.0]).extend((x.value, *(x if whole else ())))
+            ys.setdefault(key, []).extend((y.value, *(y if whole else ())))
+        ys.setdefault(key, []).extend([] if panel.line is None else [panel.line])
+    limits = {}
+    for key, found in ys.items():
+        right, low, high = max(xs.get(key, [1.0])), min(found), max(found)
+        margin = 0.08 * (high - low) or 0.5
+        limits[key] = (-0.03 * right, 1.06 * right or 1.0), (low - margin, high + margin)
+    return limits
+
+
+def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks) -> None:
+    front = sorted((x.value, y.value) for name, (x, y) in panel.near.items() if name in panel.front)
+    if front:
+        axes.step(*zip(*front, strict=True), where="post", color=GRAY, lw=0.8, zorder=1)
+    is_crowded = len(panel.near) > MAX_NAMED_POINTS
+    for label, (x, y) in panel.near.items():
+        color, is_best = looks[label]["color"], label in panel.front
+        if is_best or not is_crowded:
+            axes.plot([x.low, x.high], [y.value] * 2, color=color, alpha=0.5, lw=1.2)
+            axes.plot([x.value] * 2, [y.low, y.high], color=color, alpha=0.5, lw=1.2)
+        face = color if is_best else "white"
+        axes.plot(
+            [x.value], [y.value], ms=4.5, mew=0.9, mfc=face, ls="none", zorder=3, **looks[label]
+        )
+    if panel.line is not None:
+        axes.axhline(panel.line, **DATA_LINE, zorder=0)
+    axes.locator_params(nbins=6)
+    draw_grid(axes, width=0.5)
+    if panel.far:
+        axes.set_xlabel(_words_of_far(panel), fontsize=6, color=GRAY, loc="left")
+
+
+def _words_of_far(panel: FrontPanel) -> str:
+    listed = [
+        f"{label} ({panel.points[label][0].value:.1f}, {panel.points[label][1].value:.1f})"
+        for label in panel.far
+    ]
+    return f"not in view: {', '.join(listed)}".replace("-", "−")
+
+
+def _name_points(axes: Any, panel: FrontPanel, looks: Looks) -> None:
+    at = {label: (x.value, y.value) for label, (x, y) in panel.near.items()}
+    named = at if len(at) <= MAX_NAMED_POINTS else {k: v for k, v in at.items() if k in panel.front}
+    others = [place for label, place in at.items() if label not in named]
+    lines = [
+        place
+        for line in axes.get_lines()
+        if len(line.get_xdata()) == 2  # an interval, or the mean of the data
+        for place in _along(line, axes.get_xlim())
+    ]
+    colors = {label: looks[label]["color"] for label in named}
+    label_points(axes, named, colors, others, lines)
+
+
+def _along(line: Any, xlim: tuple[float, float]) -> list[tuple[float, float]]:
+    """Points on a line; that of the data's mean runs from one side to the other."""
+    (x, right), (y, top) = line.get_xdata(), line.get_ydata()
+    if line.get_transform() != line.axes.transData:
+        x, right = xlim
+    places = np.linspace((x, y), (right, top), POINTS_ON_A_LINE)
+    return [(float(a), float(b)) for a, b in places]
+
+
+def _handles(
+    axes: Any, panels: Iterable[FrontPanel], legend: Mapping[str, Mapping[str, Any]]
+) -> Sequence[Any]:
+    shown = {**legend, "not Pareto-optimal": HOLLOW_LOOK}
+    handles = [
+        axes.plot([], [], **{"ls": "none", "ms": 4.5, "mew": 0.9, **look}, label=text)[0]
+        for text, look in shown.items()
+    ]
+    if any(panel.line is not None for panel in panels):
+        handles += axes.plot([], [], **DATA_LINE, label="mean of the data")
+    return handles

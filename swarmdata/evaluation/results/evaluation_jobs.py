@@ -1,0 +1,232 @@
+"""Evaluations of named policies as jobs: each one leaves a result file, wherever it is done."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from tqdm import tqdm
+
+from swarmdata.errors import ResultsError
+from swarmdata.evaluation.results.policy_names import Target, find_target
+from swarmdata.evaluation.results.result_files import Result
+from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
+from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
+from swarmdata.evaluation.runs.provenance import Provenance
+from swarmdata.numerics.random import SeedBlock, block_seeds
+from swarmdata.runtime.engines.do_jobs import do_jobs
+from swarmdata.runtime.engines.jobs import Handler, Job, Report
+from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.model_choice import Source
+from swarmdata.specs.task_spec import TaskSpec
+
+EVALUATOR = f"{__name__}:evaluator"
+
+
+class TargetName(Frozen):
+    """What `find_target` needs to find a target, in any process."""
+
+    name: str
+    task: str | None = None
+    observation: str | dict[str, Any] | None = None
+    communication: str | dict[str, Any] | None = None
+    label: str | None = None  # None: the target's own
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        task: str | None = None,
+        observation: Source | None = None,
+        communication: Source | None = None,
+        label: str | None = None,
+    ) -> Self:
+        """Takes what `find_target` takes; paths become absolute."""
+        return cls(
+            name=portable_name(name),
+            task=portable_source(task),
+            observation=portable_source(observation),
+            communication=portable_source(communication),
+            label=label,
+        )
+
+    def find(self) -> Target:
+        """Returns the target; raises as `find_target` and `Target.labelled` do."""
+        found = find_target(self.name, self.task, self.observation, self.communication)
+        return found if self.label is None else found.labelled(self.label)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One policy of a target in one spec.
+
+    Attributes:
+        source: of the target.
+        policy: its index in the target.
+        provenance: of the policy, as it was found.
+        spec: to evaluate it in.
+        n_episodes: number of seeds.
+        block: of seeds.
+        folder: of its result file.
+    """
+
+    source: TargetName
+    policy: int
+    provenance: Provenance
+    spec: TaskSpec
+    n_episodes: int
+    block: SeedBlock
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """For messages, such as `policy 2 of expert`."""
+        return f"policy {self.policy} of {self.provenance.label}"
+
+    def job(self, *, again: bool, n_threads: int) -> Job:
+        """What makes the result.
+
+        Args:
+            again: whether one that is there is replaced.
+            n_threads: of the process that makes it.
+        """
+        payload = {
+            "source": self.source.model_dump(mode="json"),
+            "policy": self.policy,
+            "provenance": self.provenance.model_dump(mode="json"),
+            "spec": self.spec.model_dump(mode="json"),
+            "n_episodes": self.n_episodes,
+            "block": self.block,
+            "folder": str(self.folder.resolve()),
+            "again": again,
+            "n_threads": n_threads,
+        }
+        return Job(self.name, payload)
+
+    def result(self) -> Result | None:
+        """The result, if it is there."""
+        seeds = block_seeds(self.block, self.n_episodes)
+        return kept_result(self.spec, self.provenance, seeds, self.folder)
+
+
+def evaluations_of(
+    source: TargetName,
+    target: Target,
+    n_episodes: int,
+    folder: Path,
+    *,
+    spec: TaskSpec | None = None,
+    block: SeedBlock = "evaluation",
+) -> list[Evaluation]:
+    """Returns the evaluations of all policies of a target.
+
+    Args:
+        source: of the target.
+        target: what it finds.
+        n_episodes: number of seeds, from the first of the block.
+        folder: of the result files.
+        spec: to evaluate in; None: that of the target.
+        block: the reserved `evaluation` seeds, or the `validation` seeds.
+    """
+    found = target.spec if spec is None else spec
+    return [
+        Evaluation(source, index, provenance, found, n_episodes, block, folder)
+        for index, provenance in enumerate(target.provenances)
+    ]
+
+
+def run_evaluations(
+    evaluations: Sequence[Evaluation],
+    *,
+    again: bool = False,
+    engine: str | Executor = LOCAL,
+    workers: int = 1,
+    n_threads: int = 1,
+    progress: bool = True,
+) -> int:
+    """Makes the results that are not there yet; after a kill, the same call resumes.
+
+    Args:
+        evaluations: at least one.
+        again: whether results that are there are replaced.
+        engine: where policies are evaluated, as `build` takes it; all processes see the folders of
+            results and of runs.
+        workers: processes of the engine `local`; 1: this one.
+        n_threads: threads of each process that step its worlds.
+        progress: whether to show a bar in episodes (on standard error, if that is a terminal).
+
+    Returns:
+        How many results were there already and stay.
+
+    Raises:
+        ResultsError: a file is of another run with the same label and dataset, or a process found
+            another policy than this one.
+        BuildError: an evaluation failed in another process.
+        EngineError: the engine is unknown, or cannot be reached.
+    """
+    absent = [each for each in evaluations if each.result() is None]
+    waiting = evaluations if again else absent
+    jobs = [each.job(again=again, n_threads=n_threads) for each in waiting]
+    total = sum(each.n_episodes for each in waiting)
+    hidden = None if progress and waiting else True  # None: hidden where there is no terminal
+    with tqdm(total=total, desc="evaluations", unit="episode", disable=hidden) as bar:
+
+        def report(episodes: int) -> None:
+            bar.update(episodes)
+
+        folder = evaluations[0].folder
+        do_jobs(jobs, EVALUATOR, engine=engine, workers=workers, folder=folder, report=report)
+    return len(evaluations) - len(waiting)
+
+
+def collect_evaluations(evaluations: Sequence[Evaluation]) -> list[Result]:
+    """Reads the results of evaluations that are done.
+
+    Raises:
+        ResultsError: some are not.
+    """
+    found = [(each, each.result()) for each in evaluations]
+    missing = [each for each, result in found if result is None]
+    if missing:
+        raise ResultsError(
+            f"{len(missing)} of {len(evaluations)} evaluations are not done: there is no result of "
+            f"{missing[0].name} in {missing[0].folder}. Run them, or leave out --collect."
+        )
+    return [result for _, result in found if result is not None]
+
+
+def evaluator() -> Handler:
+    """Returns what evaluates policies in a process; a target is found once."""
+    targets: dict[str, Target] = {}
+
+    def find(source: TargetName, policy: int, wanted: Provenance) -> Target:
+        key = source.to_json()
+        known = targets.get(key)
+        if known is None or known.provenances[policy : policy + 1] != (wanted,):
+            known = targets[key] = source.find()  # a run may have been trained further
+        found = known.provenances[policy : policy + 1]
+        if found != (wanted,):
+            raise ResultsError(
+                f"{source.name} has another policy {policy} where it is evaluated ({found}) than "
+                f"where the evaluation was asked for ({wanted}). All processes need the same "
+                "version of swarmdata and the same files; start again when the run has ended."
+            )
+        return replace(known, policies=known.policies[policy : policy + 1], provenances=found)
+
+    def handle(payload: dict[str, Any], report: Report) -> None:
+        wanted = Provenance.parse(payload["provenance"])
+        target = find(TargetName.parse(payload["source"]), payload["policy"], wanted)
+        evaluate_target(
+            replace(target, spec=TaskSpec.parse(payload["spec"])),
+            payload["n_episodes"],
+            Path(payload["folder"]),
+            block=payload["block"],
+            again=payload["again"],
+            n_threads=payload["n_threads"],
+            progress=False,
+            report=report,
+        )
+
+    return handle

@@ -1,0 +1,105 @@
+"""Groups of training seeds as jobs: each group is a run in a folder of its own, `OUT/seeds-...`."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from swarmdata.errors import BuildError
+from swarmdata.learn.training.run_files import run_folders
+from swarmdata.runtime.engines.do_jobs import do_jobs
+from swarmdata.runtime.engines.jobs import Job
+from swarmdata.runtime.engines.open_engine import LOCAL
+
+Group = tuple[int, ...]
+"""Seeds that are trained together."""
+
+
+def groups_of(seeds: Sequence[int], engine: str | Executor, workers: int) -> list[Group]:
+    """Returns which seeds are trained together: a group for each worker of `local`, or each seed.
+
+    Args:
+        seeds: of all policies.
+        engine: as `build` takes it.
+        workers: processes of the engine `local`.
+    """
+    n_groups = workers if engine == LOCAL else len(seeds)
+    return [tuple(map(int, group)) for group in np.array_split(seeds, n_groups) if len(group)]
+
+
+def group_folder(out: Path, group: Group) -> Path:
+    """Where a group of seeds is trained."""
+    return out / f"seeds-{'-'.join(map(str, group))}"
+
+
+def check_folders(out: Path, folders: Sequence[Path]) -> None:
+    """Checks that the seeds in `out` have not been grouped differently before.
+
+    Args:
+        out: of the whole training.
+        folders: of the runs that it will consist of.
+
+    Raises:
+        BuildError: there are other runs.
+    """
+    others = [folder for folder in run_folders(out) if folder not in folders]
+    if others:
+        raise BuildError(
+            f"{out} was trained with other groups of seeds: it holds a run in {others[0]}, "
+            f"expected {folders[0]}{' and so on' if len(folders) > 1 else ''}. Pass the number of "
+            "--workers, the N of --part or the kind of --engine of then, or choose another folder."
+        )
+
+
+def train_groups(
+    training: dict[str, Any],
+    entry: str,
+    groups: Sequence[Group],
+    out: Path,
+    *,
+    engine: str | Executor,
+    workers: int,
+    length: int,
+    progress: bool,
+) -> None:
+    """Trains each group of seeds as a job; one that fails does not stop the others.
+
+    Args:
+        training: JSON for the handler.
+        entry: "module:function" that returns the handler, which gets `training`, `seeds`, `folder`.
+        groups: of seeds.
+        out: of the whole training.
+        engine: as `build` takes it; all processes see `out` and what the training reads.
+        workers: processes of the engine `local`, one thread each.
+        length: of a group's training, in what the handler reports.
+        progress: whether to show a bar (on standard error, if that is a terminal).
+
+    Raises:
+        BuildError: groups failed.
+        EngineError: the engine is unknown, or cannot be reached.
+    """
+    jobs, failures = [], dict[str, str]()
+    for group in groups:
+        folder = group_folder(out, group).resolve()
+        payload = {"training": training, "seeds": list(group), "folder": str(folder)}
+        jobs.append(Job(f"{folder.name} of {out.name}", payload))
+    total, hidden = length * len(jobs), None if progress else True  # None: hidden, if no terminal
+    with tqdm(total=total, desc=out.name, unit_scale=True, disable=hidden) as bar:
+
+        def report(amount: int) -> None:
+            bar.update(amount)
+
+        def note(job: Job, error: BuildError) -> None:
+            failures[job.name] = str(error)
+
+        do_jobs(
+            jobs, entry, engine=engine, workers=workers, folder=out, report=report, on_failure=note
+        )
+    if failures:
+        raise BuildError(
+            f"{len(failures)} of {len(jobs)} groups of seeds failed: {'; '.join(failures.values())}"
+            ". Run the same command again to resume from the last checkpoints."
+        )

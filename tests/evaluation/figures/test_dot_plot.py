@@ -1,0 +1,115 @@
+"""Dot plots name what they show, share axes, and nothing is cut off."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("matplotlib", reason="figures need the plots extra")
+
+from swarmdata.drawing import style
+from swarmdata.drawing.style import PAGE_WIDTH, family_looks
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.figures import dot_plot
+from swarmdata.evaluation.figures.dot_plot import (
+    HOLLOW_LOOK,
+    Panel,
+    PanelLine,
+    plot_by_dataset,
+    plot_dots,
+)
+from swarmdata.rollouts.score_statistics import Estimate
+from tests.support.drawn import shown_figure
+
+FAMILIES = {f"algorithm_{k}-with-a-long-name": f"family {k % 7}" for k in range(28)}
+LOOKS = family_looks(FAMILIES)
+DATASETS = [f"coop_nav-a-rather-long-dataset-{k}-mini" for k in range(6)]
+SCORES = {
+    dataset: {
+        label: Estimate(10.0 * place - k, 10.0 * place - k - 5, 10.0 * place - k + 5)
+        for k, label in enumerate(FAMILIES)
+    }
+    for place, dataset in enumerate(DATASETS)
+}
+
+
+def test_panels_share_their_axis_and_the_best_row_is_on_top(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw() -> None:
+        plot_by_dataset(
+            SCORES, {DATASETS[0]: 3.0}, LOOKS, tmp_path / "a.png", label="score", families=FAMILIES
+        )
+
+    drawing = shown_figure(monkeypatch, dot_plot, draw)
+    panels = [axes for axes in drawing.axes if axes.get_visible()]
+    assert len(panels) == len(DATASETS)
+    assert len({axes.get_xlim() for axes in panels}) == 1
+    assert [text.get_text() for text in panels[0].get_yticklabels()] == list(FAMILIES)
+    assert panels[0].get_ylim()[0] > panels[0].get_ylim()[1], "the first row is on top"
+    names = {text.get_text() for text in drawing.legends[0].get_texts()}
+    assert names == {*FAMILIES.values(), "mean of the data"}
+
+
+@pytest.mark.parametrize("n_datasets", [1, 2, 6])
+def test_nothing_is_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_datasets: int
+) -> None:
+    scores = dict(list(SCORES.items())[:n_datasets])
+
+    def draw() -> None:
+        plot_by_dataset(scores, {}, LOOKS, tmp_path / "a.png", label="score", families=FAMILIES)
+
+    drawing = shown_figure(monkeypatch, dot_plot, draw)
+    assert drawing.get_figwidth() <= PAGE_WIDTH
+    _check_inside(drawing)
+
+
+def _check_inside(drawing: Any) -> None:
+    """All axes with their labels, and the legends, are within the figure."""
+    for artist in [*drawing.axes, *drawing.legends]:
+        if artist.get_visible():
+            box = artist.get_tightbbox()
+            assert box.x0 >= -1
+            assert box.y0 >= -1
+            assert box.x1 <= drawing.bbox.x1 + 1
+            assert box.y1 <= drawing.bbox.y1 + 1
+
+
+def test_fixed_ends_hold_and_others_follow_the_intervals(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wide = {"a": Estimate(50.0, -40.0, 140.0), "b": Estimate(2.0, math.nan, math.nan)}
+    panels = [
+        Panel(wide, "success (%)", limits=(0.0, 100.0)),
+        Panel(wide, "collisions", limits=(0.0, None), hollow=["a"]),
+    ]
+    looks = family_looks({"a": "a", "b": "b"})
+    drawing = shown_figure(
+        monkeypatch,
+        dot_plot,
+        lambda: plot_dots(
+            [PanelLine(["a", "b"], panels)], looks, tmp_path / "a.svg", legend={"x": HOLLOW_LOOK}
+        ),
+    )
+    first, second = (axes.get_xlim() for axes in drawing.axes)
+    assert first == pytest.approx((-4.0, 104.0))
+    assert second == pytest.approx((-5.6, 145.6))
+    faces = [line.get_markerfacecolor() for line in drawing.axes[1].get_lines()]
+    assert faces.count("white") >= 2, "a is not optimal, b has no interval"
+
+
+def test_nothing_to_draw_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="no estimates to draw"):
+        plot_dots([], LOOKS, tmp_path / "a.png", legend={})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_second_run_writes_the_same_bytes_png_and_pdf(tmp_path: Path) -> None:
+    for name in "ab":
+        plot_by_dataset(SCORES, {}, LOOKS, tmp_path / f"{name}.png", label="score")
+    for suffix in (".png", ".pdf"):
+        assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+    assert style.files_of(tmp_path / "a.png") == (tmp_path / "a.png", tmp_path / "a.pdf")
+    assert style.files_of(tmp_path / "a.png", "screen") == (tmp_path / "a.png",)

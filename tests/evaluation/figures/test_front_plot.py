@@ -1,0 +1,61 @@
+"""Fronts: few points are all named, of many only those that nothing exceeds."""
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("matplotlib", reason="figures need the plots extra")
+
+from swarmdata.drawing.style import family_looks
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.figures import front_plot
+from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
+from swarmdata.rollouts.score_statistics import Estimate
+from tests.support.drawn import shown_figure
+
+
+def at(value: float) -> Estimate:
+    return Estimate(value, value - 1.0, value + 1.0)
+
+
+def panel(n: int, **changes: object) -> FrontPanel:
+    """The first two of n points are on the front."""
+    points = {f"row_{k}": (at(float(k)), at(9.0 - k)) for k in range(n)}
+    return FrontPanel(points, ["row_0", "row_1"], **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("n", "named"), [(3, 3), (20, 2)])
+def test_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n: int, named: int) -> None:
+    one = panel(n)
+    looks = family_looks({label: label for label in one.points})
+    drawing = shown_figure(
+        monkeypatch,
+        front_plot,
+        lambda: plot_fronts(
+            {"data": one}, looks, tmp_path / "a.png", xlabel="cost", ylabel="value", legend={}
+        ),
+    )
+    assert len(drawing.axes[0].texts) == named
+
+
+def test_one_scale_has_the_same_limits_and_far_points_are_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panels = {
+        "a": panel(3, scale="task", line=4.0),
+        "b": panel(5, scale="task", far=["row_4"]),
+        "c": panel(6, scale="other"),
+    }
+    looks = family_looks({f"row_{k}": "one" for k in range(6)})
+    drawing = shown_figure(
+        monkeypatch,
+        front_plot,
+        lambda: plot_fronts(
+            panels, looks, tmp_path / "a.png", xlabel="cost", ylabel="value", legend={}
+        ),
+    )
+    first, second, third = drawing.axes
+    assert first.get_ylim() == second.get_ylim() != third.get_ylim()
+    assert second.get_xlabel() == "not in view: row_4 (4.0, 5.0)"
+    with pytest.raises(SchemaError, match="no points to draw"):
+        plot_fronts({}, looks, tmp_path / "b.png", xlabel="", ylabel="", legend={})

@@ -1,0 +1,132 @@
+"""Evaluations as jobs: the same files from any engine, twice, at once, and in pieces."""
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from swarmdata.cli.main import app
+from swarmdata.errors import BuildError, ResultsError
+from swarmdata.evaluation.results.evaluation_jobs import (
+    Evaluation,
+    TargetName,
+    collect_evaluations,
+    evaluations_of,
+    evaluator,
+    run_evaluations,
+)
+from tests.support.at_once import run_at_once
+
+N = 2
+
+
+def evaluations(out: Path, *names: str) -> list[Evaluation]:
+    sources = [TargetName.of(name) for name in names or ("expert", "scripted")]
+    return [each for source in sources for each in evaluations_of(source, source.find(), N, out)]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.glob("*.json")}
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("alone")
+    assert run_evaluations(evaluations(out), progress=False) == 0
+    return out
+
+
+def test_processes_leave_the_files_of_one_process(alone: Path, tmp_path: Path) -> None:
+    every = evaluations(tmp_path)
+    run_evaluations(every, workers=2, progress=False)
+    assert len(files(tmp_path)) == len(every) > 2
+    assert files(tmp_path) == files(alone)
+
+
+@pytest.mark.slow
+def test_an_executor_leaves_the_same_files(alone: Path, tmp_path: Path) -> None:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+        run_evaluations(evaluations(tmp_path), engine=executor, progress=False)
+    assert files(tmp_path) == files(alone)
+
+
+@pytest.mark.slow
+def test_two_commands_at_once_leave_the_same_files(alone: Path, tmp_path: Path) -> None:
+    command = ("evaluate", "expert", "scripted", "--episodes", str(N), "--out", tmp_path)
+    first, second = run_at_once(command, command)
+    assert files(tmp_path) == files(alone)
+    assert first.splitlines()[0] == second.splitlines()[0]
+
+
+def test_parts_are_collected_by_a_command_that_evaluates_nothing(
+    alone: Path, tmp_path: Path
+) -> None:
+    def run(*options: str) -> tuple[int, str]:
+        line = ["evaluate", "expert", "scripted", "--episodes", str(N), "--out", str(tmp_path)]
+        result = CliRunner().invoke(app, [*line, *options])
+        return result.exit_code, result.output
+
+    n = len(evaluations(tmp_path))
+    half = n // 2
+    assert run("--part", "2/2") == (0, f"{half} of {n} results made in {tmp_path}\n")
+    assert run("--part", "2/2") == (0, f"0 of {n} results made in {tmp_path}\n")
+    code, output = run("--collect")
+    assert code == 1
+    assert f"{n - half} of {n} evaluations are not done" in output
+    assert run("--part", "1/2")[0] == 0
+    assert files(tmp_path) == files(alone)
+    code, output = run("--collect")
+    assert code == 0
+    assert "expert" in output
+    for wrong in ("0/2", "3/2", "2", "a/b"):
+        assert "expected K/N" in run("--part", wrong)[1]
+
+
+def test_only_what_is_missing_is_evaluated(alone: Path, tmp_path: Path) -> None:
+    for name, content in list(files(alone).items())[1:]:
+        (tmp_path / name).write_bytes(content)
+    every = evaluations(tmp_path)
+    assert run_evaluations(every, progress=False) == len(every) - 1
+    assert files(tmp_path) == files(alone)
+    assert [each.path is not None for each in collect_evaluations(every)] == [True] * len(every)
+
+
+def test_a_process_with_another_policy_refuses(tmp_path: Path) -> None:
+    (wanted,) = evaluations(tmp_path, "scripted")
+    job = wanted.job(again=False, n_threads=1)
+    job.payload["provenance"]["code_version"] = "0.0.1"
+    with pytest.raises(ResultsError, match="scripted has another policy 0 where it is evaluated"):
+        evaluator()(job.payload, lambda episodes: None)
+    assert not files(tmp_path)
+
+
+def test_a_failure_elsewhere_names_the_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    every = evaluations(tmp_path, "scripted")
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    there = [
+        Evaluation(e.source, e.policy, e.provenance, e.spec, N, e.block, blocked) for e in every
+    ]
+    with pytest.raises(BuildError, match="policy 0 of scripted failed: "):
+        run_evaluations(there, workers=2, progress=False)
+
+
+@pytest.mark.parametrize("option", [("--workers", "2"), ("--engine", "dask://host:1")])
+def test_other_processes_need_a_folder(option: tuple[str, str]) -> None:
+    result = CliRunner().invoke(app, ["evaluate", "scripted", *option])
+    assert result.exit_code == 2
+    assert "needs --out FOLDER" in result.output
+
+
+def test_a_file_is_found_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    name = TargetName.of("run", "spec.yaml", {"kind": "state"}, "lossy-30", "mine")
+    assert name.name == str(tmp_path / "run")
+    assert name.task == str(tmp_path / "spec.yaml")
+    assert (name.observation, name.communication) == ({"kind": "state"}, "lossy-30")
+    assert TargetName.of("expert", "coop_nav").task == "coop_nav"

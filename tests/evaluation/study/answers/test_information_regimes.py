@@ -1,0 +1,52 @@
+"""What views cost, and where a memory helps, in words."""
+
+import numpy as np
+import pytest
+
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.study.answers.information_regimes import (
+    Views,
+    memory_sentence,
+    view_sentence,
+)
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
+from swarmdata.types import Double
+
+
+def scores(mean: float) -> Double:
+    """Of 2 seeds on 4 episodes; differences between such scores are the same everywhere."""
+    return np.tile(mean + np.arange(4.0) - 1.5, (2, 1))
+
+
+@pytest.fixture
+def views() -> Views:
+    values = {
+        "data": {"bc": scores(90), "bc-gru": scores(80), "iql": scores(70)},
+        "data@heard": {"bc": scores(55), "bc-gru": scores(50), "iql": scores(75)},
+        "data@lost": {"bc": scores(10), "bc-gru": scores(45)},
+    }
+    families = {"bc": "cloning", "bc-gru": "cloning", "iql": "in-sample"}
+    board = Scoreboard(Column("score", "score", "", 1), values, {}, families)
+    cases = {"recorded": "data", "heard": "data@heard", "lost": "data@lost"}
+    return Views("nav", board, cases, {"heard": "recorded", "lost": "heard"})
+
+
+def test_a_view_is_compared_with_the_one_that_the_plan_says(views: Views) -> None:
+    text = view_sentence(views, "heard")
+    assert text.startswith(
+        "On nav, with `heard` instead of `recorded`, the score of 2 of 3 algorithms falls clearly "
+        "and that of 1 rises; from −35.0 [−35.0, −35.0] (`bc`) to +5.0 [5.0, 5.0] (`iql`). The "
+        "best is `iql` with 75.0 ["
+    )
+    text = view_sentence(views, "lost")
+    assert "with `lost` instead of `heard`, the score of 2 of 2 algorithms falls" in text
+    assert "and that of none rises" in text
+    assert "from −45.0 [−45.0, −45.0] (`bc`) to −5.0 [−5.0, −5.0] (`bc-gru`)" in text
+
+
+def test_a_memory_is_compared_in_each_view(views: Views) -> None:
+    assert memory_sentence(views, "bc-gru", "bc") == (
+        "On nav, `bc-gru` against `bc`: better in `lost` (+35.0 [35.0, 35.0]); worse in "
+        "`recorded` (−10.0 [−10.0, −10.0]), `heard` (−5.0 [−5.0, −5.0])."
+    )
+    assert memory_sentence(views, "bc-gru", "vdn") == ""
