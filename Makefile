@@ -4,7 +4,8 @@
 #   make test                    the default tests; PYTHON=python3.12 runs them on another Python
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
 #   make slow | learns           the long tests; tests that train until a threshold is beaten
-#   make bench | wheel           the timings, into docs/benchmarks.md; the installable files, into dist/
+#   make docs | notebooks        the site, into dist/docs; the notebooks of the tutorials, which takes minutes
+#   make bench | wheel           the timings, into docs/benchmarks.md and docs/measurements.md; the installable files, into dist/
 #   make digests                 builds every mini under many circumstances, compares digests; takes hours
 #   make clean                   removes what the targets made, except datasets in the user cache
 
@@ -20,6 +21,7 @@ endif
 VENV ?= $(if $(filter python3,$(PYTHON)),.venv,.venv-$(VERSION))
 BIN := $(VENV)/bin
 STAMPS := $(VENV)/.stamps
+PACK := swarmdata/runtime/kernel_pack_files
 
 # constraints.txt pins the torch that the results were made with, for Python 3.11. On other Pythons the
 # tests that need torch are skipped.
@@ -28,7 +30,7 @@ TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
 
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: quickstart clips test check fix slow learns bench digests wheel clean
+.PHONY: quickstart clips test check fix slow learns docs notebooks bench digests wheel clean
 .DELETE_ON_ERROR:
 
 $(STAMPS)/venv:
@@ -50,6 +52,10 @@ $(STAMPS)/slow: $(STAMPS)/test
 
 $(STAMPS)/lint: $(STAMPS)/test
 	$(INSTALL) --group lint
+	touch $@
+
+$(STAMPS)/docs: $(STAMPS)/test
+	$(INSTALL) --group docs
 	touch $@
 
 quickstart: $(STAMPS)/package
@@ -87,15 +93,27 @@ slow: $(STAMPS)/slow
 learns: $(STAMPS)/test
 	$(BIN)/python -m pytest -m 'learns and not gpu' $(ARGS)
 
+docs: $(STAMPS)/docs
+	$(BIN)/python -m docs.site.build_site --out dist/docs $(ARGS)
+
+notebooks: $(STAMPS)/docs
+	$(BIN)/python -m docs.site.make_notebooks $(ARGS)
+
 bench: $(STAMPS)/test
-	set -e; for file in $(filter-out %/bench_digests.py %/bench_continuation.py %/bench_memory.py,$(wildcard tests/benchmarks/bench_*.py)); do \
+	set -e; for file in $(filter-out %/bench_digests.py %/bench_continuation.py %/bench_memory.py %/bench_memory_use.py,$(wildcard tests/benchmarks/bench_*.py)); do \
 	echo "== $$file"; $(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
 
 digests: $(STAMPS)/test
 	$(BIN)/python -m tests.benchmarks.bench_digests $(ARGS)
 
+# The wheel has compiled kernels inside, for x86-64 and this Python and numba: see runtime/kernel_pack.py.
+# Elsewhere they are compiled at first use, as in a checkout.
 wheel: $(STAMPS)/test
+	rm -rf $(PACK) build
+	test "$$(uname -m)" != x86_64 || { NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/build/kernels \
+	  $(BIN)/swarmdata warm && $(BIN)/python -m swarmdata.runtime.kernel_pack build/kernels $(PACK); }
 	$(BIN)/python -m hatchling build --target wheel --target sdist --directory dist
+	rm -rf $(PACK) build
 
 clean:
 	rm -rf .venv .venv-* dist quickstart .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -1,0 +1,101 @@
+"""Pages of algorithms: docstring, settings and losses of each."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import Any
+
+from docs.site.docstrings import field_notes, markdown_of, summary_of
+from swarmdata.drawing.markdown import table
+from swarmdata.registry.ablations import ABLATIONS
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+
+
+def algorithm_pages() -> dict[str, str]:
+    """A page for each algorithm, offline and online, and their index."""
+    pages = {f"reference/algorithms/{name}.md": offline_page(name) for name in OFFLINE_ALGORITHMS}
+    pages |= {
+        f"reference/algorithms/online-{name}.md": online_page(name) for name in ONLINE_ALGORITHMS
+    }
+    text = (
+        "# Algorithms, one by one\n\nMaths, sources, deviations and settings of each. The guides "
+        "to [offline](../../docs/learning.md) and [online learning](../../docs/online-learning.md) "
+        "say which to try, [Settings](../../docs/settings.md) where each default comes from.\n"
+    )
+    for title, names, prefix, known in (
+        ("Offline", OFFLINE_ALGORITHMS, "", OFFLINE_ALGORITHMS),
+        ("Online", ONLINE_ALGORITHMS, "online-", ONLINE_ALGORITHMS),
+    ):
+        rows = [
+            [f"[`{name}`]({prefix}{name}.md)", summary_of(_module(known[name]).__doc__)]
+            for name in names
+        ]
+        text += f"\n## {title}\n\n{table(('algorithm', 'what it does'), rows)}"
+    pages["reference/algorithms/index.md"] = text
+    return pages
+
+
+def offline_page(name: str) -> str:
+    """The page of an offline algorithm."""
+    ablation = ABLATIONS.get(name)
+    without = ""
+    if ablation is not None:
+        changed = "".join(f" --set {key}={value}" for key, value in ablation.settings.items())
+        without = (
+            f"\nIts ablation, in studies `{name}-without`, lacks {ablation.ingredient}:\n\n"
+            f"    swarmdata train {ablation.algorithm or name} coop_nav-medium{changed}\n"
+        )
+    head = f"    swarmdata train {name} coop_nav-medium --out runs/{name}\n{without}"
+    return _page(f"`{name}`, offline", head, resolve("algorithm", OFFLINE_ALGORITHMS, name),
+                 OFFLINE_ALGORITHMS[name])  # fmt: skip
+
+
+def online_page(name: str) -> str:
+    """The page of an online algorithm."""
+    head = f"    swarmdata train {name} --task coop_nav --out runs/{name}\n"
+    algorithm = resolve("online algorithm", ONLINE_ALGORITHMS, name)
+    return _page(f"`{name}`, online", head, algorithm, ONLINE_ALGORITHMS[name])
+
+
+def settings(config: Any, prefix: str = "") -> Iterator[tuple[str, str, str]]:
+    """Name, default and comment of every setting of a configuration, sections flattened."""
+    notes = field_notes(type(config))
+    for field in dataclasses.fields(config):
+        value, name = getattr(config, field.name), f"{prefix}{field.name}"
+        if dataclasses.is_dataclass(value):
+            yield from settings(value, f"{name}.")
+        else:
+            yield name, _written(value), notes.get(field.name, "")
+
+
+def _page(title: str, head: str, algorithm: Any, address: str) -> str:
+    module = _module(address)
+    rows = [[f"`{name}`", value, note] for name, value, note in settings(algorithm.Config())]
+    losses = ", ".join(f"`{loss}`" for loss in algorithm.LOSSES)
+    return f"""# {title}
+
+{head}
+{markdown_of(module.__doc__ or "")}
+## Settings
+
+`--set NAME=VALUE` changes a setting, `settings` of a study does too.
+
+{table(("setting", "default", "note"), rows)}
+## Logged losses
+
+`losses.csv` of a run has {losses}.
+"""
+
+
+def _module(address: str) -> Any:
+    return import_module(address.partition(":")[0])
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {each}" for key, each in value.items()) or "none"
+    if isinstance(value, tuple):
+        return ", ".join(map(_written, value)) or "none"
+    if isinstance(value, bool) or value is None:
+        return {True: "`true`", False: "`false`", None: "none"}[value]
+    return f"`{value}`" if value != "" else "empty"

@@ -1,0 +1,90 @@
+"""Makes the notebooks of the tutorials: the Markdown with the outputs of its Python blocks.
+
+    python -m docs.site.make_notebooks [NAME]...
+
+`docs/tutorials/NAME.md` is the source; nobody edits `NAME.ipynb`. Every tutorial runs in an empty
+folder with an empty cache of datasets, so that nothing that lies around decides its outputs. Where
+an output names that cache, the notebook has the usual one: the same run gives the same file.
+"""
+
+import os
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_cache_path
+
+TUTORIALS = Path(__file__).parents[1] / "tutorials"
+CELL_SECONDS = 1_800
+BLOCK = re.compile(r"^```python\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
+PAGE_LINK = re.compile(r"\]\((\.\./[\w/.-]+\.md)")
+
+
+def cells_of(text: str) -> list[tuple[str, str]]:
+    """The cells of a tutorial, each `markdown` or `code` and its source."""
+    cells, end = [], 0
+    for block in BLOCK.finditer(text):
+        cells += [("markdown", text[end : block.start()].strip()), ("code", block[1].rstrip())]
+        end = block.end()
+    cells.append(("markdown", text[end:].strip()))
+    return [(kind, source) for kind, source in cells if source]
+
+
+def source_of(notebook: Any) -> list[tuple[str, str]]:
+    """The cells of a notebook, without outputs."""
+    return [(cell["cell_type"], "".join(cell["source"])) for cell in notebook["cells"]]
+
+
+def make_notebook(source: Path) -> Path:
+    """Runs a tutorial, and writes its notebook beside it.
+
+    Raises:
+        nbclient.exceptions.CellExecutionError: a cell raised an exception.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.v4.new_notebook()
+    notebook.metadata["kernelspec"] = {
+        "name": "python3", "display_name": "Python 3", "language": "python",
+    }  # fmt: skip
+    for number, (kind, text) in enumerate(cells_of(source.read_text(encoding="utf-8"))):
+        make = nbformat.v4.new_code_cell if kind == "code" else nbformat.v4.new_markdown_cell
+        notebook.cells.append(make(text, id=f"{source.stem}-{number}"))
+    kernels = str(user_cache_path("swarmdata") / "kernels")
+    with tempfile.TemporaryDirectory() as folder:
+        settings = {"SWARMDATA_CACHE": str(Path(folder, "cache")), "SWARMDATA_REMOTES": ""}
+        os.environ.update(
+            {"NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", kernels), **settings}
+        )
+        work = Path(folder, "work")
+        work.mkdir()
+        NotebookClient(
+            notebook, timeout=CELL_SECONDS, resources={"metadata": {"path": str(work)}},
+            record_timing=False,
+        ).execute()  # fmt: skip
+    for cell in notebook.cells:
+        cell.metadata.clear()
+        if cell.cell_type == "code":  # progress and warnings are no results
+            cell.outputs = [o for o in cell.outputs if o.get("name") != "stderr"]
+    notebook.metadata.pop("language_info", None)
+    target = source.with_suffix(".ipynb")
+    written = nbformat.writes(notebook).replace(settings["SWARMDATA_CACHE"], "~/.cache/swarmdata")
+    target.write_text(written + "\n", encoding="utf-8")
+    return target
+
+
+def main() -> None:
+    """Makes the named tutorials, or all."""
+    for source in sorted(TUTORIALS.glob("*.md")):
+        if not sys.argv[1:] or source.stem in sys.argv[1:]:
+            start = time.perf_counter()
+            target = make_notebook(source)
+            sys.stdout.write(f"{target}: {time.perf_counter() - start:.0f} s\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""The navigation of the site: a sidebar from `docs/README.md` and what is generated."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+REFERENCE = (
+    ("Tasks", "reference/tasks/index"),
+    ("Presets", "reference/presets/index"),
+    ("Datasets", "cards/published/index"),
+    ("Algorithms", "reference/algorithms/index"),
+    ("Formats", "reference/formats/index"),
+    ("Layouts of arrays", "reference/layouts/index"),
+    ("Schemas of files", "reference/schemas/index"),
+    ("Python reference", "reference/api/index"),
+    ("Studies", "cards/studies/index"),
+)
+"""Title and page of each part that is generated from registries."""
+
+LISTING = (
+    "docs/results", "docs/worlds", "reference/tasks", "reference/algorithms", "reference/formats",
+    "reference/layouts", "reference/schemas", "reference/api",
+)  # fmt: skip
+"""Folders whose pages the sidebar lists below their index.
+
+Other pages, such as the cards of all datasets, are found in the tables of their index and by the
+search: a sidebar of hundreds of names helps nobody, and makes every page slow to build.
+"""
+
+SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+PAGE = re.compile(r"^\| \[([^\]]+)\]\(([^)#]+)\)", re.MULTILINE)
+
+UNSEARCHED = "cards/published/"
+"""Pages that the search finds by their title only: 80 cards share most of their words."""
+
+CATALOGUE = """<a href="catalogue/index.html">The catalogue of this site</a> shows episodes.
+
+"""
+"""A link on the home page; HTML, because the catalogue is none of Sphinx's pages."""
+
+
+def add_navigation(tree: Path, *, has_catalogue: bool) -> None:
+    """Adds the tables of contents to staged pages.
+
+    Args:
+        tree: staged pages, with `docs/index.md`, whose sections are the parts of the sidebar.
+        has_catalogue: whether the site has a catalogue beside its pages.
+    """
+    overview = tree / "docs/index.md"
+    text = overview.read_text(encoding="utf-8")
+    contents = "".join(
+        toctree(
+            [(title, _from_docs(target)) for title, target in PAGE.findall(section[2])], section[1]
+        )
+        for section in SECTION.finditer(text)
+    )
+    home = tree / "index.md"
+    front = home.read_text(encoding="utf-8")
+    if has_catalogue:
+        front = front.replace("## Results\n", f"{CATALOGUE}## Results\n", 1)
+    home.write_text(front + contents + toctree(REFERENCE, "Reference"), encoding="utf-8")
+    listed = {f"{_from_docs(target)}.md" for _, target in PAGE.findall(text)}
+    listed |= {"index.md", *(f"{page}.md" for _, page in REFERENCE)}
+    for folder in LISTING:
+        listed |= _list_folder(tree, folder)
+    for page in tree.rglob("*.md"):
+        path = page.relative_to(tree).as_posix()
+        if path not in listed:
+            head = "orphan: true\n" + "nosearch: true\n" * path.startswith(UNSEARCHED)
+            page.write_text(f"---\n{head}---\n\n{page.read_text(encoding='utf-8')}")
+
+
+def toctree(pages: Sequence[tuple[str, str]], caption: str) -> str:
+    """A hidden table of contents, which the sidebar shows."""
+    lines = "".join(f"{title} <{page}>\n" for title, page in pages)
+    return f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{lines}```\n"
+
+
+def _list_folder(tree: Path, folder: str) -> set[str]:
+    """Lists the pages of a folder below its index, and returns their paths."""
+    index = tree / folder / "index.md"
+    pages = sorted(page for page in index.parent.glob("*.md") if page != index)
+    lines = "".join(f"{page.stem}\n" for page in pages)
+    index.write_text(
+        f"{index.read_text(encoding='utf-8')}\n```{{toctree}}\n:hidden:\n\n{lines}```\n",
+        encoding="utf-8",
+    )
+    return {page.relative_to(tree).as_posix() for page in pages}
+
+
+def _from_docs(target: str) -> str:
+    """A link of `docs/README.md` as the name of a page of the site."""
+    parts: list[str] = []
+    for part in ("docs", *PurePosixPath(target).parts):
+        parts = parts[:-1] if part == ".." else [*parts, part]
+    return "/".join(parts).removesuffix(".md").removesuffix(".ipynb")

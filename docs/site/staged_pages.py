@@ -1,0 +1,136 @@
+"""Staged pages: the Markdown of the repository, copied so that all its links work on a site.
+
+The tree keeps the paths of the repository. A `README.md` becomes the `index.md` of its folder, and
+links to it or to its folder follow. Whatever a page links to comes along: other pages, pictures,
+files of code and tables.
+"""
+
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+
+ROOT = Path(__file__).parents[2]
+
+SEEDS = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/results/*.md",
+         "docs/tutorials/*.ipynb", "cards/published/*.md", "cards/studies/*/report.md")  # fmt: skip
+"""Pages that the site has whether or not another page links to them."""
+
+LINK = re.compile(r"(\]\(|(?:src|href)=\")([^)\s\"]+)(?=[)\"\s])")
+FRONT_MATTER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
+PARAGRAPH_TAG = re.compile(r"</?p>")
+CODE = re.compile(r"^(```+)[^\n`]*\n.*?^\1[ \t]*$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
+"""Fenced blocks, and code within a line."""
+
+Pages = dict[str, str]
+"""Text of pages by their path on the site."""
+
+
+class BrokenLinkError(ValueError):
+    """A page links to something that the repository lacks."""
+
+
+def site_path(path: str) -> str:
+    """Where a file or a folder of the repository is on the site.
+
+    A folder is its index, a tutorial the notebook that has its outputs.
+    """
+    here = PurePosixPath(path)
+    if here.name == "README.md":
+        return (here.parent / "index.md").as_posix()
+    if here.match("docs/tutorials/*.md"):
+        return here.with_suffix(".ipynb").as_posix()
+    is_folder = (ROOT / path).is_dir() or path.endswith("/")
+    return (here / "index.md").as_posix() if is_folder else path
+
+
+def stage_pages(out: Path, generated: Mapping[str, str]) -> None:
+    """Writes the tree.
+
+    Args:
+        out: an empty folder.
+        generated: pages that no file of the repository holds, by their path on the site.
+
+    Raises:
+        BrokenLinkError: a page links to what is neither in the repository nor generated.
+    """
+    waiting = [path.relative_to(ROOT).as_posix() for seed in SEEDS for path in ROOT.glob(seed)]
+    seen = set(waiting)
+    while waiting:
+        path = waiting.pop()
+        target = out / site_path(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if not path.endswith(".md"):
+            shutil.copyfile(ROOT / path, target)
+            continue
+        text, linked = staged_text(path, (ROOT / path).read_text(encoding="utf-8"), generated)
+        target.write_text(text, encoding="utf-8")
+        waiting += sorted(linked - seen)
+        seen |= linked
+    for name, text in generated.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text(text, encoding="utf-8")
+        for file in linked_files(name, text):
+            if file not in generated and not (out / file).exists() and (ROOT / file).is_file():
+                (out / file).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(ROOT / file, out / file)
+
+
+def staged_text(path: str, text: str, generated: Mapping[str, str]) -> tuple[str, set[str]]:
+    """The text of a page as the site has it, and the files of the repository that it links to.
+
+    Args:
+        path: of the page in the repository.
+        text: of it.
+        generated: pages that may be linked to and are no files.
+
+    Raises:
+        BrokenLinkError: a link leads nowhere.
+    """
+    linked: set[str] = set()
+
+    def rewrite(match: re.Match[str]) -> str:
+        address, hash_mark, anchor = match[2].partition("#")
+        if not address or "://" in address or address.startswith("mailto:"):
+            return match[0]
+        file = (ROOT / path).parent.joinpath(address).resolve().relative_to(ROOT).as_posix()
+        target = site_path(file)
+        if target not in generated:
+            source = f"{file}/README.md" if (ROOT / file).is_dir() else file
+            if target.endswith(".ipynb") and file.endswith(".md"):
+                source = target
+            if not (ROOT / source).is_file():
+                raise BrokenLinkError(
+                    f"{path} links to {match[2]}: there is no such page or file. Correct the link."
+                )
+            linked.add(source)
+        return f"{match[1]}{relative(site_path(path), target)}{hash_mark}{anchor}"
+
+    text = PARAGRAPH_TAG.sub("", FRONT_MATTER.sub("", text))
+    if not text.lstrip().startswith("# "):
+        text = f"# {PurePosixPath(path).stem.capitalize()}\n\n{text}"
+    return _outside_code(text, rewrite), linked
+
+
+def relative(page: str, target: str) -> str:
+    """The link from one page of the site to another."""
+    return PurePosixPath(
+        *[".."] * len(PurePosixPath(page).parent.parts), PurePosixPath(target)
+    ).as_posix()
+
+
+def linked_files(page: str, text: str) -> Iterator[str]:
+    """Paths on the site that a page links to, without anchors and other sites."""
+    for match in LINK.finditer(CODE.sub("", text)):
+        address = match[2].partition("#")[0]
+        if address and "://" not in address:
+            yield (ROOT / page).parent.joinpath(address).resolve().relative_to(ROOT).as_posix()
+
+
+def _outside_code(text: str, rewrite: Callable[[re.Match[str]], str]) -> str:
+    """Rewrites links, but not in code."""
+    parts, end = [], 0
+    for block in CODE.finditer(text):
+        parts += [LINK.sub(rewrite, text[end : block.start()]), block[0]]
+        end = block.end()
+    return "".join([*parts, LINK.sub(rewrite, text[end:])])

@@ -1,0 +1,33 @@
+"""The figures of docs/which-dataset.md are those of the published datasets."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from swarmdata.behavior_policies.tiers import find_recipe
+from swarmdata.registry.published import published
+
+PAGE = Path(__file__).parents[2] / "docs/which-dataset.md"
+ROW = re.compile(r"^\| [^|]+\? \| (.+?) \| (.+?) \|$", re.MULTILINE)
+ROWS = ROW.findall(PAGE.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(("named", "why"), ROWS)
+def test_shares_are_those_of_the_cards(named: str, why: str) -> None:
+    entries = [published()[find_recipe(name).id] for name in re.findall(r"`([\w-]+)`", named)]
+    shares = {f"{100 * share:.1f}" for e in entries for share in (e.success, e.clean_success)}
+    assert set(re.findall(r"(\d+\.\d) %", why)) <= shares
+
+
+def test_every_tier_is_on_the_page() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    for name in published():
+        assert re.search(find_recipe(name).tier.replace("-", "[- ]"), text, re.IGNORECASE), name
+
+
+def test_sizes_are_those_of_the_cards() -> None:
+    sizes = [entry.n_bytes / 1e9 for name, entry in published().items() if "-mini-" not in name]
+    assert f"{min(sizes):.1f} to {max(sizes):.1f} GB" in PAGE.read_text(encoding="utf-8")
+    mini = published()["coop_nav-medium-mini-v1"]
+    assert f"{mini.n_bytes / 1e6:.0f} MB, half of its episodes" in PAGE.read_text(encoding="utf-8")

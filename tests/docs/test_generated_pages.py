@@ -1,0 +1,146 @@
+"""Whatever is registered has a page, whatever is public is in the reference, and links work."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import swarmdata
+from docs.site.api_pages import GROUPS
+from docs.site.build_site import broken_links, generated_pages, stage
+from docs.site.schema_pages import SCHEMAS, models
+from docs.site.staged_pages import BrokenLinkError, site_path, staged_text
+from swarmdata.interop.formats import FORMATS
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, TASKS
+from swarmdata.registry.presets import preset_names
+from swarmdata.registry.published import published
+
+pytest.importorskip("torch", reason="algorithms need torch")
+
+
+@pytest.fixture(scope="module")
+def pages() -> dict[str, str]:
+    return generated_pages()
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pages")
+    stage(folder, has_catalogue=True)
+    return folder
+
+
+def test_everything_registered_has_a_page(pages: dict[str, str], tree: Path) -> None:
+    reference = "reference/"
+    expected = {
+        *(f"{reference}tasks/{name}.md" for name in TASKS),
+        *(f"{reference}presets/{name}.md" for name in preset_names()),
+        *(f"{reference}algorithms/{name}.md" for name in OFFLINE_ALGORITHMS),
+        *(f"{reference}algorithms/online-{name}.md" for name in ONLINE_ALGORITHMS),
+        *(f"{reference}formats/{name}.md" for name in FORMATS),
+        *(f"{reference}schemas/{name}.md" for name in SCHEMAS),
+    }
+    assert expected <= set(pages)
+    for name in published():
+        assert (tree / f"cards/published/{name}.md").exists()
+        assert f"]({name}.md)" in pages["cards/published/index.md"]
+
+
+def test_every_public_name_is_in_the_reference_once() -> None:
+    names = [name for _, group in GROUPS.values() for name in group]
+    assert sorted(names) == swarmdata.__all__
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_every_field_of_a_file_is_on_its_page(name: str, pages: dict[str, str]) -> None:
+    text = pages[f"reference/schemas/{name}.md"]
+    sections = re.findall(r"^## (\w+)$", text, re.MULTILINE)
+    assert SCHEMAS[name][1].__name__ == sections[0]
+    for section in sections:
+        for field in models()[section].model_fields:
+            assert f"| `{field}` |" in text, f"{section}.{field}"
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_every_field_of_a_file_has_a_meaning(name: str, pages: dict[str, str]) -> None:
+    fields = re.findall(
+        r"^\| (`\w+`) \| .+ \| .*? \| (.*?) \|$", pages[f"reference/schemas/{name}.md"], re.M
+    )
+    assert fields
+    assert [field for field, meaning in fields if not meaning] == []
+
+
+def test_ranges_and_comments_reach_the_schema(pages: dict[str, str]) -> None:
+    task = pages["reference/schemas/task.md"]
+    assert "| `max_speed` | number, 0.001 to 100 | `0.6` | m/s |" in task
+    assert "| `sensor_range` | number, 0.001 to 1,000 or none | none | m, of this robot's" in task
+    assert "| `dynamics` | `holonomic`, `unicycle` | `holonomic` | a unicycle" in task
+    assert "| `id` | text, of the form `" in pages["reference/schemas/recipe.md"]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_column_of_a_task_is_on_its_page(task: str, pages: dict[str, str]) -> None:
+    text = pages[f"reference/tasks/{task}.md"]
+    for row in ("| 0 | `own.x` | own position | m |", "| 0 | `robot_0.x` |", "`robot_onsets`"):
+        assert row in text
+
+
+def test_settings_have_their_defaults(pages: dict[str, str]) -> None:
+    assert "| `expectile` | `0.7` | tau, Kostrikov" in pages["reference/algorithms/iql.md"]
+    assert "| `shaping." in pages["reference/algorithms/online-mappo.md"]
+
+
+def test_links_of_staged_pages_lead_somewhere(tree: Path) -> None:
+    link = re.compile(r"\]\(([^)\s#:]+)(?:#[^)\s]*)?\)")
+    for page in tree.rglob("*.md"):
+        prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+        for target in link.findall(prose):
+            assert (page.parent / target).exists(), f"{page.relative_to(tree)}: {target}"
+
+
+def test_the_sidebar_has_every_page_of_the_documentation(tree: Path) -> None:
+    home = (tree / "index.md").read_text(encoding="utf-8")
+    for page in [*(tree / "docs").glob("*.md"), *(tree / "docs/tutorials").glob("*.ipynb")]:
+        name = page.relative_to(tree).with_suffix("").as_posix()
+        assert name == "docs/index" or f"<{name}>" in home, name
+
+
+def test_a_readme_is_the_index_of_its_folder() -> None:
+    assert site_path("docs/results/README.md") == "docs/results/index.md"
+    assert site_path("docs/results") == "docs/results/index.md"
+    assert site_path("docs/tutorials/results.md") == "docs/tutorials/results.ipynb"
+    assert site_path("LICENSE") == "LICENSE"
+    text, linked = staged_text("docs/tiers.md", "[a](../README.md#datasets) `[b](c)`\n", {})
+    assert text.endswith("[a](../index.md#datasets) `[b](c)`\n")
+    assert linked == {"README.md"}
+
+
+def test_a_broken_link_is_refused() -> None:
+    with pytest.raises(BrokenLinkError, match=r"docs/tiers.md links to no.md: there is no such"):
+        staged_text("docs/tiers.md", "[a](no.md)\n", {})
+
+
+def test_broken_links_of_a_built_site_are_found(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text(
+        '<p id="x"><a href="#x"></a><a class="y" href="b.html"></a><a href="a.html#z"></a>'
+        '<a href="https://example.org"></a><img src="a.html">'
+    )
+    assert sorted(broken_links(tmp_path)) == ["a.html: a.html#z", "a.html: b.html"]
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx", reason="the site needs the dependency group docs")
+    pytest.importorskip("furo", reason="the site needs the dependency group docs")
+    from docs.site.build_site import build
+
+    build(tmp_path / "site", [], jobs=2)
+    home = (tmp_path / "site/index.html").read_text(encoding="utf-8")
+    assert "reference/api/index.html" in home
+    pages = (tmp_path / "site").rglob("*.html")
+    outside = [
+        page
+        for page in pages
+        if re.search(r"<(?:script|link)[^>]+(?:src|href)=\"https?:", page.read_text())
+    ]
+    assert outside == [], "a page needs the network"

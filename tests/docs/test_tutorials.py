@@ -1,0 +1,48 @@
+"""The notebooks are the tutorials with outputs: nothing is edited by hand, and nothing failed."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from docs.site.make_notebooks import TUTORIALS, cells_of, source_of
+
+SOURCES = sorted(TUTORIALS.glob("*.md"))
+
+
+def name_of(path: Path) -> str:
+    return path.stem
+
+
+def notebook_of(source: Path) -> Any:
+    return json.loads(source.with_suffix(".ipynb").read_text(encoding="utf-8"))
+
+
+def test_there_are_tutorials() -> None:
+    assert {path.stem for path in SOURCES} == {path.stem for path in TUTORIALS.glob("*.ipynb")}
+    assert len(SOURCES) >= 3
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=name_of)
+def test_the_notebook_has_the_cells_of_its_source(source: Path) -> None:
+    expected = cells_of(source.read_text(encoding="utf-8"))
+    assert source_of(notebook_of(source)) == expected, "run: make notebooks"
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=name_of)
+def test_the_notebook_ran_from_top_to_bottom(source: Path) -> None:
+    cells = [cell for cell in notebook_of(source)["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert not [output for output in outputs if output["output_type"] == "error"]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+
+
+def test_text_and_code_alternate() -> None:
+    text = "# A\n\nWords.\n\n```python\na = 1\n\nb = 2\n```\n\nMore.\n\n    a command\n"
+    assert cells_of(text) == [
+        ("markdown", "# A\n\nWords."),
+        ("code", "a = 1\n\nb = 2"),
+        ("markdown", "More.\n\n    a command"),
+    ]
