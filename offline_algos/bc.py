@@ -5,13 +5,18 @@ of TD3+BC (Fujimoto & Gu 2021, eq. 3).
 
     min_pi  E_{(o, a) ~ D}  1/N sum_i |pi(o_i, i) - a_i|^2
 
+Recorded choices are imitated by a categorical policy, which acts by its likeliest choice:
+
+    min_pi  E_{(o, a) ~ D}  -1/N sum_i log pi(a_i | o_i)
+
 With `memory` gru, pi sees all observations of the episode so far: `learn.memory`.
 
 Deviations: one network for all agents, which sees the agent's number, or with `policy_network`
 `deep_sets` one over sets of neighbors and obstacles, which does not; observations are normalized
 with the statistics of the dataset; the learning rate decays along a cosine. It begins at 3e-3,
 from which a clone of version 0 of `coop_nav-expert` needed less than half the updates that it
-needed from 1e-3.
+needed from 1e-3. Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do
+not have them, so that pi learns by itself to leave out what was forbidden.
 """
 
 from collections.abc import Mapping
@@ -21,14 +26,14 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
+from swarmdata.errors import SchemaError
+from swarmdata.interfaces import Policy
+from swarmdata.learn.choices.choice_actor import ChoiceActor
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.recurrent_actor import make_actor
-from swarmdata.learn.networks.actor import PolicyNetwork
+from swarmdata.learn.memory.recurrent_actor import RecurrentActor, make_actor
+from swarmdata.learn.networks.actor import PolicyNetwork, StackedActor
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
-from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -36,13 +41,13 @@ from swarmdata.types import Batch
 
 @dataclass(frozen=True)
 class BCConfig(MemorySettings):
-    """Behavior cloning with a squared error."""
+    """Behavior cloning: a squared error of continuous actions, the likelihood of choices."""
 
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions, each with the actions of N agents
     hidden: tuple[int, ...] = (128, 128)  # (256, 256) fits a little closer at 2.5 times the cost
     policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
-    output: Literal["tanh", "clip"] = "tanh"
+    output: Literal["tanh", "clip"] = "tanh"  # of continuous actions
     learning_rate: float = 3e-3  # see the deviations above
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
     max_grad_norm: float | None = None
@@ -62,10 +67,7 @@ class BC:
     def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config
         self.n_updates = 0
-        self.actor = make_actor(
-            setup, config.hidden, config,
-            squash=config.output == "tanh", policy_network=config.policy_network,
-        )  # fmt: skip
+        self.actor = _make_actor(setup, config)
         self.optimizer = StackedAdam(
             self.actor.network, setup.n_seeds, config.learning_rate, config.max_grad_norm
         )
@@ -82,12 +84,16 @@ class BC:
 
     @compilable
     def _gradient(self, batch: Batch) -> dict[str, Tensor]:
-        steps, pi = self.actor.along(batch)  # [K, B, N, A]
-        bc_loss: Tensor = (pi - steps.actions).square().mean((1, 2, 3))  # [K]
+        steps, pi = self.actor.along(batch)  # [K, B, N, A], or of choices log pi [K, B, N, D, C]
+        bc_loss: Tensor  # [K]
+        if isinstance(self.actor, ChoiceActor):
+            bc_loss = self.actor.surprise(pi, steps.actions).mean((1, 2))
+        else:
+            bc_loss = (pi - steps.actions).square().mean((1, 2, 3))
         self.actor.network.backward(bc_loss.sum())
         return {"bc_loss": bc_loss.detach()}
 
-    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy | SetPolicy:
+    def policy(self, index: int) -> Policy:
         """The policy of seed number `index`, as it is now."""
         return self.actor.policy(index)
 
@@ -104,3 +110,22 @@ class BC:
         self.n_updates = int(state["n_updates"])
         self.actor.network.load(state["actor"])
         self.optimizer.load_state_dict(part(state, "optimizer"))
+
+
+def _make_actor(setup: Setup, config: BCConfig) -> StackedActor | RecurrentActor | ChoiceActor:
+    """Makes the actors of K seeds.
+
+    Raises:
+        SchemaError: a setting does not fit the data's kind of actions, or another setting.
+    """
+    if not setup.sizes.choices:
+        return make_actor(
+            setup, config.hidden, config,
+            squash=config.output == "tanh", policy_network=config.policy_network,
+        )  # fmt: skip
+    if config.output != "tanh":
+        raise SchemaError(
+            f"got output {config.output} for recorded choices: it has an effect on continuous "
+            "actions only. Leave it out"
+        )
+    return ChoiceActor(setup, config.hidden, config, policy_network=config.policy_network)

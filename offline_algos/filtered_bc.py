@@ -5,7 +5,7 @@ any finer use of rewards must beat.
 
     G_k = sum_t mean_i r_{k, t, i}              return of episode k
     D'  = {k : G_k >= the ceil(f n)-th largest of G_1, ..., G_n}
-    min_pi  E_{(o, a) ~ D'}  1/N sum_i |pi(o_i, i) - a_i|^2
+    min_pi  E_{(o, a) ~ D'}  1/N sum_i |pi(o_i, i) - a_i|^2, of choices -1/N sum_i log pi(a_i | o_i)
 
 Deviations:
 - Whole episodes are kept, ties included, so that D' can be more than the fraction f. The run's

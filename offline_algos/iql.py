@@ -8,6 +8,11 @@ q_i = min_j Q'_j(x_i, a),
     L(Q_j) = mean_i (r_i + gamma (1 - termination) V(x'_i) - Q_j(x_i, a))^2           eq. 6
     L(pi)  = mean_i min(exp(beta u (q_i - V(x_i))), w*) 1/A |pi(o_i, i) - a_i|^2      eq. 7
 
+Of recorded choices, the actor's loss is the paper's, the weighted log-likelihood of a categorical
+policy, which acts by its likeliest choice; critics see what was chosen as ones among zeros:
+
+    L(pi)  = -mean_i min(exp(beta u (q_i - V(x_i))), w*) log pi(a_i | o_i)            eq. 7
+
 No action of a policy ever enters a critic, so nothing outside the data can be overestimated. With
 beta 0 all weights are 1: a clone. Critics are `decentralized` (x_i is o_i and the robot's number,
 and of a they see a_i) or `centralized` (Lowe et al. 2017, eq. 6; `robot_views` has the details).
@@ -23,14 +28,16 @@ longer training saves these, and what `centralized` does in each robot's frame, 
 Values need time: after 2,000 updates the decentralized ones scored -41 (1 seed).
 
 Deviations:
-- Actors are deterministic and one network for all agents, which sees the agent's number. The
-  weighted squared error is the paper's weighted log-likelihood for a Gaussian of fixed deviation;
-  the paper's Gaussian learns a deviation that does not depend on the state, and acts by its mean.
+- Actors are one network for all agents, which sees the agent's number. Those of continuous actions
+  are deterministic: the weighted squared error is the paper's weighted log-likelihood for a
+  Gaussian of fixed deviation; the paper's Gaussian learns a deviation that does not depend on the
+  state, and acts by its mean.
 - Critics and value network have LayerNorm and serve all robots. Inputs are normalized, rewards
   divided by the standard deviation of the returns-to-go, advantages turned to the unit above.
 - The learning rates of all networks decay along a cosine; in the paper only the actor's.
 - With `memory` gru the actors remember; critics and value networks see the present alone.
 - The discount is 0.95, for the reason that `maddpg_bc` gives.
+- Recorded action masks hold when acting, as in `bc`.
 """
 
 from collections.abc import Mapping
@@ -40,8 +47,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from swarmdata.interfaces import Policy
+from swarmdata.learn.choices.choice_actor import ChoiceActor
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.recurrent_actor import make_actor
+from swarmdata.learn.memory.recurrent_actor import RecurrentActor, make_actor
+from swarmdata.learn.networks.actor import StackedActor
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.optimizer import (
@@ -60,9 +70,6 @@ from swarmdata.learn.objectives.in_sample import (
 )
 from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
 from swarmdata.learn.objectives.td_targets import td_error, td_target
-from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.actor_critic import ActorCriticConfig
 from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
@@ -90,12 +97,18 @@ class IQL:
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config, self.n_updates = config, 0
-        self.actor = make_actor(
-            setup, config.actor_hidden, config, squash=True, policy_network=config.policy_network
-        )
+        self.actor: StackedActor | RecurrentActor | ChoiceActor
+        sizes, hidden, policy_network = setup.sizes, config.actor_hidden, config.policy_network
+        if setup.sizes.choices:
+            self.actor = ChoiceActor(setup, hidden, config, policy_network=policy_network)
+            sizes = self.actor.encoded_sizes
+        else:
+            self.actor = make_actor(
+                setup, hidden, config, squash=True, policy_network=policy_network
+            )
         self.rewards = RobotRewards(setup.statistics, config.reward)
         self.critics = RobotCritics(
-            setup.sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
+            sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
             config.critic_hidden, learning_rate=config.critic_learning_rate,
             max_norm=config.max_grad_norm, device=setup.device,
         )  # fmt: skip
@@ -112,22 +125,28 @@ class IQL:
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses, each [K]."""
         config = self.config
-        batch, pi = self.actor.along(batch)  # [K, B, N, A]
+        batch, pi = self.actor.along(batch)  # [K, B, N, A], or of choices log pi [K, B, N, D, C]
+        actions = batch.actions
+        if isinstance(self.actor, ChoiceActor):
+            actions = self.actor.encode(actions)
         scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
         x = self.critics.view(batch.states, batch.observations)
         with torch.no_grad():
-            q = self.critics.target_q(x, batch.actions).amin(1)  # [K, B, N]
+            q = self.critics.target_q(x, actions).amin(1)  # [K, B, N]
         advantages = q - self.values(x)
         value_loss = expectile_loss(advantages, config.expectile).mean((1, 2))  # [K], eq. 5
         y = self.targets(batch)  # of the value network as it was
         self.value_adam.step(value_loss, scale)
-        critic_loss = td_error(self.critics.q(x, batch.actions).flatten(2), y.flatten(1))  # eq. 6
+        critic_loss = td_error(self.critics.q(x, actions).flatten(2), y.flatten(1))  # eq. 6
         self.critics.step(critic_loss, scale)
         # without a gradient, [K, B, N]
         unit = RANGE / self.rewards.return_range
         exponents = config.inverse_temperature * unit * advantages
         weights = exponential_weights(exponents, config.max_weight)
-        actor_loss = weighted_cloning_loss(pi, batch.actions, weights)  # [K], eq. 7
+        if isinstance(self.actor, ChoiceActor):
+            actor_loss = (weights * self.actor.surprise(pi, batch.actions)).mean((1, 2))
+        else:
+            actor_loss = weighted_cloning_loss(pi, batch.actions, weights)  # [K], eq. 7
         self.actor_adam.step(actor_loss, scale)
         self.critics.follow(config.tau)
         self.n_updates += 1
@@ -146,7 +165,7 @@ class IQL:
         ends = batch.terminations[..., None]
         return td_target(self.rewards(batch.rewards), ends, v_next, self.config.discount)
 
-    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy | SetPolicy:
+    def policy(self, index: int) -> Policy:
         """The policy of seed number `index`, as it is now."""
         return self.actor.policy(index)
 

@@ -24,9 +24,12 @@ if TYPE_CHECKING:
     from swarmdata.evaluation.runs.train import train, train_online
     from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets, load
     from swarmdata.hub.remotes.addresses import register_remote
+    from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
     from swarmdata.interfaces import Policy
     from swarmdata.interop.convert import import_dataset
     from swarmdata.interop.export import export_dataset
+    from swarmdata.interop.logs.import_logs import import_logs
+    from swarmdata.interop.torchrl.torchrl_source import register_torchrl
     from swarmdata.record.foreign_rollout import evaluate_parallel
     from swarmdata.record.recorder import Recorder
     from swarmdata.record.recording_folder import recover
@@ -51,6 +54,7 @@ if TYPE_CHECKING:
     from swarmdata.testing.dataset_contract import check_dataset
     from swarmdata.testing.online_contract import check_online_algorithm
     from swarmdata.testing.policy_contract import check_policy
+    from swarmdata.testing.remote_contract import check_remote
     from swarmdata.testing.task_contract import check_task
     from swarmdata.types import Batch, Episode, EvalResult, Step
 
@@ -70,6 +74,8 @@ __all__ = [
     "Recorder",
     "Result",
     "Step",
+    "Stream",
+    "StreamedDataset",
     "SwarmdataError",
     "TaskSpec",
     "build",
@@ -77,6 +83,7 @@ __all__ = [
     "check_dataset",
     "check_online_algorithm",
     "check_policy",
+    "check_remote",
     "check_task",
     "combine_datasets",
     "evaluate",
@@ -86,6 +93,7 @@ __all__ = [
     "foreign_evaluation_seeds",
     "generate",
     "import_dataset",
+    "import_logs",
     "list_datasets",
     "load",
     "make_env",
@@ -100,6 +108,7 @@ __all__ = [
     "register_policy",
     "register_remote",
     "register_task",
+    "register_torchrl",
     "rollout",
     "save_result",
     "subsample_dataset",
@@ -121,6 +130,8 @@ _HOMES = {
     "Recorder": "swarmdata.record.recorder",
     "Result": "swarmdata.evaluation.results.result_files",
     "Step": "swarmdata.types",
+    "Stream": "swarmdata.hub.streaming.streamed_dataset",
+    "StreamedDataset": "swarmdata.hub.streaming.streamed_dataset",
     "SwarmdataError": "swarmdata.errors",
     "TaskSpec": "swarmdata.specs.task_spec",
     "build": "swarmdata.building.build",
@@ -128,6 +139,7 @@ _HOMES = {
     "check_dataset": "swarmdata.testing.dataset_contract",
     "check_online_algorithm": "swarmdata.testing.online_contract",
     "check_policy": "swarmdata.testing.policy_contract",
+    "check_remote": "swarmdata.testing.remote_contract",
     "check_task": "swarmdata.testing.task_contract",
     "combine_datasets": "swarmdata.building.edit",
     "evaluate": "swarmdata.rollouts.evaluate",
@@ -137,6 +149,7 @@ _HOMES = {
     "foreign_evaluation_seeds": "swarmdata.record.reset_seeds",
     "generate": "swarmdata.evaluation.runs.generated_dataset",
     "import_dataset": "swarmdata.interop.convert",
+    "import_logs": "swarmdata.interop.logs.import_logs",
     "list_datasets": "swarmdata.hub.catalog.catalog",
     "load": "swarmdata.hub.catalog.catalog",
     "make_env": "swarmdata.registry.components",
@@ -151,6 +164,7 @@ _HOMES = {
     "register_policy": "swarmdata.registry.components",
     "register_remote": "swarmdata.hub.remotes.addresses",
     "register_task": "swarmdata.registry.components",
+    "register_torchrl": "swarmdata.interop.torchrl.torchrl_source",
     "rollout": "swarmdata.rollouts.rollout",
     "save_result": "swarmdata.evaluation.results.result_files",
     "subsample_dataset": "swarmdata.building.edit",

@@ -134,6 +134,10 @@ class BuildError(SwarmdataError, RuntimeError):
     """A dataset could not be built; the parts that were finished are kept."""
 
 
+class EngineError(BuildError):
+    """An engine is unknown, or cannot be reached."""
+
+
 class RecipeConflictError(BuildError):
     """The build folder holds parts that were built from another recipe."""
 

@@ -231,7 +231,7 @@ class Algorithm(Protocol):
         ...
 
     def state_dict(self) -> dict[str, Any]:
-        """Returns all tensors that training needs to continue bit for bit."""
+        """Returns all tensors that training needs to continue bit for bit, by name, as copies."""
         ...
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

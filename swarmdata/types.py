@@ -25,6 +25,8 @@ Bool = NDArray[np.bool_]
 Int = NDArray[np.int64]
 Seeds = NDArray[np.uint64]
 Counts = NDArray[np.uint8]
+FloatOrByte = NDArray[np.float32 | np.uint8]
+"""Observations and states: uint8 where images of bytes were recorded, else float32."""
 
 
 class Column(NamedTuple):
@@ -180,8 +182,8 @@ class Episode:
     the last action, which bootstrapping at a truncation needs.
     """
 
-    observations: Float  # [T+1, N, O]
-    states: Float  # [T+1, S]
+    observations: Float  # [T+1, N, O]; uint8 of recorded images
+    states: Float  # [T+1, S]; uint8 of recorded images
     actions: Float  # [T, N, A]
     log_probs: Float  # [T, N] of each robot's action, as in `rollouts.action_probabilities`
     rewards: Float  # [T, N]
@@ -240,7 +242,7 @@ class Episode:
         return float(self.rewards.mean(axis=1, dtype=np.float64).sum())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Batch:
     """Transitions (L = 1, time axis dropped) or fixed-length sequences, batch first.
 
@@ -258,7 +260,7 @@ class Batch:
     on padding. They are None in online replay.
     """
 
-    observations: Any  # [B, N, O] or [B, L, N, O]
+    observations: Any  # [B, N, O] or [B, L, N, O]; uint8 of recorded images, as states may be
     actions: Any  # [B, N, A] or [B, L, N, A]
     rewards: Any  # [B, N] or [B, L, N]
     next_observations: Any  # as observations
@@ -275,6 +277,12 @@ class Batch:
         """Batch size, B."""
         return len(self.mask)
 
+    def __repr__(self) -> str:
+        """Returns the shapes instead of the values, on one line."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        shapes = (f"{k}={tuple(v.shape)}" for k, v in arrays.items() if v is not None)
+        return f"Batch({', '.join(shapes)})"
+
     def to_torch(self, device: "torch.device | str" = "cpu") -> "Batch":
         """Returns the batch as tensors on `device`; on the CPU they share the arrays' memory."""
         try:
@@ -290,7 +298,7 @@ class Batch:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class EvalResult:
     """Per-episode metrics of one policy, from which every figure and table is computed.
 
@@ -303,3 +311,9 @@ class EvalResult:
     spec_hash: str
     seeds: Seeds  # [n_episodes]
     metrics: Mapping[str, Double]  # name -> [n_episodes]
+
+    def __repr__(self) -> str:
+        """Returns means instead of the values, on one line."""
+        means = {k: self.metrics[k].mean() for k in ("return", "success") if k in self.metrics}
+        shown = ", ".join(f"mean {name} {mean:.4g}" for name, mean in means.items())
+        return f"EvalResult({self.policy} in {self.task}: {len(self.seeds)} episodes, {shown})"

@@ -96,7 +96,7 @@ def _forget_old_paths(targets: Double, goals: Double, costs: Int32) -> None:
         dx, dy = targets[i, 0] - goals[i, 0], targets[i, 1] - goals[i, 1]
         has_moved = dx * dx + dy * dy > TARGET_REPLAN_DISTANCE * TARGET_REPLAN_DISTANCE
         if costs[i, 0] == UNPLANNED_COST or has_moved:
-            goals[i] = targets[i]
+            goals[i, 0], goals[i, 1] = targets[i, 0], targets[i, 1]
             costs[i, 0] = UNPLANNED_COST
 
 

@@ -190,7 +190,9 @@ def least_violating(
         if _outside(planes[k], vx, vy) <= worst:
             continue
         count = min(n_hard, k)
-        projected[:count] = planes[:count]
+        for i in range(count):
+            for c in range(4):
+                projected[i, c] = planes[i, c]
         for i in range(n_hard, k):
             if _bisector(planes[k], planes[i], projected[count]):
                 count += 1

@@ -181,7 +181,7 @@ def act_copies(
         robot_paths = Paths(maps.costs[b, ROBOTS_GOAL], maps.next_nodes[b, ROBOTS_GOAL])
         if abs(body[0] - planned[0]) + abs(body[1] - planned[1]) > PAYLOAD_REPLAN_DISTANCE:
             robot_paths.costs[0] = UNPLANNED_COST
-            planned[:] = body[:2]
+            planned[0], planned[1] = body[0], body[1]
         position, goal = (body[0], body[1]), robots[0, 4:6]
         x, y = waypoint(position, goal, setup.path_radius, ground, payload_paths)
         aim = (x - body[0], y - body[1])

@@ -22,7 +22,8 @@ import resource
 import shutil
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -95,16 +96,17 @@ class OnlineRun(Frozen):
         """Joint steps that each seed takes; runs of earlier versions call it `n_frames`."""
         return int(self.config.get("n_frames", self.config["n_steps"]))
 
-    def build(self, folder: Path, data: Data | None = None) -> OnlineAlgorithm:
+    def build(self, folder: Path, data: Data | None = None, n_threads: int = 1) -> OnlineAlgorithm:
         """Makes the algorithm as it is before its first update, and before it takes over a start.
 
         Args:
             folder: of the replay.
             data: those that `recorded` describes.
+            n_threads: threads that step the worlds; the result does not depend on it.
         """
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
         config = from_json(kind.Config, self.config)
-        env = make_env(self.spec, config.n_copies * len(self.seeds))
+        env = make_env(self.spec, config.n_copies * len(self.seeds), n_threads=n_threads)
         algorithm: Any = kind(env, self.seeds, config, folder)
         if self.recorded is not None and data is not None:
             algorithm.mix_in(data, self.recorded.share)
@@ -147,16 +149,24 @@ def describe_run(
     )
 
 
-def measure(policy: Policy, spec: TaskSpec, n_episodes: int) -> dict[str, float]:
+def measure(
+    policy: Policy, spec: TaskSpec, n_episodes: int, n_threads: int = 1
+) -> dict[str, float]:
     """Returns a policy's mean metrics on the validation seeds."""
     seeds = validation_seeds(n_episodes)
-    env = make_env(spec, min(64, n_episodes))
-    rows = [episode_metrics(episode, env.task) for episode in rollout(env, policy, seeds)]
+    with closing(make_env(spec, min(64, n_episodes), n_threads=n_threads)) as env:
+        rows = [episode_metrics(episode, env.task) for episode in rollout(env, policy, seeds)]
     return {name: float(np.mean([row[name] for row in rows])) for name in MEASURED_METRICS}
 
 
 def train_run(
-    run: OnlineRun, folder: Path, *, data: Data | None = None, progress: bool = True
+    run: OnlineRun,
+    folder: Path,
+    *,
+    data: Data | None = None,
+    n_threads: int = 1,
+    progress: bool = True,
+    report: Callable[[int], object] = lambda steps: None,
 ) -> Path:
     """Trains a run, or continues it where it stopped; returns its folder.
 
@@ -166,7 +176,9 @@ def train_run(
         run: what to train.
         folder: of the run; made if absent.
         data: those that the run mixes in.
+        n_threads: threads that step the worlds, as `make_env` takes it.
         progress: whether to show a bar (on standard error, if that is a terminal).
+        report: is told after every update how many joint steps each seed has made since the last.
 
     Raises:
         BuildError: the folder holds another run.
@@ -186,7 +198,7 @@ def train_run(
             _claim(folder, run)
             path = folder / CHECKPOINT
             if not path.exists() or load_checkpoint(path)[1]["frames"] < run.n_steps:
-                _begin(run, folder, data).finish(progress)
+                _begin(run, folder, data, n_threads).finish(progress, report)
             if (folder / REPLAY_FOLDER).exists():  # gigabytes that a finished run does not need
                 shutil.rmtree(folder / REPLAY_FOLDER)
     finally:
@@ -245,10 +257,10 @@ def _claim(folder: Path, run: OnlineRun) -> None:
         )
 
 
-def _begin(run: OnlineRun, folder: Path, data: Data | None) -> "_Training":
+def _begin(run: OnlineRun, folder: Path, data: Data | None, n_threads: int) -> "_Training":
     """Builds or loads a run; empties its folder if that fails before the first checkpoint."""
     try:
-        return _Training(run, folder, data)
+        return _Training(run, folder, data, n_threads)
     except SwarmdataError:
         if not (folder / CHECKPOINT).exists():
             if (folder / REPLAY_FOLDER).exists():  # `_claim` made sure that it is this run's
@@ -260,9 +272,9 @@ def _begin(run: OnlineRun, folder: Path, data: Data | None) -> "_Training":
 class _Training:
     """The training loop: it updates, measures, logs and saves."""
 
-    def __init__(self, run: OnlineRun, folder: Path, data: Data | None) -> None:
-        self.run, self.folder = run, folder
-        self.algorithm = run.build(folder / REPLAY_FOLDER, data)
+    def __init__(self, run: OnlineRun, folder: Path, data: Data | None, n_threads: int) -> None:
+        self.run, self.folder, self.n_threads = run, folder, n_threads
+        self.algorithm = run.build(folder / REPLAY_FOLDER, data, n_threads)
         is_new = not (folder / CHECKPOINT).exists()
         if not is_new:
             self.algorithm.load_state_dict(load_checkpoint(folder / CHECKPOINT)[0])
@@ -286,7 +298,7 @@ class _Training:
         if is_new and run.start is not None:
             self._checkpoint({})
 
-    def finish(self, progress: bool) -> None:
+    def finish(self, progress: bool, report: Callable[[int], object]) -> None:
         n_steps, algorithm = self.run.n_steps, self.algorithm
         every = n_steps / self.run.n_checkpoints
         started, since = time.perf_counter(), self.first
@@ -298,6 +310,7 @@ class _Training:
                 before = algorithm.frames
                 losses = self._update()
                 bar.update(algorithm.frames - before)
+                report(algorithm.frames - before)
                 is_last = algorithm.frames >= n_steps
                 if is_last or _crosses(every / POLICIES_PER_CHECKPOINT, before, algorithm.frames):
                     self._save_policies()
@@ -330,7 +343,7 @@ class _Training:
         """Saves the metrics of the policies, and then the state to continue from."""
         frames, run = self.algorithm.frames, self.run
         for k, seed in enumerate(run.seeds):
-            row = measure(self.algorithm.policy(k), run.spec, run.n_episodes)
+            row = measure(self.algorithm.policy(k), run.spec, run.n_episodes, self.n_threads)
             own = {name: float(loss[k]) for name, loss in losses.items()}
             defined = {name: value for name, value in own.items() if not math.isnan(value)}
             check_finite(defined, f"the losses of seed {seed}", frames, self.folder)

@@ -150,4 +150,5 @@ def reweighted(env: VecEnv, weights: Sequence[str]) -> VecEnv:
     pairs = (text.partition("=") for text in weights)
     rules["rewards"] |= {name.strip(): value.strip() for name, _, value in pairs}
     changed = env.spec.model_dump(mode="json") | {"rules": rules}
-    return make_env(TaskSpec.parse(changed, "rewards"), env.n_copies)
+    n_threads: int = getattr(env, "n_threads", 1)  # other kinds of environments have one
+    return make_env(TaskSpec.parse(changed, "rewards"), env.n_copies, n_threads=n_threads)

@@ -23,8 +23,10 @@ from swarmdata.analysis.passings import Passings, passings, total
 from swarmdata.analysis.visits import Occupancy, occupancy
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
+from swarmdata.runtime.mapped_pages import MappedReads, take_rows
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import Double, Float, Int
 
@@ -113,8 +115,10 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
         raise SchemaError("no episodes are selected, expected at least one to measure coverage of.")
     spec, table = task_of(stored.recipe, "coverage"), stored.table
     steps, states = sample_steps(table, chosen, N_ROWS)
-    moves = robots_of(stored.arrays["states"][states], spec.n_agents)[..., [X, Y, VX, VY]]
-    commands = stored.arrays["actions"][steps][..., :_N_DRIVING]
+    moves = robots_of(take_rows(stored.arrays["states"], states), spec.n_agents)[
+        ..., [X, Y, VX, VY]
+    ]
+    commands = take_rows(stored.arrays["actions"], steps)[..., :_N_DRIVING]
     places, n_states = places_of(stored, chosen)
     policies = table.policy[chosen]
     return Coverage(
@@ -129,12 +133,7 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
         ),
         dependence=dependence(commands.astype(np.float64)),
         passings={
-            policy: total(
-                [
-                    passings(_states(stored, episode), spec)
-                    for episode in spread(chosen[policies == policy], N_ENCOUNTERS).tolist()
-                ]
-            )
+            policy: passings_of(stored, spread(chosen[policies == policy], N_ENCOUNTERS), spec)
             for policy in np.unique(policies).tolist()
         },
     )
@@ -220,9 +219,26 @@ def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
     table = stored.table
     n_states = int(table.lengths[selection].sum()) + len(selection)
     taken = spread(selection, max(1, (N_VISITS * len(selection)) // n_states))
-    states = np.concatenate([_states(stored, episode) for episode in taken.tolist()])
+    reads = MappedReads([stored.arrays["states"]])
+    copies = []
+    for episode in taken.tolist():
+        copies.append(_states(stored, episode).copy())
+        reads.add(copies[-1])
+    reads.release()
+    states = np.concatenate(copies)
     spec = task_of(stored.recipe, "coverage")
     return occupancy(states, table.layouts[selection], spec), len(states)
+
+
+def passings_of(stored: StoredDataset, episodes: Int, spec: TaskSpec) -> Passings:
+    """Counts on which side robots pass each other in some stored episodes."""
+    reads, found = MappedReads([stored.arrays["states"]]), []
+    for episode in episodes.tolist():
+        states = _states(stored, episode)
+        found.append(passings(states, spec))
+        reads.add(states)
+    reads.release()
+    return total(found)
 
 
 def _states(stored: StoredDataset, episode: int) -> Float:

@@ -1,12 +1,15 @@
 """Checks of the content of rows: copies, frozen rows, crossed ends, jumps, absent agents."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.audit.episode_checks import repeated
 from swarmdata.audit.findings import Remarks, note, problem
-from swarmdata.audit.subject import BLOCK_ROWS, Subject, blocks, some
+from swarmdata.audit.subject import BLOCK_ROWS, Subject, some
+from swarmdata.runtime.mapped_pages import MappedReads, release_pages
 from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.types import Bool, Float, Int, Seeds
 
@@ -22,6 +25,12 @@ MIN_DISTINCT_SHARE = 0.5
 MIN_FOREIGN_DISTINCT_SHARE = 0.01
 """Least share of distinct rows in other environments, which may be grids."""
 
+END_EPISODES = 64
+"""Episodes whose ends are compared together: each end may make a huge page resident."""
+
+MOST_KEYS = 1 << 24
+"""Most hashes of rows that are held at a time, 128 MiB."""
+
 MAX_SPEED_FACTOR = 1.1
 """Greatest speed in units of `max_speed`: a pushed robot may be faster than it can drive."""
 
@@ -36,27 +45,26 @@ def duplicates(subject: Subject) -> Remarks:
     """
     names = ("observations", "states", "actions")
     keys = np.empty(len(subject.table), dtype=np.uint64)
+    reads = MappedReads(subject.arrays[name] for name in names)
     for episode, length in enumerate(subject.table.lengths.tolist()):
         running = xxhash.xxh3_64()
         for name in names:
             first = int(subject.starts_of(name)[episode])
             rows = subject.arrays[name][first : first + length + (name != "actions")]
             running.update(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
+            reads.add(rows)
         keys[episode] = running.intdigest()
+    reads.release()
     yield from repeated(subject, keys, "content")
 
 
-def row_keys(array: NDArray[np.float32]) -> Seeds:
+def row_keys(rows: NDArray[Any]) -> Seeds:
     """A 64-bit hash of the bytes of each row, [n]."""
-    keys = np.empty(len(array), dtype=np.uint64)
-    for first, block in blocks(array):
-        data = np.ascontiguousarray(block).reshape(-1).view(np.uint8).data
-        size = len(data) // len(block)
-        starts = range(0, len(data), size)
-        keys[first : first + len(block)] = [
-            xxhash.xxh3_64_intdigest(data[start : start + size]) for start in starts
-        ]
-    return keys
+    data = np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data
+    size = len(data) // len(rows)
+    starts = range(0, len(data), size)
+    found = [xxhash.xxh3_64_intdigest(data[start : start + size]) for start in starts]
+    return np.array(found, dtype=np.uint64)
 
 
 def rows(subject: Subject) -> Remarks:
@@ -65,24 +73,21 @@ def rows(subject: Subject) -> Remarks:
     The positions in D4RL's v1 had two distinct rows, because a copy was missing, and those of v2
     were wrong again (D4RL issues 84 and 100); OG-MARL's recorder keeps the first state throughout.
     """
-    acted = _changes(row_keys(subject.arrays["actions"]), subject.table.starts) > 0
+    acted = _changes(subject, "actions") > 0
     acted &= subject.table.lengths >= MIN_MOVING_STEPS
     if not acted.any():
         return  # every team stands still
-    starts = subject.state_starts
-    whole = np.repeat(acted, subject.table.lengths + 1)
     is_ours = subject.task is not None
     for name in ("observations", "states"):
         if not subject.arrays[name].size:
             continue
-        keys = row_keys(subject.arrays[name])
-        frozen = np.flatnonzero(acted & (_changes(keys, starts) <= 1))
+        frozen = np.flatnonzero(acted & (_changes(subject, name) <= 1))
         if len(frozen) > (0 if is_ours else FOREIGN_FAULT_SHARE * acted.sum()):
             yield problem(
                 f"{name} do not change in episodes {some(frozen)}, although their actions do: "
                 "arrays that the environment overwrites must be copied"
             )
-        share = len(np.unique(keys[whole])) / int(whole.sum())
+        share = _distinct_share(subject, name, acted)
         words = f"only {share:.2%} of the rows of {name} are distinct"
         if is_ours and share < MIN_DISTINCT_SHARE:
             yield problem(f"{words}, expected at least {MIN_DISTINCT_SHARE:.0%}")
@@ -90,13 +95,41 @@ def rows(subject: Subject) -> Remarks:
             yield note(f"{words}; this is right only for an environment with few states")
 
 
-def _changes(keys: Seeds, starts: Int) -> Int:
-    """How often a row differs from the one before it in the same episode, [n]."""
-    changed = np.ones(len(keys), dtype=np.int64)
-    changed[1:] = keys[1:] != keys[:-1]
-    changed[starts] = 0
-    counts: Int = np.add.reduceat(changed, starts)
+def _changes(subject: Subject, name: str) -> Int:
+    """How often the bits of a row differ from those before it in the same episode, [n]."""
+    counts = np.empty(len(subject.table), dtype=np.int64)
+    for episodes in subject.episode_groups():
+        rows = subject.rows_of(name, episodes)
+        bits = rows.reshape(len(rows), -1).view(f"u{rows.dtype.itemsize}")
+        starts = subject.starts_of(name)[episodes] - subject.starts_of(name)[episodes.start]
+        changed = np.zeros(len(rows), dtype=np.int64)
+        changed[1:] = (bits[1:] != bits[:-1]).any(axis=1)
+        changed[starts] = 0
+        counts[episodes] = np.add.reduceat(changed, starts)
     return counts
+
+
+def _distinct_share(subject: Subject, name: str, chosen: Bool) -> float:
+    """Share of the rows of chosen episodes that are distinct.
+
+    Rows are told apart by a hash. Of more than `MOST_KEYS` rows, those with small hashes are
+    counted: all copies of a row or none.
+
+    Args:
+        subject: the dataset.
+        name: of the array.
+        chosen: episodes that count, [n].
+    """
+    n_rows = int((subject.table.lengths[chosen] + 1).sum())
+    greatest = min((1 << 64) - 1, (MOST_KEYS << 64) // n_rows)
+    keys = []
+    for episodes in subject.episode_groups():
+        own = row_keys(subject.rows_of(name, episodes))
+        own = own[np.repeat(chosen[episodes], subject.table.lengths[episodes] + 1)]
+        keys.append(own[own <= np.uint64(greatest)])
+    every = np.concatenate(keys)
+    every.sort()
+    return (1 + int((every[1:] != every[:-1]).sum())) / len(every)
 
 
 def boundaries(subject: Subject) -> Remarks:
@@ -107,14 +140,12 @@ def boundaries(subject: Subject) -> Remarks:
     164).
     """
     for name in ("observations", "states"):
-        array, last = subject.arrays[name], subject.final_states
-        if not array.size:
+        if not subject.arrays[name].size:
             continue
-        final = array[last]
-        yield from _crossing(subject, name, final, array[subject.state_starts])
+        ends = _ends(subject, name)
+        yield from _crossing(subject, name, ends)
         long = subject.table.lengths >= MIN_MOVING_STEPS
-        copied = long & _same(final, array[last - 1])
-        copied &= ~_same(array[np.maximum(last - 2, 0)], array[last - 1])
+        copied = long & ends.is_copy
         if copied.sum() > FOREIGN_FAULT_SHARE * max(long.sum(), 1):
             yield problem(
                 f"the last row of {name} is a copy of the one before it in episodes "
@@ -122,10 +153,36 @@ def boundaries(subject: Subject) -> Remarks:
             )
 
 
-def _crossing(subject: Subject, name: str, final: Float, first: Float) -> Remarks:
-    next_first = np.flatnonzero(_same(final[:-1], first[1:]))
-    starts_differ = len(np.unique(row_keys(first))) > 1
-    most = 0 if subject.task is not None else FOREIGN_FAULT_SHARE * (len(final) - 1)
+class _Ends(NamedTuple):
+    """What the last rows of the episodes are, [n] each."""
+
+    is_copy: Bool  # of the row before, which differs from the one before that
+    is_next_first: Bool  # the first row of the next episode; False for the last episode
+    first_keys: Seeds  # of the first rows
+
+
+def _ends(subject: Subject, name: str) -> _Ends:
+    """Compares the first and last rows of all episodes in an array, a few at a time."""
+    array, n = subject.arrays[name], len(subject.table)
+    ends = _Ends(np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.uint64))
+    for start in range(0, n, END_EPISODES):
+        block = slice(start, start + END_EPISODES)
+        last = subject.final_states[block]
+        final, before = array[last], array[last - 1]
+        ends.is_copy[block] = _same(final, before)
+        ends.is_copy[block] &= ~_same(array[np.maximum(last - 2, 0)], before)
+        first = array[subject.state_starts[start : start + END_EPISODES + 1]]
+        ends.first_keys[block] = row_keys(first[: len(last)])
+        n_next = len(first[1:])
+        ends.is_next_first[start : start + n_next] = _same(final[:n_next], first[1:])
+        release_pages(array)
+    return ends
+
+
+def _crossing(subject: Subject, name: str, ends: _Ends) -> Remarks:
+    next_first = np.flatnonzero(ends.is_next_first)
+    starts_differ = len(np.unique(ends.first_keys)) > 1
+    most = 0 if subject.task is not None else FOREIGN_FAULT_SHARE * (len(subject.table) - 1)
     if starts_differ and len(next_first) > most:
         yield problem(
             f"the last row of {name} is the first of the next episode in episodes "
@@ -135,7 +192,7 @@ def _crossing(subject: Subject, name: str, final: Float, first: Float) -> Remark
 
 def _same(one: Float, other: Float) -> Bool:
     """Which rows are equal, [n]."""
-    same: Bool = (one == other).reshape(len(one), -1).all(axis=1)
+    same: Bool = (one == other).all(axis=tuple(range(1, one.ndim)))
     return same
 
 
@@ -157,6 +214,7 @@ def teleports(subject: Subject) -> Remarks:
         moved = np.sqrt((np.diff(places.astype(np.float64), axis=0) ** 2).sum(axis=-1))
         inside = final[(final >= first) & (final < first + len(moved))] - first
         moved[inside] = 0.0  # from the end of an episode to the start of the next
+        release_pages(states)
         far = np.argwhere(moved > limits)
         if len(far):
             step, robot = far[0].tolist()
@@ -185,6 +243,7 @@ def leaving(subject: Subject) -> Remarks:
                 row, agent = np.argwhere(wrong)[0].tolist()
                 place = subject.place("actions", first + row)
                 yield problem(f"there are {what}, first agent {agent} in {place}")
+        subject.release()
 
 
 def _misplaced(subject: Subject, steps: Int, states: Int) -> dict[str, Bool]:

@@ -7,6 +7,7 @@ from swarmdata.audit.subject import Subject, blocks, some
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollouts.recipe_episodes import stream_seeds
+from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store import SPLITS, assign_splits, merge_order
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
@@ -30,13 +31,12 @@ def ends(subject: Subject) -> Remarks:
     not match its episodes (issues 43, 85, 162, PR 128). d3rlpy gives terminals priority where both
     are set (d3rlpy issue 463).
     """
-    terminations = np.asarray(subject.arrays["terminations"])
-    truncations = np.asarray(subject.arrays["truncations"])
-    both = np.flatnonzero(terminations & truncations)
+    terminated, truncated = (_flagged(subject, name) for name in ("terminations", "truncations"))
+    both = np.intersect1d(terminated, truncated)
     if len(both):
         place = subject.place("terminations", int(both[0]))
         yield problem(f"{len(both):,} steps are terminated and truncated, first {place}")
-    flagged, last = np.flatnonzero(terminations | truncations), subject.last_steps
+    flagged, last = np.union1d(terminated, truncated), subject.last_steps
     early, missing = np.setdiff1d(flagged, last), np.setdiff1d(last, flagged)
     if len(early):
         place = subject.place("terminations", int(early[0]))
@@ -47,12 +47,19 @@ def ends(subject: Subject) -> Remarks:
     cut = subject.table.end_reason == HORIZON_CODE
     # other environments may report success of an episode that they truncated
     successes = subject.table.success if subject.task is None else np.zeros_like(cut)
-    wrong = np.flatnonzero((truncations[last] != cut) & ~(truncations[last] & successes))
+    is_truncated = np.isin(last, truncated)
+    wrong = np.flatnonzero((is_truncated != cut) & ~(is_truncated & successes))
     if len(wrong):
         yield problem(
             f"flags and end reasons disagree in episodes {some(wrong)}: a truncation must have the "
             "reason `horizon`, a termination must not"
         )
+
+
+def _flagged(subject: Subject, name: str) -> Int:
+    """The steps that have a flag, increasing."""
+    found = [first + np.flatnonzero(block) for first, block in blocks(subject.arrays[name])]
+    return np.concatenate(found)
 
 
 def horizon(subject: Subject) -> Remarks:
@@ -104,29 +111,30 @@ def table(subject: Subject) -> Remarks:
     OG-MARL's card statistics read every fifth row of OMAR's data; nothing showed that returns and
     data did not match.
     """
-    starts = subject.table.starts
-    means = np.concatenate([block.mean(axis=1, dtype=np.float64)
-                            for _, block in blocks(subject.arrays["rewards"])])  # fmt: skip
-    scale = np.add.reduceat(np.abs(means), starts)
     stored = subject.table.team_return
-    wrong = np.flatnonzero(
-        ~(np.abs(np.add.reduceat(means, starts) - stored) <= SUM_TOLERANCE * (scale + 1.0))
-    )
+    found, scale = np.empty_like(stored), np.empty_like(stored)
+    for episodes in subject.episode_groups():
+        means = subject.rows_of("rewards", episodes).mean(axis=1, dtype=np.float64)
+        starts = subject.table.starts[episodes] - subject.table.starts[episodes.start]
+        found[episodes] = np.add.reduceat(means, starts)
+        scale[episodes] = np.add.reduceat(np.abs(means), starts)
+    wrong = np.flatnonzero(~(np.abs(found - stored) <= SUM_TOLERANCE * (scale + 1.0)))
     if len(wrong):
         first = int(wrong[0])
-        got = np.add.reduceat(means, starts)[first]
         yield problem(
             f"team_return of episodes {some(wrong)} is not the sum of their mean rewards: episode "
-            f"{first} has {stored[first]:g} in the table, {got:g} in the arrays"
+            f"{first} has {stored[first]:g} in the table, {found[first]:g} in the arrays"
         )
     if subject.arrays["events"].shape[2]:
         yield from _collisions(subject)
 
 
 def _collisions(subject: Subject) -> Remarks:
-    events, starts = subject.arrays["events"], subject.table.starts
-    onsets = np.concatenate([block.sum(axis=1, dtype=np.int64) for _, block in blocks(events)])
-    counts = np.add.reduceat(onsets, starts, axis=0)
+    counts = np.empty((len(subject.table), len(EVENTS)), dtype=np.int64)
+    for episodes in subject.episode_groups():
+        onsets = subject.rows_of("events", episodes).sum(axis=1, dtype=np.int64)
+        starts = subject.table.starts[episodes] - subject.table.starts[episodes.start]
+        counts[episodes] = np.add.reduceat(onsets, starts, axis=0)
     pairs = (("robot_onsets", "robot_collisions", 2), ("obstacle_onsets", "obstacle_collisions", 1))
     for event, column, each in pairs:
         found, stored = counts[:, EVENTS.index(event)], getattr(subject.table, column)
@@ -273,9 +281,12 @@ def _moments(subject: Subject, name: str) -> tuple[Double, Double] | None:
     extra = int(name == "observations")
     starts, lengths = subject.starts_of(name), subject.table.lengths + extra
     train = np.flatnonzero(subject.table.split == SPLITS.index("train"))
+    reads = MappedReads([array])
     for episode in train.tolist():
         rows = array[starts[episode] : starts[episode] + lengths[episode]]
         moments.add(rows.reshape(-1, columns))
+        reads.add(rows)
+    reads.release()
     if not len(train):
         return None
     mean, std = moments.result()

@@ -8,7 +8,7 @@ from swarmdata.errors import DatasetError
 from swarmdata.specs.spaces import DiscreteSpace, bounds, width
 from swarmdata.store import open_store
 from swarmdata.store.stored_dataset import shape_contradictions
-from swarmdata.types import Bool, Float
+from swarmdata.types import Bool, Float, Int
 
 
 def integrity(subject: Subject) -> Remarks:
@@ -130,18 +130,27 @@ def action_masks(subject: Subject) -> Remarks:
     """
     if "action_masks" not in subject.arrays:
         return
-    rows = np.delete(np.arange(len(subject.arrays["action_masks"])), subject.final_states)
     spaces = zip(subject.spec.agent_names, subject.spec.action_spaces, strict=True)
     for index, (agent, space) in enumerate(spaces):
         if not isinstance(space, DiscreteSpace):
             continue
-        masks = subject.arrays["action_masks"][rows, index]
-        choices = subject.arrays["actions"][:, index, 0].astype(np.int64) - space.start
-        known = masks.any(axis=1) & (choices >= 0) & (choices < masks.shape[1])
-        steps = np.flatnonzero(known)
-        wrong = steps[~masks[steps, choices[steps]]]
+        found = [_forbidden(subject, episodes, index, space.start)
+                 for episodes in subject.episode_groups()]  # fmt: skip
+        wrong = np.concatenate(found)
         if len(wrong):
             yield problem(
                 f"{agent} chose what its mask forbids in {len(wrong):,} steps, first in "
                 f"{subject.place('actions', int(wrong[0]))}"
             )
+
+
+def _forbidden(subject: Subject, episodes: slice, agent: int, first_choice: int) -> Int:
+    """The steps of consecutive episodes in which an agent made a choice that its mask forbids."""
+    masks = subject.rows_of("action_masks", episodes)[:, agent]
+    masks = np.delete(masks, np.cumsum(subject.table.lengths[episodes] + 1) - 1, axis=0)
+    actions = subject.rows_of("actions", episodes)[:, agent, 0]
+    choices = actions.astype(np.int64) - first_choice
+    known = masks.any(axis=1) & (choices >= 0) & (choices < masks.shape[1])
+    steps = np.flatnonzero(known)
+    wrong: Int = steps[~masks[steps, choices[steps]]] + subject.table.starts[episodes][0]
+    return wrong

@@ -142,6 +142,7 @@ class _Wave:
             for name in filter(self.subject.arrays.__contains__, STEP_ARRAYS):
                 self._compare(name, self.subject.table.starts[self.wave] + t, step, t)
             self._compare_state(step, t + 1)
+            self.subject.release()
             bar.update(int((self.lengths > t).sum()))
             if len(self.known) == len(self.wave):
                 break

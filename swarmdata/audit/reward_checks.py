@@ -6,6 +6,7 @@ from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject, blocks
 from swarmdata.numerics.weighted_terms import weighted_rewards
 from swarmdata.registry.components import make_task, reward_terms
+from swarmdata.runtime.mapped_pages import release_pages
 from swarmdata.types import EVENTS
 
 
@@ -24,9 +25,9 @@ def rewards(subject: Subject) -> Remarks:
     terms = reward_terms(make_task(task))
     weights = np.array([term.signed_weight for term in terms])
     for first, block in blocks(arrays["reward_terms"]):
-        rows = slice(first, first + len(block))
         expected = weighted_rewards(block, weights, task.rules.rewards.team_share)
-        stored = arrays["rewards"][rows]
+        stored = arrays["rewards"][first : first + len(block)].copy()
+        release_pages(arrays["rewards"])
         wrong = np.argwhere(stored != expected)
         if len(wrong):
             row, agent = wrong[0].tolist()
@@ -44,7 +45,9 @@ def _contacts(subject: Subject, names: list[str]) -> Remarks:
     """The terms of contacts are the events."""
     arrays, column = subject.arrays, names.index("robot_contact")
     for first, block in blocks(arrays["events"]):
-        counted = arrays["reward_terms"][first : first + len(block), :, column:][..., : len(EVENTS)]
+        counted = arrays["reward_terms"][first : first + len(block), :, column:].copy()
+        counted = counted[..., : len(EVENTS)]
+        release_pages(arrays["reward_terms"])
         differs = np.argwhere(counted != block)
         if len(differs):
             row, agent, event = differs[0].tolist()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.runtime.mapped_pages import release_pages
 from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, Manifest, StoredDataset
@@ -101,11 +102,41 @@ class Subject:
             return f"episode {row}"
         return f"episode {episode}, step {row - int(self.starts_of(name)[episode])}"
 
+    def rows_of(self, name: str, episodes: slice) -> NDArray[Any]:
+        """The rows of consecutive episodes in the array `name`."""
+        starts, extra = self.starts_of(name)[episodes], int(ALL_FIELDS[name].rows == "states")
+        last = int(starts[-1] + self.table.lengths[episodes][-1]) + extra
+        rows: NDArray[Any] = self.arrays[name][int(starts[0]) : last]
+        return rows
 
-def blocks(array: NDArray[Any], rows: int = BLOCK_ROWS) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Yields consecutive blocks of rows, each with the index of its first row."""
-    for first in range(0, len(array), rows):
-        yield first, array[first : first + rows]
+    def episode_groups(self) -> Iterator[slice]:
+        """Yields consecutive episodes with about `BLOCK_ROWS` steps together, at least one.
+
+        Pages of all arrays are given back after each.
+        """
+        ends, first = self.table.starts + self.table.lengths, 0
+        while first < len(ends):
+            limit = int(self.table.starts[first]) + BLOCK_ROWS
+            last = max(first + 1, int(np.searchsorted(ends, limit, side="right")))
+            yield slice(first, last)
+            self.release()
+            first = last
+
+    def release(self) -> None:
+        """Gives back the pages of all arrays."""
+        for array in self.arrays.values():
+            release_pages(array)
+
+
+def blocks(array: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yields consecutive blocks of rows, each with the index of its first row.
+
+    Pages of a block are given back after it.
+    """
+    for first in range(0, len(array), BLOCK_ROWS):
+        block = array[first : first + BLOCK_ROWS]
+        yield first, block
+        release_pages(block)
 
 
 def some(indices: Int, most: int = 3) -> str:

@@ -8,7 +8,7 @@ import typer
 from swarmdata.cli.shared_options import Communication, Observation, Workers
 
 catalogue_app = typer.Typer(
-    no_args_is_help=True, help="Pages on which every dataset, episode and result can be looked at."
+    no_args_is_help=True, help="Build and open pages of datasets, episodes, results."
 )
 
 Site = Annotated[Path, typer.Option(help="folder of the catalogue")]
@@ -27,6 +27,7 @@ MostEpisodes = Annotated[
         show_default="1000",
     ),
 ]
+Minis = Annotated[bool, typer.Option("--minis", help="show all published minis")]
 AllEpisodes = Annotated[bool, typer.Option("--all", help="show every episode instead of a sample")]
 Results = Annotated[
     list[Path] | None,
@@ -38,6 +39,7 @@ Results = Annotated[
 def build_command(
     datasets: Datasets = None,
     out: Site = Path("site"),
+    minis: Minis = False,
     episodes: MostEpisodes = None,
     all_episodes: AllEpisodes = False,
     results: Results = None,
@@ -45,7 +47,7 @@ def build_command(
     communication: Communication = None,
     workers: Workers = None,
 ) -> None:
-    """Write static pages of datasets, episodes and results.
+    """Write static pages of datasets, episodes and results, and print their sizes and times.
 
     They need no server and no network. An earlier catalogue in the folder is replaced when the new
     one is complete.
@@ -55,7 +57,10 @@ def build_command(
         CatalogueChoices,
         build_catalogue,
     )
+    from swarmdata.catalogue.entries import published_minis
 
+    if minis and datasets:
+        raise typer.BadParameter("cannot be combined with names of datasets", param_hint="--minis")
     if all_episodes and episodes is not None:
         raise typer.BadParameter("cannot be combined with --episodes", param_hint="--all")
     choices = CatalogueChoices(
@@ -65,7 +70,8 @@ def build_command(
         communication=communication,
         workers=workers,
     )
-    typer.echo(build_catalogue(datasets or (), out, choices, note=_note))
+    names = published_minis() if minis else datasets or ()
+    typer.echo(build_catalogue(names, out, choices, note=_note))
 
 
 def _note(text: str) -> None:

@@ -2,18 +2,21 @@
 
 import json
 import os
+import re
 import select
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from swarmdata import __version__
 from swarmdata.cli import (
     audit_commands,
     integrity_commands,
+    kernel_commands,
     ranking_commands,
     remote_commands,
     result_commands,
@@ -22,7 +25,12 @@ from swarmdata.cli import (
     training_commands,
 )
 from swarmdata.cli.catalogue_commands import catalogue_app
-from swarmdata.cli.making import convert_commands, editing_commands, generate_commands
+from swarmdata.cli.making import (
+    convert_commands,
+    editing_commands,
+    generate_commands,
+    import_commands,
+)
 from swarmdata.cli.making.record_commands import record_app
 from swarmdata.cli.option_use import refuse
 from swarmdata.cli.registry_commands import registry_app
@@ -39,11 +47,21 @@ from swarmdata.errors import SwarmdataError
 
 SECTIONS = {
     "First": ("list", "info", "train", "evaluate", "report", "render", "generate"),
-    "Data": ("record", "convert", "filter", "combine", "subsample", "audit", "verify", "card"),
+    "Data": (
+        "record",
+        "import",
+        "convert",
+        "filter",
+        "combine",
+        "subsample",
+        "audit",
+        "verify",
+        "card",
+    ),
     "Worlds": ("task", "references"),
     "Learning": ("study", "study-pages", "sweep", "rank", "learning", "curves"),
     "Hub": ("pull", "push", "remote", "catalogue"),
-    "Maintenance": ("registry", "ship"),
+    "Maintenance": ("warm", "registry", "ship"),
 }
 """Commands in the order of `swarmdata --help`, the common path first."""
 
@@ -66,6 +84,9 @@ class _Group(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
+        except typer.BadParameter as error:
+            _reword(error)
+            raise
         except SwarmdataError as error:
             typer.echo(f"{type(error).__name__}: {error}", err=True)
             raise typer.Exit(1) from None
@@ -79,7 +100,40 @@ class _Group(TyperGroup):
             raise typer.Exit(130) from None
 
 
-app = typer.Typer(
+class _Command(TyperCommand):
+    """Lists options that are for one case only, such as `online: ...`, in a section of it."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Lists the arguments, the options of every case, and those of each."""
+        rows: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is None:
+                continue
+            name, text = record
+            title = "Arguments"
+            if parameter.param_type_name == "option":
+                case = _CASE.match(text)
+                title = case[1].capitalize() if case else "Options"
+                text = text[case.end() :] if case else text
+            rows.setdefault(title, []).append((name, text))
+        for title, lines in rows.items():
+            if lines:
+                with formatter.section(title):
+                    formatter.write_dl(lines)
+
+
+class _App(typer.Typer):
+    """Commands whose options are listed by case."""
+
+    def command(self, name: str | None = None, **settings: Any) -> Any:
+        return super().command(name, **{"cls": _Command, **settings})
+
+
+_CASE = re.compile(r"(offline|online|with --[a-z]+): ")
+"""How the help of an option begins that has an effect in one case only."""
+
+app = _App(
     cls=_Group,
     add_completion=False,
     no_args_is_help=True,
@@ -99,6 +153,7 @@ CLOSED_PIPE_EXIT_CODE = 128 + 13
 
 def main() -> None:
     """Runs the command line."""
+    warnings.formatwarning = _format_warning
     try:
         try:
             app()
@@ -112,6 +167,17 @@ def main() -> None:
         _discard_output()
         typer.echo(f"cannot write the output: {_describe(error)}", err=True)
         raise SystemExit(1) from None
+
+
+def _format_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    line: str | None = None,
+) -> str:
+    """A warning without the line of code that raised it, which says nothing to users."""
+    return f"{category.__name__}: {message}\n"
 
 
 def _is_output_closed() -> bool:
@@ -131,6 +197,16 @@ def _discard_output() -> None:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, sys.__stdout__.fileno())
         os.close(null)
+
+
+def _reword(error: typer.BadParameter) -> None:
+    """Typer checks values with pydantic, and shows its sentences; ours say got and expected."""
+    from pydantic import ValidationError
+
+    from swarmdata.specs.frozen import explain_value
+
+    if isinstance(error.__cause__, ValidationError):
+        error.message = explain_value(error.__cause__)
 
 
 def _describe(error: OSError) -> str:
@@ -162,16 +238,19 @@ def _root(
 
 @app.command("list")
 def list_command() -> None:
-    """List all datasets."""
-    from swarmdata.hub.catalog.catalog import list_datasets
+    """List the published datasets, then others in the cache."""
+    from swarmdata.hub.catalog.catalog import list_datasets, own_datasets
 
     line = "{:36} {:>7} {:>12} {:>10} {:>8} {:>8}"
     typer.echo(line.format("id", "robots", "joint steps", "size", "score", "cached"))
-    for info in list_datasets():
+    own, problems = own_datasets()
+    for info in [*list_datasets(), *own]:
         size = f"{info.n_bytes / 1e6:.0f} MB" if info.n_bytes else "unknown"
         cached = "yes" if info.is_cached else "no"
         score = "unknown" if info.score is None else f"{info.score:.1f}"
         typer.echo(line.format(info.id, info.n_agents, f"{info.n_steps:,}", size, score, cached))
+    for problem in problems:
+        typer.echo(f"left out {problem}", err=True)
 
 
 @app.command()
@@ -234,6 +313,7 @@ def card(
 
 
 app.command()(audit_commands.audit)
+app.command()(kernel_commands.warm)
 app.command("filter")(editing_commands.filter_command)
 app.command("combine")(editing_commands.combine_command)
 app.command("subsample")(editing_commands.subsample_command)
@@ -244,6 +324,7 @@ app.command()(training_commands.ship)
 app.command()(training_commands.learning)
 app.command()(ranking_commands.rank)
 app.command()(convert_commands.convert)
+app.command("import")(import_commands.import_command)
 app.command()(result_commands.evaluate)
 app.command()(result_commands.report)
 app.command()(study_commands.study)
@@ -284,7 +365,7 @@ def curves(
 @app.command()
 def render(
     target: Annotated[
-        str, typer.Argument(metavar="TARGET", help="policy, tier, run folder or dataset id")
+        str, typer.Argument(metavar="TARGET", help="policy, tier, run folder or dataset")
     ],
     out: Clip,
     episode: Annotated[

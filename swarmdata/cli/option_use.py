@@ -34,3 +34,13 @@ def refuse_all_but(context: typer.Context, names: Collection[str], where: str) -
     """Refuses every option but some, as `refuse` does; arguments are not looked at."""
     options = [each for each in context.command.params if each.param_type_name == "option"]
     refuse(context, {each.name or "" for each in options} - {*names}, where)
+
+
+def refuse_workers(context: typer.Context, engine: str) -> None:
+    """Refuses `--workers` beside an engine that has workers of its own.
+
+    Raises:
+        typer.BadParameter: it was given.
+    """
+    if engine != "local":
+        refuse(context, ("workers",), f"with --engine {engine}, which has workers of its own")

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from swarmdata.cli.shared_options import Workers
+from swarmdata.cli.option_use import refuse_workers
+from swarmdata.cli.shared_options import Engine, Workers
 
 Ids = Annotated[
     list[str] | None,
@@ -58,19 +59,25 @@ def list_command() -> None:
 
 @registry_app.command()
 def check(
-    ids: Ids = None, minis: Minis = False, cached: Cached = False, workers: Workers = None
+    context: typer.Context,
+    ids: Ids = None,
+    minis: Minis = False,
+    cached: Cached = False,
+    workers: Workers = None,
+    engine: Engine = "local",
 ) -> None:
     """Rebuild published datasets and report all differences.
 
     Datasets are built one at a time, outside the cache, and deleted after the comparison. The exit
     code is 1 if any of them differs. After an interruption, pass the remaining ids with --id.
     """
+    refuse_workers(context, engine)
     from swarmdata.hub.publishing.regenerate import check as check_all
     from swarmdata.hub.publishing.regenerate import published_ids, report
 
     chosen = published_ids(ids or (), minis=minis)
     checks = []
-    for each in check_all(chosen, cached=cached, workers=workers):
+    for each in check_all(chosen, cached=cached, workers=workers, engine=engine):
         checks.append(each)
         n = len(each.differences)
         typer.echo(f"{each.dataset}: {f'{n} differences' if n else 'as published'}")
@@ -81,6 +88,7 @@ def check(
 
 @registry_app.command()
 def update(
+    context: typer.Context,
     ids: Annotated[
         list[str], typer.Option("--id", metavar="ID", help="id of a recipe; may be repeated")
     ],
@@ -89,12 +97,14 @@ def update(
     ),
     cached: Cached = False,
     workers: Workers = None,
+    engine: Engine = "local",
 ) -> None:
     """Build datasets and publish their digests, sizes and figures."""
+    refuse_workers(context, engine)
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.hub.publishing.regenerate import make_again, put_entries
 
     for recipe in [find_recipe(name) for name in ids]:
-        entry = make_again(recipe, cached=cached, workers=workers)
+        entry = make_again(recipe, cached=cached, workers=workers, engine=engine)
         put_entries(out, {recipe.id: entry.model_dump(mode="json")})
         typer.echo(f"{recipe.id}: {entry.n_steps:,} joint steps, digest {entry.digest}")

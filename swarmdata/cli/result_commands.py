@@ -1,20 +1,35 @@
 """`swarmdata evaluate` and `swarmdata report`: results of policies, their tables and figures."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swarmdata.cli.option_use import refuse
+from swarmdata.cli.option_use import given, refuse, refuse_workers
 from swarmdata.cli.shared_options import (
     Again,
     Communication,
+    Engine,
     Episodes,
     Observation,
+    Part,
+    Processes,
     Task,
+    Threads,
     Validation,
+    parse_part,
 )
 
+if TYPE_CHECKING:
+    from swarmdata.evaluation.results.evaluation_jobs import Evaluation
+    from swarmdata.evaluation.results.policy_names import Target
+    from swarmdata.evaluation.results.result_files import Result
+    from swarmdata.numerics.random import SeedBlock
+
+Collect = Annotated[
+    bool, typer.Option("--collect", help="print what finished results give, and evaluate none")
+]
 Label = Annotated[
     str | None,
     typer.Option(help="name of the targets in tables", show_default="the target's name"),
@@ -25,7 +40,7 @@ def evaluate(
     context: typer.Context,
     targets: Annotated[
         list[str],
-        typer.Argument(metavar="TARGET...", help="policies, tiers, dataset ids or run folders"),
+        typer.Argument(metavar="TARGET...", help="policies, tiers, datasets or run folders"),
     ],
     episodes: Episodes = 1000,
     out: Annotated[Path | None, typer.Option(help="folder for result files")] = None,
@@ -35,36 +50,98 @@ def evaluate(
     again: Again = False,
     observation: Observation = None,
     communication: Communication = None,
+    threads: Threads = 1,
+    workers: Processes = 1,
+    engine: Engine = "local",
+    part: Part = None,
+    collect: Collect = False,
 ) -> None:
     """Evaluate policies on the reserved seeds and print tables.
 
     An interrupted evaluation resumes: results in --out of the same policy, task, seeds and version
-    are reused.
+    are reused. Several processes or machines leave their results in --out.
     """
+    _check_options(context, engine, part, has_folder=out is not None, collect=collect)
+    from swarmdata.evaluation.results.evaluation_jobs import TargetName, evaluations_of
+
+    sources = [TargetName.of(name, task, observation, communication, label) for name in targets]
+    found = [(source, source.find()) for source in sources]
+    block: SeedBlock = "validation" if validation else "evaluation"
     if out is None:
-        refuse(context, ("again",), "without --out")
-    from swarmdata.evaluation.results.policy_names import find_target
+        _evaluate_here([target for _, target in found], episodes, block, threads)
+        return
+    every = [each for one in found for each in evaluations_of(*one, episodes, out, block=block)]
+    options: dict[str, Any] = {"again": again, "n_threads": threads}
+    if part is not None:
+        _run_part(every, part, out, options)
+    else:
+        options |= {"engine": engine, "workers": workers}
+        _run_all(every, out, options, is_run=not collect)
+
+
+def _evaluate_here(
+    targets: "Sequence[Target]", episodes: int, block: "SeedBlock", threads: int
+) -> None:
+    """Evaluates targets in this process, keeps nothing, and prints tables."""
+    from swarmdata.evaluation.results.target_evaluation import evaluate_target
+
+    results = []
+    for target in targets:
+        results += evaluate_target(target, episodes, block=block, n_threads=threads)
+    _print_tables(results)
+
+
+def _run_part(
+    every: "Sequence[Evaluation]", part: str, out: Path, options: Mapping[str, Any]
+) -> None:
+    """Makes every N-th result."""
+    from swarmdata.evaluation.results.evaluation_jobs import run_evaluations
+
+    k, n = parse_part(part)
+    chosen = every[k - 1 :: n]
+    n_kept = run_evaluations(chosen, **options) if chosen else 0
+    typer.echo(f"{len(chosen) - n_kept} of {len(every)} results made in {out}")
+
+
+def _run_all(
+    every: "Sequence[Evaluation]", out: Path, options: Mapping[str, Any], *, is_run: bool
+) -> None:
+    """Makes the results that are not there, unless they are only collected, and prints tables."""
+    from swarmdata.evaluation.results.evaluation_jobs import collect_evaluations, run_evaluations
+
+    n_kept = run_evaluations(every, **options) if is_run else 0
+    _print_tables(collect_evaluations(every))
+    if n_kept:
+        typer.echo(
+            f"\n{n_kept} of {len(every)} results were already in {out}; --again replaces them."
+        )
+
+
+def _check_options(
+    context: typer.Context, engine: str, part: str | None, *, has_folder: bool, collect: bool
+) -> None:
+    """Refuses options that have no effect beside the others."""
+    refuse_workers(context, engine)
+    if not has_folder:
+        refuse(context, ("again", "part", "collect"), "without --out")
+        for name in ("workers", "engine"):
+            if given(context, name):
+                raise typer.BadParameter(
+                    "needs --out FOLDER, where all processes leave results", param_hint=f"--{name}"
+                )
+    if part is not None:
+        refuse(context, ("workers", "engine", "collect"), "with --part")
+    elif collect:
+        refuse(context, ("workers", "engine", "again", "threads"), "with --collect")
+
+
+def _print_tables(results: "list[Result]") -> None:
     from swarmdata.evaluation.results.report import shown_cases
     from swarmdata.evaluation.results.result_set import group_results
     from swarmdata.evaluation.results.result_tables import case_table
-    from swarmdata.evaluation.results.target_evaluation import evaluate_target
-    from swarmdata.numerics.random import SeedBlock
 
-    found = [find_target(name, task, observation, communication) for name in targets]
-    if label is not None:
-        found = [target.labelled(label) for target in found]
-    block: SeedBlock = "validation" if validation else "evaluation"
-    results = [
-        result
-        for target in found
-        for result in evaluate_target(target, episodes, out, block=block, again=again)
-    ]
     for case in shown_cases(group_results(results)).values():
         typer.echo(case_table(case).to_text(), nl=False)
-    if kept := sum(result.path is not None for result in results):
-        typer.echo(
-            f"\n{kept} of {len(results)} results were already in {out}; --again replaces them."
-        )
 
 
 def report(

@@ -11,6 +11,19 @@ IdOrPath = Annotated[
 Workers = Annotated[
     int | None, typer.Option(min=1, help="number of processes; default: one per core")
 ]
+Threads = Annotated[int, typer.Option(min=1, help="number of threads that step the worlds")]
+Processes = Annotated[int, typer.Option(min=1, help="number of processes; 1: this one")]
+Engine = Annotated[
+    str,
+    typer.Option(
+        metavar="ENGINE",
+        help="where the work is done: local, dask://HOST:PORT, slurm[:PARTITION] or ray",
+    ),
+]
+Part = Annotated[
+    str | None,
+    typer.Option(metavar="K/N", help="do only every N-th piece, from the K-th on; for schedulers"),
+]
 Episodes = Annotated[
     int, typer.Option(min=1, help="number of evaluation episodes, each on a reserved seed")
 ]
@@ -58,3 +71,17 @@ Validation = Annotated[
 ]
 
 Again = Annotated[bool, typer.Option(help="evaluate again, even if --out has the result")]
+
+
+def parse_part(text: str) -> tuple[int, int]:
+    """Reads K and N of `--part K/N`.
+
+    Raises:
+        typer.BadParameter: it is not of this form, or K is not from 1 to N.
+    """
+    part, slash, n_parts = text.partition("/")
+    if not (slash and part.isdecimal() and n_parts.isdecimal() and 1 <= int(part) <= int(n_parts)):
+        raise typer.BadParameter(
+            f"got {text!r}, expected K/N with K from 1 to N, such as 2/8", param_hint="--part"
+        )
+    return int(part), int(n_parts)

@@ -1,11 +1,16 @@
 """`swarmdata study`: runs a grid of algorithms, datasets and seeds; `study-pages`: its answers."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarmdata.cli.option_use import refuse_all_but
+from swarmdata.cli.option_use import refuse, refuse_all_but, refuse_workers
+from swarmdata.cli.shared_options import Engine
+
+if TYPE_CHECKING:
+    from swarmdata.evaluation.study.plan import Study
+    from swarmdata.evaluation.study.run_study import StudyOptions
 
 Out = Annotated[
     Path | None, typer.Option(help="folder for tables, figures and text; NAME, beside the plan")
@@ -27,6 +32,18 @@ Only = Annotated[
 Check = Annotated[
     str | None, typer.Option(metavar="CELL", help="rerun a finished cell and compare results")
 ]
+Listing = Annotated[bool, typer.Option("--cells", help="list the cells, and which are done")]
+AsJson = Annotated[bool, typer.Option("--json", help="with --cells: a line of JSON for each")]
+OneCell = Annotated[
+    str | None, typer.Option(metavar="CELL", help="run this cell here; for schedulers")
+]
+Collect = Annotated[
+    bool, typer.Option("--collect", help="write the pages of finished cells, and run none")
+]
+Shifts = Annotated[
+    bool,
+    typer.Option("--shifts", help="only evaluate finished cells in the plan's other conditions"),
+]
 
 
 def study(
@@ -35,9 +52,15 @@ def study(
     out: Out = None,
     work: Work = None,
     workers: Processes = 2,
+    engine: Engine = "local",
     only: Only = None,
     again: Annotated[bool, typer.Option(help="rerun cells of another configuration")] = False,
     check: Check = None,
+    cells: Listing = False,
+    json: AsJson = False,
+    cell: OneCell = None,
+    collect: Collect = False,
+    shifts: Shifts = False,
 ) -> None:
     """Run a grid of algorithms, datasets and seeds.
 
@@ -46,23 +69,78 @@ def study(
     """
     _require_extras("running a study")
     from swarmdata.evaluation.study.plan import Study
-    from swarmdata.evaluation.study.run_study import StudyOptions, reproduce_study_cell, run_study
+    from swarmdata.evaluation.study.run_study import StudyOptions
 
     if file.is_dir():
-        refuse_all_but(context, (), "with a finished study's folder; pass the plan to run cells")
-        from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
-
-        typer.echo(rewrite_pages(file)[0])
+        _rewrite(context, file)
         return
+    refuse_workers(context, engine)
+    plan = Study.from_file(file)
+    folder = out or file.parent / plan.name
+    options = StudyOptions(folder, work, workers, engine, only, shifts, again)
     if check is not None:
         refuse_all_but(context, ("check", "work"), "with --check")
-    plan = Study.from_file(file)
-    options = StudyOptions(out or file.parent / plan.name, work, workers, only, again)
-    if check is not None:
-        found = reproduce_study_cell(plan, check, options)
-        typer.echo(found.sentence())
-        raise typer.Exit(0 if found.is_same else 1)
-    failures, written = run_study(plan, options, f"swarmdata study {file}")
+        _check(plan, check, options)
+    elif cells:
+        refuse_all_but(context, ("cells", "json", "work"), "with --cells")
+        _list_cells(plan, options, as_json=json)
+    elif cell is not None:
+        refuse_all_but(context, ("cell", "work", "again"), "with --cell")
+        _run_one(plan, cell, options)
+    elif collect:
+        _collect(context, plan, options, f"swarmdata study {file}")
+    else:
+        _run_all(context, plan, options, f"swarmdata study {file}")
+
+
+def _rewrite(context: typer.Context, folder: Path) -> None:
+    refuse_all_but(context, (), "with a finished study's folder; pass the plan to run cells")
+    from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+
+    typer.echo(rewrite_pages(folder)[0])
+
+
+def _check(plan: "Study", name: str, options: "StudyOptions") -> None:
+    from swarmdata.evaluation.study.run_study import reproduce_study_cell
+
+    found = reproduce_study_cell(plan, name, options)
+    typer.echo(found.sentence())
+    raise typer.Exit(0 if found.is_same else 1)
+
+
+def _list_cells(plan: "Study", options: "StudyOptions", *, as_json: bool) -> None:
+    import json
+
+    from swarmdata.evaluation.study.cells.cell_folder import cell_folder, is_done
+    from swarmdata.evaluation.study.run_study import all_cells
+
+    for cell in all_cells(plan):
+        done = is_done(cell, cell_folder(options.work_of(plan), cell))
+        found = {"cell": cell.name, "done": done, "updates": cell.n_updates, "key": cell.key}
+        typer.echo(json.dumps(found) if as_json else f"{'done' if done else 'open'}  {cell.name}")
+
+
+def _run_one(plan: "Study", name: str, options: "StudyOptions") -> None:
+    from swarmdata.evaluation.study.run_study import run_one_cell
+
+    is_new = run_one_cell(plan, name, options)
+    typer.echo(f"{name}: {'done' if is_new else 'was done before'}")
+
+
+def _collect(context: typer.Context, plan: "Study", options: "StudyOptions", command: str) -> None:
+    refuse_all_but(context, ("collect", "work", "out"), "with --collect")
+    from swarmdata.evaluation.study.run_study import collect_study
+
+    typer.echo(collect_study(plan, options, command)[0])
+
+
+def _run_all(context: typer.Context, plan: "Study", options: "StudyOptions", command: str) -> None:
+    refuse(context, ("json",), "without --cells")
+    if options.shifts_only:
+        refuse(context, ("only",), "with --shifts")
+    from swarmdata.evaluation.study.run_study import run_study
+
+    failures, written = run_study(plan, options, command)
     typer.echo(written[0])
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)

@@ -1,14 +1,36 @@
 """`swarmdata sweep`: trained policies under worse communication and sensing."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swarmdata.cli.option_use import refuse
-from swarmdata.cli.shared_options import Episodes, Task
+from swarmdata.cli.option_use import refuse, refuse_workers
+from swarmdata.cli.shared_options import Engine, Episodes, Processes, Task
+
+if TYPE_CHECKING:
+    from swarmdata.evaluation.robustness.sweep import Sweep
+    from swarmdata.evaluation.robustness.sweep_axes import Axis
 
 _AXIS = "NAME=A..B|A,B,..."
+
+Communications = Annotated[
+    list[str] | None,
+    typer.Option(metavar=_AXIS, help="such as drop=0..0.8 or bandwidth=3,2,1; may be repeated"),
+]
+Observations = Annotated[
+    list[str] | None,
+    typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; may be repeated"),
+]
+Values = Annotated[int, typer.Option(min=2, help="number of values from A to B, both included")]
+Listing = Annotated[bool, typer.Option("--points", help="list the points, and which are done")]
+AsJson = Annotated[bool, typer.Option("--json", help="with --points: a line of JSON for each")]
+OnePoint = Annotated[
+    str | None, typer.Option(metavar="POINT", help="evaluate this point here; for schedulers")
+]
+Collect = Annotated[
+    bool, typer.Option("--collect", help="write what finished points give, and evaluate none")
+]
 
 
 def sweep(
@@ -20,19 +42,17 @@ def sweep(
         ),
     ],
     out: Annotated[Path, typer.Option(help="folder for results, tables and figures")],
-    communication: Annotated[
-        list[str] | None,
-        typer.Option(metavar=_AXIS, help="such as drop=0..0.8 or bandwidth=3,2,1; may be repeated"),
-    ] = None,
-    observation: Annotated[
-        list[str] | None,
-        typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; may be repeated"),
-    ] = None,
-    points: Annotated[
-        int, typer.Option(min=2, help="number of values from A to B, both included")
-    ] = 5,
+    communication: Communications = None,
+    observation: Observations = None,
+    values: Values = 5,
     episodes: Episodes = 200,
     task: Task = None,
+    workers: Processes = 1,
+    engine: Engine = "local",
+    points: Listing = False,
+    json: AsJson = False,
+    point: OnePoint = None,
+    collect: Collect = False,
 ) -> None:
     """Evaluate policies under worse communication or sensing.
 
@@ -40,13 +60,66 @@ def sweep(
     interrupted sweep resumes: run the same command again.
     """
     if not any(".." in text for text in [*(communication or []), *(observation or [])]):
-        refuse(context, ("points",), "without an axis such as noise=0..0.2")
-    from swarmdata.evaluation.robustness.sweep import sweep as run_sweep
+        refuse(context, ("values",), "without an axis such as noise=0..0.2")
+    refuse_workers(context, engine)
+    from swarmdata.evaluation.robustness import sweep as sweeps
     from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 
-    axes = [parse_axis(text, "communication", points) for text in communication or []]
-    axes += [parse_axis(text, "observation", points) for text in observation or []]
-    run_sweep(targets, axes, out, n_episodes=episodes, task=task)
+    axes = [parse_axis(text, "communication", values) for text in communication or []]
+    axes += [parse_axis(text, "observation", values) for text in observation or []]
+    options: dict[str, Any] = {"n_episodes": episodes, "task": task}
+    if points or point is not None or collect:
+        planned = sweeps.plan_sweep(targets, axes, out, **options)
+        _do_some(context, planned, axes, points=points, as_json=json, point=point)
+        return
+    refuse(context, ("json",), "without --points")
+    sweeps.sweep(targets, axes, out, **options, engine=engine, workers=workers)
+    _print(axes, out)
+
+
+def _do_some(
+    context: typer.Context,
+    planned: "Sweep",
+    axes: "list[Axis]",
+    *,
+    points: bool,
+    as_json: bool,
+    point: str | None,
+) -> None:
+    """Lists points, evaluates one of them here, or collects those that are done."""
+    from swarmdata.evaluation.robustness.sweep import run_point
+
+    elsewhere = ("workers", "engine")
+    if points:
+        refuse(context, (*elsewhere, "point", "collect"), "with --points")
+        _list_points(planned, as_json=as_json)
+    elif point is not None:
+        refuse(context, (*elsewhere, "json", "collect"), "with --point")
+        is_new = run_point(planned, point)
+        typer.echo(f"{point}: {'done' if is_new else 'was done before'}")
+    else:
+        refuse(context, (*elsewhere, "json"), "with --collect")
+        _collect(planned, axes)
+
+
+def _list_points(planned: "Sweep", *, as_json: bool) -> None:
+    import json
+
+    for name, evaluations in planned.points().items():
+        done = all(each.result() is not None for each in evaluations)
+        found = {"point": name, "done": done, "policies": len(evaluations)}
+        typer.echo(json.dumps(found) if as_json else f"{'done' if done else 'open'}  {name}")
+
+
+def _collect(planned: "Sweep", axes: "list[Axis]") -> None:
+    from swarmdata.evaluation.robustness.sweep import collect_sweep
+
+    collect_sweep(planned)
+    _print(axes, planned.out)
+
+
+def _print(axes: "list[Axis]", out: Path) -> None:
+    """Prints the tables, and where the figures are."""
     typer.echo((out / "sweep.md").read_text(encoding="utf-8"), nl=False)
     for axis in axes:
         typer.echo(out / f"{axis.part}-{axis.name}.png")

@@ -69,14 +69,16 @@ def validate(name: NameOrFile) -> None:
 
 @task_app.command()
 def table(
-    out: Annotated[Path, typer.Option(help="Markdown file to write")],
+    out: Annotated[Path, typer.Option(help="folder to write the pages to")],
 ) -> None:
-    """Write the page of reference results in all presets (docs/worlds.md)."""
-    from swarmdata.cards.worlds_page import worlds_page
+    """Write the pages of reference results in all presets (docs/worlds)."""
+    from swarmdata.cards.worlds_page import worlds_pages
     from swarmdata.registry.published import references
     from swarmdata.store import write_file
 
-    write_file(out, worlds_page(references()).encode())
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in worlds_pages(references()).items():
+        write_file(out / name, text.encode())
     typer.echo(out)
 
 

@@ -5,10 +5,19 @@ from typing import Annotated, Any
 
 import typer
 
-from swarmdata.cli.option_use import given, refuse
-from swarmdata.cli.shared_options import Communication, Observation, Settings, parse_settings
+from swarmdata.cli.option_use import given, refuse, refuse_workers
+from swarmdata.cli.shared_options import (
+    Communication,
+    Engine,
+    Observation,
+    Part,
+    Processes,
+    Settings,
+    parse_part,
+    parse_settings,
+)
 
-ONLINE_OPTIONS = ("first_seed", "steps", "workers", "start", "recorded", "offline_share")
+ONLINE_OPTIONS = ("first_seed", "steps", "start", "recorded", "offline_share")
 OFFLINE_OPTIONS = (
     "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
 )  # fmt: skip
@@ -34,6 +43,7 @@ Recorded = Annotated[
     typer.Option("--data", metavar="ID", help="online: dataset to mix into the batches"),
 ]
 Share = Annotated[float, typer.Option(help="online: part of each batch that --data gives")]
+Device = Annotated[str, typer.Option(help="offline: torch device")]
 CurveEvery = Annotated[int, typer.Option(min=1, help="offline: updates between two evaluations")]
 Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
@@ -60,8 +70,10 @@ def train(
     communication: Communication = None,
     reward: Reward = None,
     frame: FrameName = "auto",
-    workers: Annotated[int, typer.Option(min=1, help="online: number of processes")] = 1,
-    device: Annotated[str, typer.Option(help="offline: torch device")] = "cpu",
+    workers: Processes = 1,
+    engine: Engine = "local",
+    part: Part = None,
+    device: Device = "cpu",
     compile: Compile = False,
 ) -> None:
     """Train an algorithm, offline on a dataset or online in a task.
@@ -69,22 +81,40 @@ def train(
     Offline training uses the train split; with --observation or --communication, the dataset is
     re-observed from its states, and with --reward, its rewards are computed from their terms. An
     interrupted training resumes: run the same command again. Online training may begin with the
-    networks of an offline run (--start) and mix recorded data into its batches (--data).
+    networks of an offline run (--start) and mix recorded data into its batches (--data). Several
+    processes train groups of the seeds in folders OUT/seeds-..., as --part K/N trains the K-th.
     """
     _check_arguments(context, algorithm, data, task)
+    _check_processes(context, engine, part)
     changes = _changes(config, settings, n_steps=steps, n_updates=updates, regulariser=regulariser)
     ids, weights = _datasets(recorded if data is None else data)
     folder = out or _default_folder(algorithm, task or ids)
-    options: Any = {"observation": observation, "communication": communication, "weights": weights}
+    shared = {
+        "observation": observation, "communication": communication, "weights": weights,
+        "changes": changes, "workers": workers, "engine": engine, "part": _group(part),
+    }  # fmt: skip
     if task is not None:
-        options |= {"seeds": range(first_seed, first_seed + seeds), "workers": workers}
-        options |= {"start": start, "data": ids, "offline_share": offline_share}
-        _trainers().train_online(algorithm, task, folder, changes=changes, **options)
+        _trainers().train_online(
+            algorithm, task, folder, seeds=range(first_seed, first_seed + seeds), start=start,
+            data=ids, offline_share=offline_share, **shared,
+        )  # fmt: skip
     elif data is not None:
-        options |= {"curve_every": curve_every, "keep": keep, "frame": frame, "device": device}
-        options |= {"compile": compile, "rewards": _rewards(reward), "n_seeds": seeds}
-        _trainers().train(algorithm, ids or data, folder, changes=changes, **options)
+        _trainers().train(
+            algorithm, ids or data, folder, n_seeds=seeds, curve_every=curve_every, keep=keep,
+            frame=frame, device=device, compile=compile, rewards=_rewards(reward), **shared,
+        )  # fmt: skip
     typer.echo(folder)
+
+
+def _check_processes(context: typer.Context, engine: str, part: str | None) -> None:
+    """Refuses options of processes that have no effect."""
+    refuse_workers(context, engine)
+    if part is not None:
+        refuse(context, ("workers", "engine"), "with --part")
+
+
+def _group(part: str | None) -> tuple[int, int] | None:
+    return None if part is None else parse_part(part)
 
 
 def _trainers() -> Any:

@@ -12,6 +12,7 @@ from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.interop.conversion.user_paths import absolute_path
 from swarmdata.interop.formats import FORMATS, find_format
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
@@ -60,7 +61,7 @@ def import_dataset(
         MissingExtraError: the format's library is not installed.
         BuildError: something else is at `out`, or no episode falls into the train split.
     """
-    source, out = (Path(each).expanduser().absolute() for each in (source, out))
+    source, out = map(absolute_path, (source, out))
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     digest = source_digest(source)
@@ -108,23 +109,31 @@ def _store(out: Path, recording: Recording, incoming: ImportedData, keep_splits:
     remove_scratch(build)  # left by a killed conversion: this process holds the lock
     build.mkdir()
     try:
-        parts, order = _write_parts(build, incoming.episodes)
+        parts, order = write_parts(build, incoming.episodes)
         codes = incoming.splits if keep_splits else None
         if codes is not None and not (codes == SPLITS.index("train")).any():
             raise ConversionError(
                 f"none of the {len(codes)} episodes of {recording.id} is in the train split, which "
                 "normalization statistics need. Pass splits='new' to draw new splits."
             )
-        assemble(out, recipe=recording, parts=parts, order=order, splits=codes)
+        assemble(out, recipe=recording, parts=parts, order=order, splits=codes, consume=True)
     finally:
         remove_scratch(build)
     sync(out.parent)
 
 
-def _write_parts(
+def write_parts(
     build: Path, episodes: Iterator[Episode]
 ) -> tuple[dict[int, list[Path]], list[tuple[int, int]]]:
-    """Writes the episodes as parts of about `BLOCK_BYTES`; returns the parts and the order."""
+    """Writes episodes as parts of about `BLOCK_BYTES`.
+
+    Args:
+        build: folder of the parts.
+        episodes: in order.
+
+    Returns:
+        the parts of each policy, and the order of the episodes, as `assemble` takes them.
+    """
     parts: dict[int, list[Path]] = {}
     held: dict[int, list[Episode]] = {}
     counts: dict[int, int] = {}

@@ -23,8 +23,11 @@ FORMATS = {
 Reader = Callable[[Path, str, Choices], AbstractContextManager[ImportedData]]
 """Opens foreign data, given its path, the task's name if the data have none, and the choices."""
 
-Writer = Callable[[Dataset, Path], None]
-"""Writes a view to a path that does not exist yet."""
+Writer = Callable[[Dataset, Path, str], None]
+"""Writes a view, given the path, which does not exist yet, and the frame that the data are in."""
+
+PlaceCheck = Callable[[Dataset, Path], str | None]
+"""Takes a view and the path of its export; None if the library finds it there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +41,7 @@ class Format:
         lost: facts that an export loses, and why.
         read: opens foreign data; None: the format can only be written.
         write: writes a view; None: the format can only be read.
+        misplaced: says why the format's own library does not find what is written to a path.
     """
 
     name: str
@@ -46,6 +50,7 @@ class Format:
     lost: Mapping[str, str]
     read: Reader | None
     write: Writer | None
+    misplaced: PlaceCheck | None = None
 
 
 def find_format(name: str) -> Format:

@@ -4,8 +4,13 @@ Minari has one agent, so observations and actions are Dict spaces with an entry 
 reward is the team's, and everything else is in `infos`. Images are stored without JPEG, which would
 change them. Datasets are written as HDF5 only, because Minari 0.5.4's Arrow storage cuts episodes
 of more than 32,767 rows (its issue 351). Every storage is read, episode by episode; an episode
-whose length differs from its metadata is refused. `minari` loads the folder if
-`MINARI_DATASETS_PATH` is its parent, or with `minari.MinariDataset(FOLDER / "data")`.
+whose length differs from its metadata is refused.
+
+`minari` loads the folder by the dataset's id if the folder has the id as its name and
+`MINARI_DATASETS_PATH` is its parent, or with `minari.MinariDataset(FOLDER / "data")`. Datasets of
+our worlds recover their environment: `recover_environment()` gives `envs.world.team_env.TeamEnv`,
+which replays the episodes of the export, and `recover_environment(eval_env=True)` the same task
+with its own rewards, whose resets play the reserved evaluation episodes.
 """
 
 import re
@@ -29,10 +34,13 @@ from swarmdata.interop.conversion.imported_data import (
 from swarmdata.interop.conversion.space_columns import join_rows, recorded_agents, split_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
+from swarmdata.registry.replaced_worlds import is_simulated
 from swarmdata.runtime.atomic import require_space
+from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
-from swarmdata.specs.spaces import DictSpace, stack_agents, width
+from swarmdata.specs.spaces import DictSpace, as_bytes, holds_bytes, stack_agents, width
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode
 
 NOTE_KEY = "swarmdata"
@@ -76,7 +84,7 @@ def _library() -> Any:
     return minari, MinariStorage
 
 
-def write(dataset: Dataset, path: Path) -> None:
+def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as a Minari dataset."""
     minari, storage_type = _library()
     from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  (an extra)
@@ -99,12 +107,46 @@ def write(dataset: Dataset, path: Path) -> None:
     )
     storage.update_metadata(
         {
+            **_environments(dataset, frame),
             "dataset_id": dataset.id,
             "minari_version": minari.__version__,
             "algorithm_name": ", ".join(source.label for source in dataset.recipe.policies),
             "description": f"{dataset!r}".removeprefix("<").partition(", at ")[0],
-            NOTE_KEY: note_of(dataset).to_json(),
+            NOTE_KEY: note_of(dataset, frame).to_json(),
         }
+    )
+
+
+def _environments(dataset: Dataset, frame: str) -> dict[str, str]:
+    """Minari's descriptions of the world that was recorded and of the one for evaluation."""
+    world = note_of(dataset, frame).spec.world
+    if world is None or not is_simulated(world):
+        return {}
+    from gymnasium.envs.registration import EnvSpec  # noqa: PLC0415  (only who converts needs it)
+
+    def described(spec: TaskSpec, **options: Any) -> str:
+        text: str = EnvSpec(
+            id=f"swarmdata/{spec.task}-v{spec.version}",
+            entry_point="swarmdata.envs.world.team_env:TeamEnv",
+            disable_env_checker=True,  # it warns of observations without bounds
+            kwargs={"spec": spec.model_dump(mode="json"), "frame": frame, **options},
+        ).to_json()
+        return text
+
+    return {
+        "env_spec": described(world),
+        "eval_env_spec": described(dataset.task, reserved=True),
+    }
+
+
+def misplaced(dataset: Dataset, path: Path) -> str | None:
+    """Says how Minari finds an export whose folder does not have the name of the dataset."""
+    if path.name == dataset.id:
+        return None
+    data = str(path / "data")
+    return (
+        f"minari finds a dataset by its id only in a folder of that name: rename {path} to "
+        f"{path.with_name(dataset.id)}, or open it with minari.MinariDataset({data!r})"
     )
 
 
@@ -113,11 +155,13 @@ def _while_there_is_room(dataset: Dataset, path: Path) -> Iterator[Episode]:
 
     Minari opens the file itself, and the HDF5 library crashes the process if a write fails.
     """
+    reads = MappedReads(dataset.stored.arrays.values())
     for episode in dataset:
         arrays = [getattr(episode, name) for name in episode.__slots__]
         size = sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
         require_space(path, _SPARE_BYTES + 2 * size)
         yield episode
+        reads.add(episode.observations, episode.states, episode.actions)
 
 
 def _buffers(
@@ -236,11 +280,13 @@ def _joint(
     rows = {}
     for field, space in (("observations", "observation"), ("actions", "action")):
         values = getattr(data, field)
-        parts = []
+        parts: list[NDArray[Any]] = []
         for agent in agents:
             where = f"{source}: {field} of {agent.name} in episode {data.id}"
             own = values[agent.name] if is_team else values
             parts.append(join_rows(getattr(agent, space), own, where))
+        if space == "observation" and all(holds_bytes(agent.observation) for agent in agents):
+            parts = [as_bytes(part, f"{source}: {field} of episode {data.id}") for part in parts]
         rows[field] = stack_agents(parts)
     if len(rows["observations"]) != len(data) + 1 or len(rows["actions"]) != len(data):
         raise ConversionError(
@@ -300,4 +346,4 @@ def _foreign_episodes(
         yield build_episode(rows, seed=number, policy=0, end=end)
 
 
-FORMAT = Format("minari", "Minari", KEPT_NAMES, LOST_REASONS, read, write)
+FORMAT = Format("minari", "Minari", KEPT_NAMES, LOST_REASONS, read, write, misplaced)

@@ -60,7 +60,7 @@ LOST_REASONS = {
 }
 
 
-def write(dataset: Dataset, path: Path) -> None:
+def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as one vault; `path` is the folder of its uid."""
     try:
         from flashbax.buffers.trajectory_buffer import TrajectoryBufferState  # noqa: PLC0415
@@ -78,7 +78,7 @@ def write(dataset: Dataset, path: Path) -> None:
                     experience_structure=leaves,
                     rel_dir=str(path.parent.parent),
                     vault_uid=path.name,
-                    metadata={NOTE_KEY: note_of(dataset).to_json()},
+                    metadata={NOTE_KEY: note_of(dataset, frame).to_json()},
                 )
             state = TrajectoryBufferState(experience=leaves, current_index=n, is_full=False)
             vault.write(state, source_interval=(0, n))

@@ -134,6 +134,22 @@ class Frame:
         out[..., 0], out[..., 1] = ux * x + uy * y, ux * y - uy * x
         return out
 
+    def recorded(self, observations: Float, actions: Float) -> Float:
+        """Returns recorded actions in this frame, float32 [..., N, A], within [-1, 1].
+
+        Worlds clip a command to a norm of 1 (`envs.physics.dynamics`): a longer one is recorded as
+        it was given, and means the same when it is clipped before it is turned.
+
+        Args:
+            observations: in the world's frame, [..., N, O].
+            actions: in the world's frame, [..., N, A].
+        """
+        x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
+        norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
+        clipped = actions.astype(np.float64)
+        clipped[..., 0], clipped[..., 1] = x / norm, y / norm
+        return self.to_local(observations, clipped).clip(-1, 1).astype(np.float32)
+
 
 @kernel
 def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, heard: Int, out: Float) -> None:
@@ -146,7 +162,8 @@ def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, heard: Int, out:
         ux, uy = 1.0, 0.0
         if length != 0.0:
             ux, uy = x / length, y / length
-        inputs[:size] = row
+        for k in range(size):
+            inputs[k] = row[k]
         for k in vectors:
             x, y = np.float64(row[k]), np.float64(row[k + 1])
             inputs[k], inputs[k + 1] = ux * x + uy * y, ux * y - uy * x

@@ -14,11 +14,13 @@ from swarmdata.specs.spaces import (
     DiscreteSpace,
     MultiDiscreteSpace,
     Space,
+    as_bytes,
     flatten,
+    holds_bytes,
     stack_agents,
     width,
 )
-from swarmdata.types import Bool, Float
+from swarmdata.types import Bool, Float, FloatOrByte
 
 SUCCESS_KEYS = ("success", "is_success")
 """Keys of infos that tell whether the task was solved."""
@@ -52,7 +54,7 @@ class AgentReader:
             )
         return np.array([name in present for name in self.names])
 
-    def observations(self, given: Mapping[Any, Any], seen: Bool) -> tuple[Float, Float]:
+    def observations(self, given: Mapping[Any, Any], seen: Bool) -> tuple[FloatOrByte, FloatOrByte]:
         """Observations of all agents; zeros for absent ones.
 
         Args:
@@ -60,9 +62,15 @@ class AgentReader:
             seen: agents that are present or have just left, [N].
 
         Returns:
-            rows padded to the widest agent, [N, O], and their concatenation without padding.
+            rows padded to the widest agent, [N, O], and their concatenation without padding; uint8
+            if all agents observe images of bytes.
         """
-        rows = self._rows(given, seen, "observation", [a.observation for a in self.agents])
+        spaces = [agent.observation for agent in self.agents]
+        rows = self._rows(given, seen, "observation", spaces)
+        if all(map(holds_bytes, spaces)):
+            names = (f"observation of {name}" for name in self.names)
+            images = [as_bytes(row, where) for row, where in zip(rows, names, strict=True)]
+            return stack_agents(images), np.concatenate(images)
         return stack_agents(rows), np.concatenate(rows)
 
     def actions(self, given: Mapping[Any, Any], alive: Bool) -> Float:

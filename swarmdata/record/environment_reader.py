@@ -11,7 +11,7 @@ from swarmdata.record.agent_reader import AgentReader
 from swarmdata.record.episode_buffer import StateRow
 from swarmdata.record.recording_description import StateSource
 from swarmdata.specs.origins import Spec
-from swarmdata.types import Bool, Counts, Float, no_messages
+from swarmdata.types import Bool, Counts, Float, FloatOrByte, no_messages
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,8 +82,8 @@ class EnvironmentReader:
             return np.array(self.env.current_step.layouts[0])
         return np.zeros((0, 8), dtype=np.float32)
 
-    def _state(self, concatenated: Float) -> Float:
-        """The state, [S], given the concatenated observations."""
+    def _state(self, concatenated: FloatOrByte) -> FloatOrByte:
+        """The state, [S], given the concatenated observations; an image of bytes stays uint8."""
         if self.source == "observations":
             return concatenated
         try:
@@ -96,7 +96,9 @@ class EnvironmentReader:
             ) from error
         if state.dtype.kind not in "biuf" or not np.isfinite(state).all():
             raise SchemaError(f"state() returned {state!r}, expected finite numbers")
-        row: Float = state.reshape(-1).astype(np.float32)
+        row: FloatOrByte = state.reshape(-1).astype(
+            np.uint8 if state.dtype == np.uint8 else np.float32
+        )
         if self.spec.state_size not in (None, len(row)):
             raise SchemaError(
                 f"state() returned {len(row)} numbers, expected {self.spec.state_size} as after "

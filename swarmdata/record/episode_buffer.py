@@ -5,15 +5,15 @@ from typing import Literal
 
 import numpy as np
 
-from swarmdata.types import END_REASONS, Bool, Counts, Episode, Float
+from swarmdata.types import END_REASONS, Bool, Counts, Episode, Float, FloatOrByte
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateRow:
     """The state between two steps; its arrays are not shared."""
 
-    observations: Float  # [N, O]
-    state: Float  # [S]
+    observations: FloatOrByte  # [N, O]
+    state: FloatOrByte  # [S]
     alive: Bool  # [N] agents that act next
     masks: Bool | None  # [N, C] allowed choices, None where there are no masks
     sent: Float  # [N, P]

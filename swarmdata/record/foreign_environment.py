@@ -78,7 +78,9 @@ def library_version(module: str) -> str:
 
 
 def horizon_of(env: Any) -> int | None:
-    """Most steps of an episode, if the environment has the usual attribute `max_cycles`."""
+    """Most steps of an episode, if the environment says so: `max_cycles`, or Gymnasium's spec."""
     value: Any = getattr(getattr(env, "unwrapped", env), "max_cycles", None)
+    if value is None:
+        value = getattr(getattr(env, "spec", None), "max_episode_steps", None)
     is_count = isinstance(value, int | np.integer) and not isinstance(value, bool) and value > 0
     return int(value) if is_count else None

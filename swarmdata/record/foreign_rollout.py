@@ -10,10 +10,20 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.record.agent_reader import AgentReader
 from swarmdata.record.foreign_environment import describe_agents
+from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import state_source
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import unflatten
-from swarmdata.types import Bool, Double, EvalResult, Float, Seeds, Step, no_messages
+from swarmdata.types import (
+    Bool,
+    Double,
+    EvalResult,
+    Float,
+    FloatOrByte,
+    Seeds,
+    Step,
+    no_messages,
+)
 
 PLAYED_METRICS = ("return", "length", "success")
 """Metrics of each episode; success is NaN if the environment does not report it."""
@@ -83,19 +93,20 @@ def _check_choices(actions: Float, spec: RecordedSpec) -> None:
                 )
 
 
-def step_of(observations: Float, state: Float, *, seed: int, time: int) -> Step:
+def step_of(observations: FloatOrByte, state: FloatOrByte, *, seed: int, time: int) -> Step:
     """Returns the `Step` of one copy that a policy acts on.
 
     Args:
-        observations: padded to the widest agent, zero for absent agents, [N, O].
-        state: [S].
+        observations: padded to the widest agent, zero for absent agents, [N, O]; images of bytes
+            become float32, as every policy takes them.
+        state: [S], likewise.
         seed: seed of the episode.
         time: steps since its reset.
     """
     n_agents = len(observations)
     return Step(
-        observations=observations[None],
-        states=state[None],
+        observations=observations[None].astype(np.float32, copy=False),
+        states=state[None].astype(np.float32, copy=False),
         rewards=np.zeros((1, n_agents), np.float32),
         reward_terms=np.zeros((1, n_agents, 0), np.float32),
         terminations=np.zeros(1, np.bool_),
@@ -122,7 +133,7 @@ def evaluate_parallel(
     Args:
         policy: such as `swarmdata.train` returns. If the environment has action masks, the policy
             needs `act_among(step, allowed)`.
-        make_env: makes a `ParallelEnv` like the recorded one; it is closed at the end.
+        make_env: makes an environment like the recorded one; it is closed at the end.
         spec: spec of the recording.
         seeds: seeds of the resets, such as `swarmdata.foreign_evaluation_seeds(100)`, [n].
         name: the policy's name in tables.
@@ -133,7 +144,7 @@ def evaluate_parallel(
     """
     if not len(seeds):
         raise SchemaError("there are no seeds, expected at least one episode to play")
-    env = make_env()
+    env = as_parallel(make_env())
     reader = AgentReader(tuple(env.possible_agents), describe_agents(env))
     if reader.agents != spec.agents:
         raise SchemaError(

@@ -16,6 +16,7 @@ from swarmdata.record.agent_reader import AgentReader
 from swarmdata.record.environment_reader import EnvironmentReader
 from swarmdata.record.episode_buffer import EpisodeBuffer, StepRow
 from swarmdata.record.foreign_environment import describe_agents
+from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import describe_recording, is_own_task, state_source
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream, default_seed
@@ -45,13 +46,15 @@ class Recorder(BaseParallelWrapper):
     messages.
 
     Args:
-        env: any `ParallelEnv`; do not wrap the recorder again.
+        env: any `ParallelEnv`, a parallelizable `AECEnv`, or a Gymnasium environment, whose agent
+            is called `agent_0`; do not wrap the recorder again.
         id: id of the dataset, `<task>[-<variant>]-<name>-v<k>`.
         path: folder of the dataset, which must not exist.
         policies: labels or descriptions of the policies that act, one in each episode.
         task: name of the environment; by default the one in its metadata.
         options: JSON values that the environment was made with, so that others can make it again.
-        horizon: most steps of an episode; by default the environment's `max_cycles`, if it has one.
+        horizon: most steps of an episode; by default the environment's `max_cycles`, or the
+            `max_episode_steps` of its Gymnasium spec, if it has one.
         metadata: information for readers, such as `author`, `license`, `description` and `code`.
         seed: seed of the splits and of resets without a seed; by default derived from `id`.
         splits: how many episodes are held out.
@@ -85,7 +88,7 @@ class Recorder(BaseParallelWrapper):
         keep_unfinished: bool = False,
         limits: Limits | None = None,
     ) -> None:
-        super().__init__(env)
+        super().__init__(env := as_parallel(env))
         if Path(path).exists():
             raise BuildError(
                 f"{path} exists. Record to another path, or delete it; a published version never "

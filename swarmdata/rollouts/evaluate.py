@@ -1,6 +1,7 @@
 """Evaluates a policy on seeds that no dataset has; `result_files` stores the result."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 
 import numpy as np
 from tqdm import tqdm
@@ -23,12 +24,14 @@ def evaluate(
     n_episodes: int = 1000,
     block: SeedBlock = "evaluation",
     n_copies: int = 64,
+    n_threads: int = 1,
     progress: bool = True,
+    report: Callable[[int], object] = lambda episodes: None,
 ) -> EvalResult:
     """Runs a policy on the first `n_episodes` seeds of a block, the same for everybody.
 
     Episodes are measured as they finish, and are not kept. The result does not depend on
-    `n_copies`.
+    `n_copies` and `n_threads`.
 
     Args:
         policy: acts in every copy.
@@ -38,7 +41,9 @@ def evaluate(
         block: the reserved `evaluation` seeds, or the `validation` seeds, on which settings are
             chosen.
         n_copies: number of episodes that run at the same time.
+        n_threads: threads that step them, as `make_env` takes it.
         progress: whether to show a progress bar (on standard error, if that is a terminal).
+        report: called with the number of episodes that have just finished.
 
     Raises:
         SchemaError: `n_episodes` is not positive, or the policy's actions are malformed.
@@ -47,10 +52,18 @@ def evaluate(
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
     seeds = block_seeds(block, n_episodes)
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
-    env = make_env(spec, min(n_copies, n_episodes))
+    env = make_env(spec, min(n_copies, n_episodes), n_threads=n_threads)
     hidden = None if progress else True  # None: hidden unless standard error is a terminal
-    with tqdm(total=n_episodes, desc=name, unit="episode", disable=hidden) as bar:
-        for row, episode in enumerate(rollout(env, policy, seeds, progress=bar.update)):
+    with (
+        closing(env),
+        tqdm(total=n_episodes, desc=name, unit="episode", disable=hidden) as bar,
+    ):
+
+        def count(episodes: int) -> None:
+            bar.update(episodes)
+            report(episodes)
+
+        for row, episode in enumerate(rollout(env, policy, seeds, progress=count)):
             for metric, value in episode_metrics(episode, env.task).items():
                 metrics[metric][row] = value
     return EvalResult(name, spec.task, spec.hash(), seeds, metrics)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
+from swarmdata.perception.frames import Frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.types import Double, Float, Int, Step
 
@@ -25,12 +26,14 @@ class FunctionPolicy:
 
     Args:
         function: maps observations to actions.
+        frame: in which the function sees and acts, such as `setup.sizes.frame` of an offline
+            algorithm, whose batches are in it; None: the world's, as recorded.
     """
 
     uses_state = False
 
-    def __init__(self, function: Function) -> None:
-        self._function = function
+    def __init__(self, function: Function, *, frame: Frame | None = None) -> None:
+        self._function, self._frame = function, frame
         self._last = LastMeans()
 
     def reset(self, step: Step, copies: Int) -> None:
@@ -52,15 +55,19 @@ class FunctionPolicy:
             SchemaError: the actions are not one finite row for each robot.
         """
         n_copies, n_agents = step.observations.shape[:2]
-        actions = np.asarray(self._function(step.observations), dtype=np.float64)
+        seen = step.observations
+        if self._frame is not None:
+            seen = self._frame.inputs(seen)
+        actions = np.asarray(self._function(seen), dtype=np.float64)
         if actions.ndim != 3 or actions.shape[:2] != (n_copies, n_agents):
             raise SchemaError(
                 f"the policy's function returned shape {actions.shape} for observations "
-                f"{step.observations.shape}, expected ({n_copies}, {n_agents}, A): one action of "
+                f"{seen.shape}, expected ({n_copies}, {n_agents}, A): one action of "
                 "each robot in each copy"
             )
         if not np.isfinite(actions).all():
             raise SchemaError(
                 "the policy's function returned actions that are not finite; check its parameters"
             )
-        return actions.clip(-1.0, 1.0).astype(np.float32).astype(np.float64)
+        turned = in_world(self._frame, step.observations, actions.clip(-1.0, 1.0))
+        return turned.astype(np.float32).astype(np.float64)

@@ -96,6 +96,14 @@ def _min_separation(positions: Double, spec: TaskSpec) -> float:
     return float(gaps.min())
 
 
+SOLVED_TIME = "time when solved"
+"""What means of `time_to_goal` over solved episodes alone are called, as in measured references.
+
+"Time to goal" is one thing wherever a mean has this name: an unsolved episode counts as the horizon
+(`censored_times`).
+"""
+
+
 def censored_times(times: Double, limit: float) -> Double:
     """Returns min(time, limit), where a NaN (the goal was never reached) counts as `limit`.
 

@@ -3,7 +3,7 @@
 The kind determines the unit, the axis how a rotation into the body frame acts.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
 
 Kind = Literal["position", "velocity", "direction", "range", "flag"]
@@ -51,6 +51,12 @@ def shown_for(n_steps: int, feature: Feature) -> Feature:
     slot, dot, name = feature.name.rpartition(".")
     meaning = f"{feature.meaning}; 0 from step {n_steps} on"
     return feature._replace(name=f"{slot}{dot}shown_{name}", meaning=meaning)
+
+
+def stacked(frame: Sequence[Feature], n_frames: int) -> tuple[Feature, ...]:
+    """The features of a frame and of those before it, newest first; older ones say their age."""
+    ages = range(1, n_frames)
+    return (*frame, *(f._replace(name=f"{f.name}[-{age}]") for age in ages for f in frame))
 
 
 def numbered(prefix: str, n: int, fields: Iterable[Feature]) -> tuple[Feature, ...]:

@@ -158,6 +158,13 @@ def _explain_all(model: type[BaseModel], error: ValidationError) -> str:
     return listed
 
 
+def explain_value(error: ValidationError) -> str:
+    """What is wrong with a single value, such as an option's, in our words."""
+    problems = error.errors()
+    got = SHORT_REPR.repr(problems[0]["input"])
+    return f"got {got}, {' or '.join(map(_sentence, problems))}"
+
+
 def _explain(model: type[BaseModel], problem: Any) -> str:
     path = ".".join(_key(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":

@@ -35,7 +35,7 @@ def space_of(space: Any, where: str) -> Space:
     names = [kind.__name__ for kind in type(space).__mro__]
     match next((name for name in names if name in _KINDS), None):
         case "Box":
-            low, high = _bound(space.low), _bound(space.high)
+            low, high = common_bound(space.low), common_bound(space.high)
             return BoxSpace(shape=tuple(space.shape), dtype=str(space.dtype), low=low, high=high)
         case "Discrete":
             return DiscreteSpace(n=int(space.n), start=int(getattr(space, "start", 0)))
@@ -58,7 +58,7 @@ def space_of(space: Any, where: str) -> Space:
     )
 
 
-def _bound(values: NDArray[Any]) -> Bound:
+def common_bound(values: NDArray[Any]) -> Bound:
     """One number if all are equal; None is infinite."""
     each = [float(v) if np.isfinite(v) else None for v in np.ravel(values).tolist()]
     if len(set(each)) <= 1:

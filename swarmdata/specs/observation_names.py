@@ -40,7 +40,11 @@ _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
     "stack": lambda _, frames: {"stack": frames},
     "goal-for": lambda _, steps: {"goal_steps": steps},
     "range": lambda kind, metres: {_RANGES[kind]: metres},
+    "no-velocities": lambda _, __: {"velocities": False},
 }
+
+_BARE = {"no-velocities"}
+"""Modifiers without a number."""
 
 
 def observation_model(
@@ -54,7 +58,8 @@ def observation_model(
             `occupancy-11` cells), and modifiers joined by `+`: `noise-0.05` (standard deviation of
             positions and ranges, m, of velocities, m/s, and of directions, rad), `dropout-0.1`,
             `delay-2` (steps), `stack-4` (frames), `goal-for-10` (first steps that show the own
-            goal; `goal-for-0` never does), `range-1.5` (m; not of `occupancy`, whose cells say it).
+            goal; `goal-for-0` never does), `range-1.5` (m; not of `occupancy`, whose cells say it),
+            `no-velocities` (no features that are velocities).
 
     Raises:
         UnknownNameError: no such kind or modifier.
@@ -82,7 +87,10 @@ def _from_name(name: str) -> AnyObservationModel:
             raise UnknownNameError("modifier of observations", part.partition("-")[0], _MODIFIERS)
         if modifier == "range" and kind not in _RANGES:
             raise SpecError(f"{kind} has no range in {name!r}: set cells and cell_size instead")
-        added = _MODIFIERS[modifier](kind, _number(value, part, name))
+        if modifier in _BARE and part != modifier:
+            raise SpecError(f"{modifier} takes no number in {name!r}, got {part!r}. Leave it out")
+        number = 0 if modifier in _BARE else _number(value, part, name)
+        added = _MODIFIERS[modifier](kind, number)
         if added.keys() & fields.keys():
             raise SpecError(f"{modifier} is given twice in {name!r}. Leave one out")
         fields |= added

@@ -63,9 +63,9 @@ Policies = Annotated[
 class Splits(Frozen):
     """Episodes of each split in every block of `block` consecutive episodes of one policy."""
 
-    block: Annotated[int, Field(ge=3, le=1_000_000)] = 20
-    validation: Count = 1
-    test: Count = 1
+    block: Annotated[int, Field(ge=3, le=1_000_000)] = 20  # episodes
+    validation: Count = 1  # of them to validation
+    test: Count = 1  # of them to test
 
     @model_validator(mode="after")
     def _check_rest(self) -> Self:
@@ -99,17 +99,20 @@ class Recipe(Frozen):
     parents: ClassVar[tuple[()]] = ()
     metadata: ClassVar[None] = None
     about_tier: ClassVar[None] = None
+    remaking: ClassVar[None] = None
     license: ClassVar[str] = "cc-by-4.0"
     has_world_seeds: ClassVar[bool] = True
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
-    tier: Label
-    spec: TaskSpec
-    policies: Policies
-    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
-    n_steps: Annotated[int, Field(ge=1, le=10**12)] = 1_000_000
+    """Words joined by -, and the version."""
+    tier: Label  # name of the data's quality, for the card
+    spec: TaskSpec  # the task
+    policies: Policies  # who acts, and how much
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the episodes
+    n_steps: Annotated[int, Field(ge=1, le=10**12)] = 1_000_000  # least joint steps
     part_episodes: Annotated[int, Field(ge=1, le=1 << 16)] = 256
-    splits: Splits = Splits()
+    """Episodes that a worker makes at a time."""
+    splits: Splits = Splits()  # shares of train, validation and test
 
     @model_validator(mode="after")
     def _check_part(self) -> Self:

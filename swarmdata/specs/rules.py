@@ -5,7 +5,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import (
     Field,
@@ -123,6 +123,7 @@ class Ranks(Frozen):
 
     kind: Literal["ranks"] = "ranks"
     order: Annotated[tuple[Rank, ...], Field(min_length=1, max_length=1024)] = (2, 0, 3, 1)
+    """Rank of each goal along y."""
     spacing: Length = 0.75  # m between neighbouring ranks, and between robots in their row
     distance: Length = 1.0  # m from the row to the lowest goal, along y
     jitter: Distance = 0.1  # m, of each start and goal in x and in y
@@ -138,9 +139,9 @@ class NavigationRules(Frozen):
 
     task: Literal["coop_nav"] = "coop_nav"
     goals: Literal["assigned", "unassigned"] = "assigned"  # unassigned: all must be covered
-    arrangement: AnyArrangement = RandomArrangement()
-    goal_radius: Length = 0.15
-    rewards: NavigationRewards = NavigationRewards()
+    arrangement: AnyArrangement = RandomArrangement()  # of obstacles, starts and goals
+    goal_radius: Length = 0.15  # m, within which a goal is reached
+    rewards: NavigationRewards = NavigationRewards()  # weights of the terms
 
     @property
     def has_own_targets(self) -> bool:
@@ -159,7 +160,7 @@ class FormationRules(Frozen):
     """`formation`: robots reach and hold a shape whose reference moves through the arena."""
 
     task: Literal["formation"] = "formation"
-    shape: Literal["line", "circle", "wedge", "column"] = "wedge"
+    shape: Literal["line", "circle", "wedge", "column"] = "wedge"  # of the slots
     spacing: Length = 0.5  # m between neighbouring slots
     slots: Literal["fixed", "assigned"] = "assigned"  # assigned: the best assignment in each step
     reference_speed: Speed = 0.28  # m/s, never exceeded
@@ -171,7 +172,7 @@ class FormationRules(Frozen):
     preview: Previews = (1.0, 2.0)  # s ahead at which robots see their slots
     tolerance: Length = 0.12  # m, root mean square deviation that counts as in formation
     hold_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6  # of the horizon in formation to solve
-    rewards: FormationRewards = FormationRewards()
+    rewards: FormationRewards = FormationRewards()  # weights of the terms
 
     @property
     def has_own_targets(self) -> bool:
@@ -182,9 +183,9 @@ class FormationRules(Frozen):
 class Payload(Frozen):
     """A rigid body that slides on the floor and turns."""
 
-    shape: Literal["circle", "box"] = "circle"
+    shape: Literal["circle", "box"] = "circle"  # a box has faces and can be turned
     half_length: Length = 0.35  # radius of a circle
-    half_width: Length = 0.25
+    half_width: Length = 0.25  # m, of a box
     mass: Mass = 4.0  # kg
     friction: Force = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
 
@@ -205,11 +206,11 @@ class TransportRules(Frozen):
     """`transport`: robots push a payload that none can move alone to a goal pose."""
 
     task: Literal["transport"] = "transport"
-    payload: Payload = Payload()
+    payload: Payload = Payload()  # what is pushed
     goal_radius: Length = 0.15  # m, of the payload's centre
     goal_angle: Angle | None = None  # rad, of a box; None: any direction will do
     room: Distance = 0.35  # m free around the payload's bounding circle at the start
-    rewards: TransportRewards = TransportRewards()
+    rewards: TransportRewards = TransportRewards()  # weights of the terms
     has_own_targets: ClassVar[bool] = False  # the payload's goal is that of all robots
 
     @model_validator(mode="after")
@@ -228,8 +229,8 @@ class WarehouseRewards(Rewards):
     """Weights of `warehouse`."""
 
     progress: Weight = 0.5  # per metre by which a robot's shortest path to its target gets shorter
-    pickup: Weight = 1.0
-    delivery: Weight = 2.0
+    pickup: Weight = 1.0  # per order that a robot picks up
+    delivery: Weight = 2.0  # per order that a robot delivers
     robot_contact: Weight = 0.2
     obstacle_contact: Weight = 0.2
     robot_collision: Weight = 0.5
@@ -250,31 +251,38 @@ class WarehouseRules(Frozen):
     lane_width: Length = 0.7  # m, of the lanes between blocks and at both ends of the rows
     front: Length = 0.8  # m, depth of the free strip with the stations
     bays: Count = 4  # pick places on each side of an aisle, for each block
-    stations: Count = 4
-    goal_radius: Length = 0.15
+    stations: Count = 4  # places to deliver at
+    goal_radius: Length = 0.15  # m, within which a place is reached
     quota: Count = 8  # deliveries of the team that solve the task
-    rewards: WarehouseRewards = WarehouseRewards()
+    rewards: WarehouseRewards = WarehouseRewards()  # weights of the terms
     has_own_targets: ClassVar[bool] = True  # each robot has orders of its own
 
 
+PackageRules = NavigationRules | FormationRules | TransportRules | WarehouseRules
+"""The rules of the package's tasks."""
+
+_PACKAGE_TASKS = frozenset(model.model_fields["task"].default for model in get_args(PackageRules))
+
+
 def _own_rules(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
-    """Reads the rules of a user's task with the model that the task has as `Rules`."""
+    """Reads the rules of a user's task with the model that the task has as `Rules`.
+
+    Users cannot replace the package's tasks, so those need no search through what is installed,
+    which takes longer than all else of opening a dataset.
+    """
     is_mapping = isinstance(value, Mapping)
     task = value.get("task") if is_mapping else getattr(value, "task", None)
+    if not isinstance(task, str) or task in _PACKAGE_TASKS:
+        return read(value)
     own = components("tasks")
-    if not isinstance(task, str) or task not in own:
+    if task not in own:
         return read(value)
     model = import_component(own[task]).Rules
     return model.model_validate(value) if is_mapping else value
 
 
 Rules = Annotated[
-    SerializeAsAny[
-        Annotated[
-            NavigationRules | FormationRules | TransportRules | WarehouseRules,
-            Field(discriminator="task"),
-        ]
-    ],
+    SerializeAsAny[Annotated[PackageRules, Field(discriminator="task")]],
     WrapValidator(_own_rules),
 ]
 """The rules of one of the package's tasks, or of a task that users have registered."""

@@ -31,33 +31,35 @@ class ObservationModel(Frozen):
 
     With `goal_steps`, frames that are sensed after so many steps do not tell the robot's goal: all
     features of `Feature.tells_goal` are 0, those of the task among them, and named `shown_...`.
+    Without `velocities`, robots have no estimates of any: frames have no features of that kind.
     """
 
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
     """Fields of `SensorNoise` that the model uses."""
 
-    noise: SensorNoise = SensorNoise()
-    dropout: Probability = 0.0
+    noise: SensorNoise = SensorNoise()  # of the measurements
+    dropout: Probability = 0.0  # chance that an object, beam or cell is missed
     delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
     stack: Annotated[int, Field(ge=1, le=10**12)] = 1  # frames
     goal_steps: Annotated[int, Field(ge=0, le=10**12)] | None = None  # None: always shown
+    velocities: bool = True  # the own one, and those of others relative to it
 
     @model_serializer(mode="wrap")
-    def _without_absent_goal_steps(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out `goal_steps` where there is no limit: hashes of older specs stay the same."""
-        return _without_absent("goal_steps", write(self))
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out later fields at their defaults: hashes of older specs stay the same."""
+        return _without(write(self), goal_steps=None, velocities=True)
 
 
-def _without_absent(field: str, content: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in content.items() if key != field or value is not None}
+def _without(content: dict[str, Any], **defaults: object) -> dict[str, Any]:
+    return {k: value for k, value in content.items() if k not in defaults or value != defaults[k]}
 
 
 class StateModel(ObservationModel):
     """Low-dimensional state in the world's frame: self, nearest robots, nearest obstacles."""
 
     kind: Literal["state"] = "state"
-    n_neighbors: Annotated[int, Field(ge=0, le=10**12)] = 3
-    n_obstacles: Annotated[int, Field(ge=0, le=10**12)] = 3
+    n_neighbors: Annotated[int, Field(ge=0, le=10**12)] = 3  # slots of robots, the nearest first
+    n_obstacles: Annotated[int, Field(ge=0, le=10**12)] = 3  # slots of obstacles, the nearest first
     range: Positive = 1.0  # m, gap at which closeness features reach 0
     limit: Positive | None = None  # m, gap beyond which nothing is seen; None: no limit
 
@@ -68,7 +70,7 @@ class LidarModel(ObservationModel):
     noises: ClassVar[tuple[str, ...]] = (*ObservationModel.noises, "range")
 
     kind: Literal["lidar"] = "lidar"
-    n_rays: Annotated[int, Field(ge=1, le=10**12)] = 16
+    n_rays: Annotated[int, Field(ge=1, le=10**12)] = 16  # beams all around
     range: Positive = 2.0  # m from the robot's centre
 
 
@@ -78,7 +80,7 @@ class BearingModel(ObservationModel):
     noises: ClassVar[tuple[str, ...]] = (*ObservationModel.noises, "range")
 
     kind: Literal["bearing"] = "bearing"
-    n_neighbors: Annotated[int, Field(ge=0, le=10**12)] = 3
+    n_neighbors: Annotated[int, Field(ge=0, le=10**12)] = 3  # slots of robots, the nearest first
     range: Positive = 2.0  # m between centres
 
 
@@ -122,12 +124,13 @@ class Broadcast(Frozen):
 
     kind: Literal["broadcast"] = "broadcast"
     payload: Literal["pose", "pose_and_goal", "errand", "state", "learned"] = "pose"
+    """What a message holds."""
     message_size: Annotated[int, Field(ge=1, le=10**12)] = 4  # values of a learned message
-    topology: Literal["full", "nearest", "ring", "star"] = "full"
+    topology: Literal["full", "nearest", "ring", "star"] = "full"  # who is linked to whom
     n_nearest: Annotated[int, Field(ge=1, le=10**12)] = 2  # of topology "nearest"
     range: Positive | None = None  # m between centres; None: no limit
-    drop_probability: Probability = 0.0
-    bursts: Bursts | None = None
+    drop_probability: Probability = 0.0  # of each message, independently
+    bursts: Bursts | None = None  # losses in bursts; None: none
     delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
     messages_per_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # a robot can receive
     bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
@@ -144,9 +147,9 @@ class Broadcast(Frozen):
         return self
 
     @model_serializer(mode="wrap")
-    def _without_absent_max_age(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_absent_age(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leaves out `max_age` where there is none: hashes of older specs stay the same."""
-        return _without_absent("max_age", write(self))
+        return _without(write(self), max_age=None)
 
 
 AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminator="kind")]

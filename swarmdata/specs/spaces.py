@@ -15,7 +15,7 @@ from pydantic import Field
 
 from swarmdata.errors import SchemaError
 from swarmdata.specs.frozen import Frozen
-from swarmdata.types import Double, Float
+from swarmdata.types import Counts, Double, Float
 
 Count = Annotated[int, Field(ge=1)]
 Bound = float | None | tuple[float | None, ...]
@@ -97,6 +97,34 @@ def is_continuous(space: Space) -> bool:
     if isinstance(space, DictSpace | TupleSpace):
         return width(space) > 0 and all(map(is_continuous, _parts(space)))
     return False
+
+
+def holds_bytes(space: Space) -> bool:
+    """Whether a space has boxes of uint8 only, and at least one number, as images have."""
+    if isinstance(space, BoxSpace):
+        return space.dtype == "uint8"
+    if isinstance(space, DictSpace | TupleSpace):
+        return width(space) > 0 and all(map(holds_bytes, _parts(space)))
+    return False
+
+
+def as_bytes(rows: Float, where: str) -> Counts:
+    """Returns whole numbers from 0 to 255 as uint8, of the same shape.
+
+    Args:
+        rows: the numbers.
+        where: names them in errors.
+
+    Raises:
+        SchemaError: there are other numbers.
+    """
+    found = rows.clip(0, 255).astype(np.uint8)
+    if (found != rows).any():
+        raise SchemaError(
+            f"{where} has numbers that are not whole or not from 0 to 255, although its space is "
+            "of uint8"
+        )
+    return found
 
 
 def flatten(space: Space, value: Any, where: str) -> Float:
@@ -200,9 +228,13 @@ def _joined(parts: list[NDArray[np.float32]]) -> Float:
 
 
 def stack_agents(rows: Sequence[NDArray[Any]]) -> Float:
-    """Stacks one array [..., F_i] for each of N agents: [..., N, max F_i], zeros on the right."""
+    """Stacks one array [..., F_i] for each of N agents: [..., N, max F_i], zeros on the right.
+
+    The result is uint8 if all of them are, else float32.
+    """
     widest = max(each.shape[-1] for each in rows)
-    stacked = np.zeros((*rows[0].shape[:-1], len(rows), widest), dtype=np.float32)
+    dtype = np.uint8 if all(each.dtype == np.uint8 for each in rows) else np.float32
+    stacked = np.zeros((*rows[0].shape[:-1], len(rows), widest), dtype=dtype)
     for agent, each in enumerate(rows):
         stacked[..., agent, : each.shape[-1]] = each
     return stacked

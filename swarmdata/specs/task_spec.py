@@ -73,11 +73,11 @@ def _named(find: Callable[[str], Frozen]) -> BeforeValidator:
 class Robot(Frozen):
     """One kind of circular robot of mass 1 kg."""
 
-    radius: Length = 0.12
-    dynamics: Literal["holonomic", "unicycle"] = "holonomic"
-    command: Literal["velocity", "acceleration"] = "velocity"
-    max_speed: Speed = 0.6
-    max_acceleration: Acceleration = 1.5
+    radius: Length = 0.12  # m
+    dynamics: Literal["holonomic", "unicycle"] = "holonomic"  # a unicycle cannot move sideways
+    command: Literal["velocity", "acceleration"] = "velocity"  # what actions are, times the maximum
+    max_speed: Speed = 0.6  # m/s
+    max_acceleration: Acceleration = 1.5  # m/s^2
     max_turn_rate: TurnRate = 3.0  # rad/s, unicycle only
     sensor_range: Length | None = None  # m, of this robot's sensors, if shorter than the model's
 
@@ -86,16 +86,16 @@ class Role(Frozen):
     """`count` robots of one kind."""
 
     name: Name = "robot"  # unique in the team, whatever the case of its letters
-    count: Count = 4
-    robot: Robot = Robot()
+    count: Count = 4  # robots of this kind
+    robot: Robot = Robot()  # what they are
 
 
 class Arena(Frozen):
     """A rectangle centred on the origin, inside thick walls."""
 
-    width: Length = 4.0
-    height: Length = 4.0
-    wall_thickness: Length = 0.3
+    width: Length = 4.0  # m, along x
+    height: Length = 4.0  # m, along y
+    wall_thickness: Length = 0.3  # m
 
 
 class Obstacles(Frozen):
@@ -106,27 +106,27 @@ class Obstacles(Frozen):
     that every passage is passable and every layout solvable.
     """
 
-    circles: CountOrNone = 2
-    boxes: CountOrNone = 1
-    corners: CountOrNone = 1
-    pockets: CountOrNone = 2
-    circle_radius: Span = (0.12, 0.25)
-    box_half_length: Span = (0.12, 0.25)
-    corner_half_length: Span = (0.25, 0.4)
-    pocket_half_length: Span = (0.3, 0.4)
-    bar_half_thickness: Length = 0.05
-    gap: Length = 0.34
+    circles: CountOrNone = 2  # number
+    boxes: CountOrNone = 1  # number
+    corners: CountOrNone = 1  # number
+    pockets: CountOrNone = 2  # number
+    circle_radius: Span = (0.12, 0.25)  # m, drawn from this range
+    box_half_length: Span = (0.12, 0.25)  # m, of each side, likewise
+    corner_half_length: Span = (0.25, 0.4)  # m, of the bars, likewise
+    pocket_half_length: Span = (0.3, 0.4)  # m, of the bars, likewise
+    bar_half_thickness: Length = 0.05  # m, of the bars of corners and pockets
+    gap: Length = 0.34  # m between bounding circles, and to walls
 
 
 class Spawn(Frozen):
     """Where robots start and where their goals are: distances between surfaces."""
 
-    start_clearance: Distance = 0.06
-    start_separation: Distance = 0.15
-    goal_clearance: Distance = 0.15
-    goal_separation: Distance = 0.25
-    min_goal_distance: Distance = 1.2
-    max_attempts: Count = 2000
+    start_clearance: Distance = 0.06  # m, of a start to obstacles and walls
+    start_separation: Distance = 0.15  # m between starts
+    goal_clearance: Distance = 0.15  # m, of a goal to obstacles and walls
+    goal_separation: Distance = 0.25  # m between goals
+    min_goal_distance: Distance = 1.2  # m from a start to its goal
+    max_attempts: Count = 2000  # of drawing a layout before a SpawnError
 
 
 class TaskSpec(Frozen):
@@ -146,18 +146,21 @@ class TaskSpec(Frozen):
     facts: ClassVar[tuple[()]] = ()
     limits: ClassVar[tuple[()]] = ()
 
-    rules: Rules = NavigationRules()
-    version: Annotated[CountOrNone, AfterValidator(_not_newer)] = WORLD_VERSION
+    rules: Rules = NavigationRules()  # the kind of task, its goals and rewards
+    version: Annotated[CountOrNone, AfterValidator(_not_newer)] = WORLD_VERSION  # of the worlds
     team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role(),)
-    arena: Arena = Arena()
-    obstacles: Obstacles = Obstacles()
-    spawn: Spawn = Spawn()
-    horizon: Count = 160
-    control_dt: Duration = 0.1
-    physics_dt: Duration = 0.05
-    on_collision: Literal["continue", "fail"] = "continue"
+    """The robots, role by role."""
+    arena: Arena = Arena()  # size of the arena
+    obstacles: Obstacles = Obstacles()  # numbers and sizes of obstacles
+    spawn: Spawn = Spawn()  # distances at the start
+    horizon: Count = 160  # control steps of an episode, at most
+    control_dt: Duration = 0.1  # s, between two commands
+    physics_dt: Duration = 0.05  # s, of a physics step
+    on_collision: Literal["continue", "fail"] = "continue"  # fail: a collision ends the episode
     observation: Annotated[AnyObservationModel, _named(observation_model)] = StateModel()
+    """What robots sense."""
     communication: Annotated[AnyCommunicationModel, _named(communication_model)] = NoCommunication()
+    """What robots hear."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:

@@ -34,6 +34,7 @@ def check_algorithm(
     config: Any = None,
     n_updates: int = 50,
     tolerance: float = 1e-5,
+    are_choices: bool = False,
 ) -> None:
     """Checks an algorithm against `interfaces.Algorithm` and the promises of stacked seeds.
 
@@ -45,11 +46,13 @@ def check_algorithm(
         config: of a class; None: `algorithm.Config()`.
         n_updates: length of the comparison between stacked and separate seeds.
         tolerance: largest difference of an action in that comparison.
+        are_choices: whether actions are choices, whole numbers, and not numbers in [-1, 1]; `draw`
+            must give such. A greedy choice seldom changes, so `step` needs some hundred copies.
     """
     build = _builder(algorithm, config) if isinstance(algorithm, type) else algorithm
     step = sample_step() if step is None else step
     check_losses(build, draw)
-    check_policy_of_seed(build, draw, step)
+    check_policy_of_seed(build, draw, step, are_choices=are_choices)
     check_resume(build, draw)
     check_stacking(build, draw, step, n_updates, tolerance)
 
@@ -82,7 +85,9 @@ def check_losses(build: Build, draw: Draw) -> None:
         assert unchanged, f"update wrote to the batch's {name}"
 
 
-def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
+def check_policy_of_seed(
+    build: Build, draw: Draw, step: Step, *, are_choices: bool = False
+) -> None:
     """Policies act in [-1, 1], copy by copy, and are snapshots; their actions are certain."""
     algorithm = build(STACKED_SEEDS)
     policy = algorithm.policy(0)
@@ -96,7 +101,7 @@ def check_policy_of_seed(build: Build, draw: Draw, step: Step) -> None:
         for index in range(4):
             algorithm.update(draw(STACKED_SEEDS, index))
 
-    check_policies(algorithm.policy, train, step)
+    check_policies(algorithm.policy, train, step, are_choices=are_choices)
 
 
 def check_resume(build: Build, draw: Draw) -> None:
@@ -105,6 +110,9 @@ def check_resume(build: Build, draw: Draw) -> None:
     for index in range(5):
         original.update(draw(STACKED_SEEDS, index))
     saved = original.state_dict()
+    for name, value in saved.items():
+        kind = type(value).__name__
+        assert hasattr(value, "shape"), f"state_dict()[{name!r}] is a {kind}, expected a tensor"
     copies = {name: values_of(value).copy() for name, value in saved.items()}
     resumed = build([seed + 100 for seed in STACKED_SEEDS])
     resumed.load_state_dict(saved)

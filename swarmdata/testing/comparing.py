@@ -30,7 +30,11 @@ def assert_equal_states(ours: Mapping[str, Any], theirs: Mapping[str, Any], brok
 
 
 def check_policies(
-    policy_of: Callable[[int], Policy], train: Callable[[], None], step: Step
+    policy_of: Callable[[int], Policy],
+    train: Callable[[], None],
+    step: Step,
+    *,
+    are_choices: bool = False,
 ) -> None:
     """Checks that policies act in [-1, 1], copy by copy, always the same, and are snapshots.
 
@@ -38,6 +42,7 @@ def check_policies(
         policy_of: returns the current policy of a seed by its number.
         train: takes some updates.
         step: to act on, with at least 2 copies.
+        are_choices: whether actions are whole numbers instead.
 
     Raises:
         AssertionError: naming the broken promise.
@@ -46,7 +51,10 @@ def check_policies(
     actions, shape = act_on(policy, step), step.observations.shape[:2]
     assert actions.dtype == np.float32, f"actions have dtype {actions.dtype}"
     assert actions.shape[:2] == shape, f"actions have shape {actions.shape}"
-    assert np.abs(actions).max() <= 1, "actions leave [-1, 1]"
+    if are_choices:
+        assert np.array_equal(actions, np.rint(actions)), "choices are not whole numbers"
+    else:
+        assert np.abs(actions).max() <= 1, "actions leave [-1, 1]"
     assert np.array_equal(act_on(policy, step), actions), "a policy acts differently the next time"
     single = act_on(policy, Step._make(field[:1] for field in step))
     assert np.array_equal(single, actions[:1]), "actions depend on the other copies"

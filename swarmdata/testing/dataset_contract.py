@@ -84,7 +84,7 @@ def check_episode(episode: Episode, table: EpisodeTable, index: int) -> None:
 
 
 def check_statistics(dataset: Dataset) -> None:
-    """Checks the normalization statistics against the train split, to a relative 1e-6.
+    """Checks the moments against the train split, to a relative 1e-6, and what normalizes by them.
 
     Raises:
         SchemaError: they differ.
@@ -93,7 +93,7 @@ def check_statistics(dataset: Dataset) -> None:
     size = episodes[0].observations.shape[-1]
     observations = np.concatenate([e.observations.reshape(-1, size) for e in episodes])
     rewards = np.concatenate([e.rewards.reshape(-1) for e in episodes])
-    found = dataset.statistics
+    found, usable = dataset.moments, dataset.statistics
     pairs = (
         ("observation_mean", found.observation_mean, observations.mean(0, dtype=np.float64)),
         ("observation_std", found.observation_std, observations.std(0, dtype=np.float64)),
@@ -105,6 +105,11 @@ def check_statistics(dataset: Dataset) -> None:
             bool(np.allclose(got, expected, rtol=1e-6, atol=1e-8)),
             f"{name} is {got}, expected {expected} from the train split",
         )
+    deviations = usable.observation_std
+    _require(deviations.dtype == np.float32, f"observation_std has dtype {deviations.dtype}")
+    _require(bool((deviations > 0).all()), "statistics have a deviation of 0")
+    constant = usable.is_constant
+    _require(bool((deviations[constant] == 1).all()), "a constant feature's deviation is not 1")
 
 
 def check_transitions(dataset: Dataset) -> None:

@@ -16,7 +16,7 @@ from swarmdata.types import Batch, Bool, Double, Episode, Int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MemoryStatistics:
+class MemoryMoments:
     """Mean and standard deviation of every observation feature over agents and time."""
 
     observation_mean: Double  # [O]
@@ -55,10 +55,10 @@ class MemoryDataset:
         return replace(self, episodes=kept)
 
     @cached_property
-    def statistics(self) -> MemoryStatistics:
-        """Normalization statistics of the observations."""
+    def moments(self) -> MemoryMoments:
+        """Moments of the observations."""
         rows = np.concatenate([e.observations.reshape(-1, e.observations.shape[-1]) for e in self])
-        return MemoryStatistics(rows.mean(0, dtype=np.float64), rows.std(0, dtype=np.float64))
+        return MemoryMoments(rows.mean(0, dtype=np.float64), rows.std(0, dtype=np.float64))
 
     @cached_property
     def transitions(self) -> dict[str, NDArray[Any]]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.types import Batch, Step, no_messages
+from swarmdata.types import Batch, Double, Step, no_messages
 
 N_AGENTS, N_OBSERVATION, N_ACTION, N_STATE = 3, 7, 2, 12
 BATCH, N_EPISODES = 16, 5
@@ -22,14 +22,14 @@ def sample_setup(seeds: Sequence[int]) -> Any:
 
 
 def sample_statistics() -> Any:
-    """Returns statistics of data that have these sizes."""
+    """Returns statistics of data of these sizes, whose last columns never change."""
     rng = np.random.default_rng(0)
     kind = import_module("swarmdata.learn.training.dataset_statistics").Statistics
     return kind(
         observation_mean=rng.normal(size=N_OBSERVATION),
-        observation_std=rng.uniform(0.5, 2, N_OBSERVATION),
+        observation_std=_with_constant(rng.uniform(0.5, 2, N_OBSERVATION)),
         state_mean=rng.normal(size=N_STATE),
-        state_std=rng.uniform(0.5, 2, N_STATE),
+        state_std=_with_constant(rng.uniform(0.5, 2, N_STATE)),
         return_std=2.0,
         max_return=5.0,
         own_return_std=2.0,
@@ -37,6 +37,10 @@ def sample_statistics() -> Any:
         return_range=400.0,
         own_return_range=400.0,
     )
+
+
+def _with_constant(deviations: Double) -> Double:
+    return np.append(deviations[:-1], 0.0)
 
 
 def sample_batch(seeds: Sequence[int], index: int) -> Batch:

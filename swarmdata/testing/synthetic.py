@@ -23,6 +23,9 @@ SPEC = TaskSpec(
 N_AGENTS, STATE_SIZE, ACTION_SIZE, N_OBSTACLES = 2, 16, 2, 4
 N_FEATURES, N_VALUES = 15, 4
 
+RELEASE_CARD = "---\ntags:\n- swarmdata\n---\n# Synthetic\n"
+"""The card of a dataset that may be published."""
+
 
 def make_episode(
     length: int,
@@ -130,6 +133,17 @@ def make_dataset(
     assert merge.lacking is None
     manifest = assemble(out, recipe=recipe, parts=parts, order=merge.order)
     return manifest, [streams[policy][episode] for policy, episode in merge.order]
+
+
+def write_release(folder: Path, lengths: Sequence[int], dataset_id: str) -> Path:
+    """Writes a finished dataset that may be published: with a card and references."""
+    streams = make_streams([lengths])
+    parts = write_streams(folder.parent / f"{folder.name}.parts", streams)
+    recipe = make_recipe(n_steps=100).model_copy(update={"id": dataset_id})
+    assemble(folder, recipe=recipe, parts=parts, order=merge_order(recipe, [lengths]).order)
+    (folder / "card.md").write_text(RELEASE_CARD)
+    (folder / "references.json").write_text("{}")
+    return folder
 
 
 def make_large_dataset(out: Path, n_steps: int) -> Manifest:

@@ -28,12 +28,22 @@ def source(request: pytest.FixtureRequest) -> str:
 
 
 def code_lines(function: Function) -> int:
-    """Lines of a function from `def` to its end, its docstring left out."""
-    length = (function.end_lineno or function.lineno) - function.lineno + 1
+    """Lines of a function from `def` to its end, its docstring left out.
+
+    Of a command only its body counts: its parameters are options, one a line.
+    """
     first = function.body[0]
+    begin = first.lineno if is_command(function) else function.lineno
+    length = (function.end_lineno or function.lineno) - begin + 1
     if ast.get_docstring(function) is None:
         return length
     return length - ((first.end_lineno or first.lineno) - first.lineno + 1)
+
+
+def is_command(function: Function) -> bool:
+    """Whether this is a command of the command line."""
+    annotations = [each.annotation for each in function.args.args[:1]]
+    return any(each is not None and ast.unparse(each) == "typer.Context" for each in annotations)
 
 
 def most_lines(function: Function) -> int:

@@ -15,7 +15,9 @@ FOLDERS_IN_THE_PACKAGE = 20
 SAME_MEANING = {"vdn", "qmix"}
 """Names of two modules each that do mean the same: an algorithm, offline and online."""
 
-SUITES = {"architecture", "benchmarks", "contract", "examples", "faults", "golden", "support"}
+SUITES = {
+    "architecture", "benchmarks", "contract", "docs", "examples", "faults", "golden", "support",
+}  # fmt: skip
 """Folders of tests that mirror no folder of the package."""
 
 

@@ -33,6 +33,7 @@ def test_the_citation_is_of_this_version() -> None:
     metadata = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert citation["version"] == metadata["version"] == swarmdata.__version__
     assert citation["license"] == metadata["license"]
+    assert citation["authors"] == metadata["authors"]
 
 
 def test_no_public_name_is_shadowed_by_a_submodule() -> None:

@@ -25,7 +25,7 @@ from swarmdata.store import (
     write_dataset,
     write_part,
 )
-from swarmdata.store.arrays.layout import ALL_FIELDS
+from swarmdata.store.arrays.layout import ALL_FIELDS, DType
 from swarmdata.store.table import table_columns
 from swarmdata.types import END_REASONS, Episode
 
@@ -48,6 +48,9 @@ class InMemory:
         if ALL_FIELDS[name].rows == "episodes":
             return table_columns(self.table)[name].shape
         return self.arrays[name].shape
+
+    def dtype(self, name: str) -> DType:
+        return ALL_FIELDS[name].dtype
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         if ALL_FIELDS[name].rows == "episodes":

@@ -1,4 +1,4 @@
-"""Our algorithms beside code that nobody here wrote, on the same inputs, into docs/benchmarks.md.
+"""Our algorithms beside code that nobody here wrote, on the same inputs, into docs/measurements.md.
 
     python -m tests.benchmarks.bench_algorithms --corl CHECKOUT --omar CHECKOUT --og-marl CHECKOUT
 
@@ -244,7 +244,7 @@ Tables = Mapping[str, Sequence[tuple[str, ...]]]
 
 
 def text(budget: Budget, sources: Mapping[str, str], tables: Tables) -> str:
-    """The section of docs/benchmarks.md."""
+    """The section of docs/measurements.md."""
     measured = ", ".join(f"{REPOSITORIES[key]} ({commit})" for key, commit in sources.items())
     parts = [
         f"Offline algorithms beside those of {measured}: {budget.n_updates:,} updates of "
@@ -281,7 +281,9 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--episodes", type=int, default=Budget.n_episodes)
     parser.add_argument("--out", type=Path, default=Path("runs/bench_algorithms"))
     parser.add_argument("--only-kept", action="store_true", help="train nothing: finished seeds")
-    parser.add_argument("--only-print", action="store_true", help="leave docs/benchmarks.md alone")
+    parser.add_argument(
+        "--only-print", action="store_true", help="leave docs/measurements.md alone"
+    )
     return parser.parse_args()
 
 

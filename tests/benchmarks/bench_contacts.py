@@ -1,4 +1,4 @@
-"""How deep bodies overlap, how fast and how Markov robots in contact are, into docs/benchmarks.md.
+"""How deep bodies overlap, how fast and Markov robots in contact are: docs/measurements.md.
 
     python -m tests.benchmarks.bench_contacts [SECTION ...]
 
@@ -199,7 +199,7 @@ def deviations(episode: Episode, spec: TaskSpec, most: int) -> list[float]:
 def counted_free_motion(env: VecEnv) -> list[float]:
     """Makes an environment note, after each step, the share of its copies in free motion."""
     shares: list[float] = []
-    step, backend = env.step, env._world._backend  # type: ignore[attr-defined]  # of no user's use
+    step, backend = env.step, env._blocks[0]._world._backend  # type: ignore[attr-defined]  # of no user's use
 
     def counted(actions: Float | Double) -> Step:
         taken = step(actions)

@@ -26,7 +26,7 @@ from tests.benchmarks.variants import Variant, variants
 
 # Workers are given one thread each; here they keep those of the variant.
 GENERATE = (
-    "from swarmdata.runtime import workers; workers._THREADS = ();"
+    "from swarmdata.runtime.engines import crew; crew.THREAD_VARIABLES = ();"
     "from swarmdata.cli.main import main; main()"
 )
 

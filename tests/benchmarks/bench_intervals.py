@@ -1,4 +1,4 @@
-"""How often 95 % intervals cover the truth, by simulation, into docs/benchmarks.md.
+"""How often 95 % intervals cover the truth, by simulation, into docs/measurements.md.
 
     python -m tests.benchmarks.bench_intervals [--draws N]
 
@@ -159,7 +159,7 @@ HEAD = (
 
 
 def text(n_draws: int, found: list[tuple[str, ...]]) -> str:
-    """The section of docs/benchmarks.md."""
+    """The section of docs/measurements.md."""
     return (
         "Share of simulated studies, in percent, whose 95 % interval holds the expected score over "
         "new training seeds and new episodes, or the expected difference of two algorithms on the "
@@ -175,7 +175,9 @@ def main() -> None:
     """Simulates, prints and writes the section."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--draws", type=int, default=4000)
-    parser.add_argument("--only-print", action="store_true", help="leave docs/benchmarks.md alone")
+    parser.add_argument(
+        "--only-print", action="store_true", help="leave docs/measurements.md alone"
+    )
     arguments = parser.parse_args()
     body = text(arguments.draws, list(rows(arguments.draws)))
     print(body)

@@ -5,7 +5,7 @@
 Each algorithm learns from the same recorded steps in each view: the data as they are recorded, or
 as robots with other sensors and radios would have seen them. It acts on the present observation, on
 the last four of them (`stack-4`), or with `memory=gru`. All are played on the same validation
-episodes, in the view that they learned in. The tables go into docs/benchmarks.md.
+episodes, in the view that they learned in. The tables go into docs/measurements.md.
 
 Every finished policy is kept in the folder `--out` and is not trained again; delete its file there
 to measure it again. All of it takes hours; the tables have what is finished.
@@ -24,13 +24,13 @@ from swarmdata import evaluate, load
 from swarmdata.building.edit import subsample_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.evaluation.results.result_set import reference_of
-from swarmdata.evaluation.runs.train import frame_of
 from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.score_intervals import difference_interval, mean_interval, target_of
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.types import Double
 from tests.benchmarks.bench_algorithms import Kept, Played
 from tests.benchmarks.measuring import table, write_section
@@ -62,9 +62,13 @@ VIEWS = {
         "coop_nav-expert", "state+goal-for-0", "errand+lossy-60+expires-0",
         four_steps="errand+lossy-60+expires-3",
     ),
-    "errand-delayed-2": View(
-        "coop_nav-expert", "state+goal-for-0", "errand+delayed-2+expires-2",
-        four_steps="errand+delayed-2+expires-5",
+    "told-perfect": View(
+        "coop_nav-expert", "state+goal-for-0+no-velocities", "errand+expires-0",
+        four_steps="errand+expires-3",
+    ),
+    "told-lossy-60": View(
+        "coop_nav-expert", "state+goal-for-0+no-velocities", "errand+lossy-60+expires-0",
+        four_steps="errand+lossy-60+expires-3",
     ),
 }  # fmt: skip
 """By the name of their column. The first is as recorded; the others are of experts that observed
@@ -261,7 +265,7 @@ def described(name: str) -> str:
 
 
 def text(budget: Budget, n_steps: int, found: Found) -> str:
-    """The section of docs/benchmarks.md."""
+    """The section of docs/measurements.md."""
     views = "; ".join(described(name) for name in found)
     intro = (
         "Policies of the present observation, of the last four (`stack-4`), and with a gated unit "
@@ -293,7 +297,9 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--episodes", type=int, default=Budget.n_episodes)
     parser.add_argument("--out", type=Path, default=Path("runs/bench_memory"))
     parser.add_argument("--only-kept", action="store_true", help="train nothing: finished seeds")
-    parser.add_argument("--only-print", action="store_true", help="leave docs/benchmarks.md alone")
+    parser.add_argument(
+        "--only-print", action="store_true", help="leave docs/measurements.md alone"
+    )
     return parser.parse_args(arguments)
 
 

@@ -1,4 +1,4 @@
-"""Which teams the return prefers, beside success and clean success, into docs/benchmarks.md.
+"""Which teams the return prefers, beside success and clean success, into docs/measurements.md.
 
     python -m tests.benchmarks.bench_rewards [--episodes N] [--tasks NAME ...]
 
@@ -170,7 +170,7 @@ def pair_row(pair: Contradiction) -> tuple[str, ...]:
 PART_HEADS = ("own terms", "success reward", "contacts", "proximity")
 TEAM_HEAD = (
     "team", "return", "success, %", "clean, %", "ranks by return / success / clean",
-    "time to goal, s", "robot collisions", "obstacle collisions", *PART_HEADS,
+    "time when solved, s", "robot collisions", "obstacle collisions", *PART_HEADS,
 )  # fmt: skip
 PAIR_HEAD = (
     "cleaner team", "other team", "clean, %", "return", *PART_HEADS, "return without own terms",
@@ -194,9 +194,9 @@ def family_text(family: str, n_episodes: int) -> str:
 
 
 INTRO = """Means over {n} episodes, the same for all teams. A tier is the mean of its shipped
-checkpoints without noise. Time to goal is the mean over solved episodes. The last columns are the
-parts of the return: the task's own terms, of which time and progress are the largest, the reward
-for success, the four contact terms and proximity.
+checkpoints without noise. Time when solved is the mean over solved episodes. The last columns are
+the parts of the return: the task's own terms, of which time and progress are the largest, the
+reward for success, the four contact terms and proximity.
 
 Below are all pairs of teams of which one has the higher return and the other the higher clean
 success, both by more than the 95 % interval of the paired difference. Each number is the cleaner

@@ -1,6 +1,6 @@
 """Sampling batches, against a copy of the same bytes and a plain fancy-index sampler.
 
-python tests/benchmarks/bench_sampling.py [n_steps]
+python -m tests.benchmarks.bench_sampling [n_steps]
 """
 
 import sys
@@ -13,7 +13,7 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.testing.synthetic import make_large_dataset
-from swarmdata.types import Batch
+from tests.benchmarks.batch_peers import n_bytes
 
 
 def best_of(run: Callable[[], object], seconds: float = 1.5, inner: int = 20) -> float:
@@ -42,10 +42,6 @@ def naive(dataset: Dataset, batch_size: int) -> Callable[[], object]:
         return fields + [arrays[name][index] for name in names]
 
     return run
-
-
-def n_bytes(batch: Batch) -> int:
-    return sum(getattr(batch, name).nbytes for name in Batch.__dataclass_fields__)
 
 
 def main() -> None:

@@ -30,7 +30,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Int
 
 Run = Callable[[float], float]
-"""Runs for so many seconds; returns environment steps (joint steps of one copy) a second."""
+"""Runs for so many seconds; returns environment steps (joint steps of one copy) per second of the
+process's processor time, which other work on the machine disturbs least."""
 
 N_ACTIONS = 64
 """Joint actions drawn in advance, used again and again."""
@@ -39,18 +40,17 @@ PEER_HORIZON = 160
 """Steps of an episode of the peers, that of our smallest team: longer than their own."""
 
 
-def timed(advance: Callable[[int], None], n_copies: int) -> Run:
+def timed(advance: Callable[[int], object], n_copies: int) -> Run:
     """Calls `advance` with the step's number until the time is over."""
     state = {"step": 0}
 
     def run(seconds: float) -> float:
-        first = state["step"]
-        begin = now = time.perf_counter()
-        while now - begin < seconds:
+        first, used = state["step"], time.process_time()
+        end = time.perf_counter() + seconds
+        while state["step"] == first or time.perf_counter() < end:
             advance(state["step"])
             state["step"] += 1
-            now = time.perf_counter()
-        return n_copies * (state["step"] - first) / (now - begin)
+        return n_copies * (state["step"] - first) / (time.process_time() - used)
 
     advance(0)  # compiles
     return run

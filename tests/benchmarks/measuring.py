@@ -15,18 +15,35 @@ PACKAGES = (
     "numpy", "numba", "pymunk", "vmas", "benchmarl", "torchrl", "torch", "mpe2", "pettingzoo",
 )  # fmt: skip
 
-FILE = Path(__file__).parents[2] / "docs/benchmarks.md"
+DOCS = Path(__file__).parents[2] / "docs"
 
-HEAD = """# Benchmarks
+HEADS = {
+    "benchmarks.md": """# Benchmarks
 
 This page has the speed of worlds, training and loading, beside other libraries where they offer
-the same, and figures of contacts, rewards and memory. `make bench` measures every section but the
-summary and memory, which takes hours, again and rewrites it. The engines of a table take turns in
-the same run, on one core. Rates are medians over the rounds, with the smallest and the largest in
-brackets. The rates of a virtual machine vary by up to a factor of two between runs, so compare the
-ratios within one table.
+the same. `make bench` measures every section but the summary again and rewrites it. The engines of
+a table take turns in the same run, on one core. Rates are medians over the rounds, with the
+smallest and the largest in brackets. The rates of a virtual machine vary by up to a factor of two
+between runs, so compare the ratios within one table. [Measurements](measurements.md) has figures
+that are not of speed.
 
-"""
+""",
+    "measurements.md": """# Measurements
+
+This page has figures of contacts, rewards, intervals, memory, of the algorithms beside code of
+others, and of ten tasks in a new clone. `make bench` measures every section but the last two again
+and rewrites it. [Benchmarks](benchmarks.md) has the speed.
+
+""",
+}
+"""How each page begins, by its file."""
+
+MEASUREMENTS = (
+    "Contacts", "Contacts in datasets", "Contacts under other physics", "What rewards prefer",
+    "Coverage of intervals", "Algorithms beside others", "Memory", "Memory of large datasets",
+    "Engines", "Ten tasks by the clock",
+)  # fmt: skip
+"""Sections that are not of speed."""
 
 
 class Rate(NamedTuple):
@@ -67,19 +84,33 @@ def interleave(runs: Mapping[str, Run], rounds: int = 5, seconds: float = 0.4) -
     return {name: Rate.of(values) for name, values in rates.items()}
 
 
+def pair(ours: Run, other: Run, rounds: int = 9, seconds: float = 0.2) -> Rate:
+    """Our rate over another's, measured in turns: the median of the ratios of neighbours."""
+    ratios = []
+    for run in (ours, other):
+        run(seconds / 4)  # warms the caches
+    for turn in range(rounds):
+        first, second = (ours, other) if turn % 2 else (other, ours)
+        rates = first(seconds), second(seconds)
+        ratios.append(rates[0] / rates[1] if turn % 2 else rates[1] / rates[0])
+    return Rate.of(ratios)
+
+
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """A Markdown table whose first column is left, the others right aligned."""
     lines = [head, ("---", *("---:" for _ in head[1:])), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-def write_section(title: str, body: str, file: Path = FILE) -> None:
-    """Puts a section into the file: in its old place, or at the end."""
+def write_section(title: str, body: str, folder: Path = DOCS) -> None:
+    """Puts a section into its page: in its old place, or at the end."""
+    name = "measurements.md" if title in MEASUREMENTS else "benchmarks.md"
+    file = folder / name
     old = file.read_text(encoding="utf-8") if file.exists() else ""
     parts = dict(part.split("\n", 1) for part in f"\n{old}".split("\n## ")[1:])
     parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"
-    sections = (f"## {name}\n{text.rstrip()}\n" for name, text in parts.items())
-    file.write_text(HEAD + "\n".join(sections), encoding="utf-8")
+    sections = (f"## {section}\n{text.rstrip()}\n" for section, text in parts.items())
+    file.write_text(HEADS[name] + "\n".join(sections), encoding="utf-8")
 
 
 def _machine() -> str:

@@ -95,7 +95,7 @@ class Replay:
 
     def _play(self) -> tuple[float, float]:
         """Steps the recording once; returns the seconds that steps and resets take."""
-        env, (start, actions, resets), now = self._env, self._recording, time.perf_counter
+        env, (start, actions, resets), now = self._env, self._recording, time.process_time
         env.reset(*start)
         begin, resetting = now(), 0.0
         for k, joint_action in enumerate(actions):

@@ -60,11 +60,11 @@ def test_a_variant_is_in_the_worlds_that_are_built() -> None:
     with bench.changed(solver):
         env = make_env(RANDOM)
         env.reset(np.zeros(1, dtype=np.uint64))
-        space, _ = env._world._backend._owners[0]  # type: ignore[attr-defined]
+        space, _ = env._blocks[0]._world._backend._owners[0]  # type: ignore[attr-defined]
         assert (space.iterations, space.collision_bias) == (1, 0.5)
     env = make_env(RANDOM)
     env.reset(np.zeros(1, dtype=np.uint64))
-    assert env._world._backend._owners[0][0].iterations == bench.SOLVER_ITERATIONS  # type: ignore[attr-defined]
+    assert env._blocks[0]._world._backend._owners[0][0].iterations == bench.SOLVER_ITERATIONS  # type: ignore[attr-defined]
 
 
 def test_quantiles() -> None:

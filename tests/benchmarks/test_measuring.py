@@ -1,4 +1,4 @@
-"""Timing in turns, and the sections of docs/benchmarks.md."""
+"""Timing in turns, and the sections of docs/benchmarks.md and docs/measurements.md."""
 
 import time
 from collections.abc import Callable
@@ -10,7 +10,17 @@ import pytest
 from swarmdata.registry.presets import preset
 from tests.benchmarks.bench_worlds import scanning, team
 from tests.benchmarks.engines import Run, physics, swarm, swarm_parallel, timed
-from tests.benchmarks.measuring import Rate, interleave, short, table, write_section
+from tests.benchmarks.measuring import (
+    DOCS,
+    HEADS,
+    MEASUREMENTS,
+    Rate,
+    interleave,
+    pair,
+    short,
+    table,
+    write_section,
+)
 
 
 @pytest.mark.parametrize(
@@ -39,14 +49,29 @@ def test_runs_take_turns_and_the_median_is_of_the_rounds() -> None:
 
 
 def test_a_rate_counts_copies() -> None:
-    run = timed(lambda _: time.sleep(0.001), 50)
-    assert 5_000 < run(0.05) < 50_000
+    def work(_: int) -> None:
+        end = time.process_time() + 0.001
+        while time.process_time() < end:
+            pass
+
+    run = timed(work, 50)
+    assert 20_000 < run(0.05) < 50_000
+
+
+def test_waiting_does_not_count() -> None:
+    assert timed(lambda _: time.sleep(0.002), 1)(0.05) > 2_000
+
+
+def test_a_pair_is_the_median_of_the_ratios_of_neighbours() -> None:
+    ours, other = iter([0.0, 2.0, 6.0, 12.0]), iter([0.0, 1.0, 2.0, 3.0])
+    found = pair(lambda _: next(ours), lambda _: next(other), rounds=3, seconds=0.0)
+    assert found == Rate(3.0, 2.0, 4.0)
 
 
 def test_sections_are_replaced_in_place(tmp_path: Path) -> None:
     file = tmp_path / "benchmarks.md"
     for title, body in (("A", "one"), ("B", "two"), ("A", "three")):
-        write_section(title, body, file)
+        write_section(title, body, tmp_path)
     text = file.read_text(encoding="utf-8")
     assert text.startswith("# Benchmarks\n")
     assert [line for line in text.splitlines() if line.startswith("## ")] == ["## A", "## B"]
@@ -54,8 +79,23 @@ def test_sections_are_replaced_in_place(tmp_path: Path) -> None:
     assert "three" in text.split("## B")[0]
     assert "two" in text.split("## B")[1]
     before = text
-    write_section("B", "two", file)
+    write_section("B", "two", tmp_path)
     assert file.read_text(encoding="utf-8") == before
+
+
+def test_what_is_not_speed_has_a_page_of_its_own(tmp_path: Path) -> None:
+    write_section("Memory", "one", tmp_path)
+    text = (tmp_path / "measurements.md").read_text(encoding="utf-8")
+    assert text.startswith("# Measurements\n")
+    assert "## Memory\n\none\n" in text
+
+
+def test_every_section_is_on_its_page() -> None:
+    for name in HEADS:
+        text = (DOCS / name).read_text(encoding="utf-8")
+        assert text.startswith(HEADS[name])
+        titles = {line[3:] for line in text.splitlines() if line.startswith("## ")}
+        assert titles & set(MEASUREMENTS) == (titles if name == "measurements.md" else set())
 
 
 def test_a_table_is_markdown() -> None:

@@ -63,8 +63,8 @@ def test_rows_differ_in_memory_alone(algorithm: str) -> None:
 def test_four_steps_are_sensed_and_heard() -> None:
     assert models_of(VIEWS["lidar-16"], "gru") == ("lidar-16", "none")
     assert models_of(VIEWS["lidar-16"], "stack-4") == ("lidar-16+stack-4", "none")
-    expected = "state+goal-for-0+stack-4", "errand+delayed-2+expires-5"
-    assert models_of(VIEWS["errand-delayed-2"], "stack-4") == expected
+    expected = "state+goal-for-0+stack-4", "errand+lossy-60+expires-3"
+    assert models_of(VIEWS["errand-lossy-60"], "stack-4") == expected
 
 
 @pytest.mark.usefixtures("known")

@@ -1,15 +1,15 @@
-"""The page of worlds shows the measured references; tasks are neither trivial nor hopeless."""
+"""The pages of worlds show the measured references; tasks are neither trivial nor hopeless."""
 
 from pathlib import Path
 
 import pytest
 
-from swarmdata.cards.worlds_page import worlds_page
+from swarmdata.cards.worlds_page import worlds_pages
 from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset_names
 from swarmdata.registry.published import TaskReferences, references
 
-PAGE = Path(__file__).parents[2] / "docs/worlds.md"
+FOLDER = Path(__file__).parents[2] / "docs/worlds"
 
 
 def value(entry: TaskReferences, policy: str, metric: str) -> float:
@@ -18,15 +18,17 @@ def value(entry: TaskReferences, policy: str, metric: str) -> float:
     return interval.value
 
 
-def test_the_page_is_up_to_date() -> None:
-    assert PAGE.read_text(encoding="utf-8") == worlds_page(references())
+def test_the_pages_are_up_to_date() -> None:
+    written = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.iterdir()}
+    assert written == worlds_pages(references())
 
 
 def test_a_preset_that_was_not_measured_is_named() -> None:
     known = dict(references())
     del known["formation"]
-    text = worlds_page(known)
-    assert text.count("This version of the preset was not measured.") == 1
+    pages = worlds_pages(known)
+    assert pages["formation.md"].count("This version of the preset was not measured.") == 1
+    assert "[`formation`](formation.md#formation) |  |  |  |  |" in pages["README.md"]
 
 
 @pytest.mark.parametrize("task", TASKS)

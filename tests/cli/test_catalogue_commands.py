@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from swarmdata.catalogue.build_catalogue import CatalogueChoices
 from swarmdata.cli.main import app
+from swarmdata.hub.catalog.catalog import list_datasets
 from tests.support.tiny import TINY
 
 RUNNER = CliRunner()
@@ -88,3 +89,9 @@ def test_every_option_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
     choices = CatalogueChoices(7, (Path("r"), Path("s")), "lidar", "none", 2)
     assert seen == [["a", "b"], Path("o"), choices, [], Path("site"), CatalogueChoices(None)]
+    RUNNER.invoke(app, ["catalogue", "build", "--minis"])
+    minis = [info.id for info in list_datasets() if "-mini-v" in info.id]
+    assert seen[6:] == [minis, Path("site"), CatalogueChoices(1000)]
+    both = RUNNER.invoke(app, ["catalogue", "build", "a", "--minis"])
+    assert both.exit_code == 2
+    assert "cannot be combined with names" in both.output

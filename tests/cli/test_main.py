@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ import typer
 from typer.testing import CliRunner
 
 from swarmdata import __version__
-from swarmdata.building.build import build_folder
+from swarmdata.building.parts_folder import build_folder
+from swarmdata.cli import main
 from swarmdata.cli.main import SECTIONS, app
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
@@ -169,6 +171,14 @@ def test_results_say_their_models_and_the_report_finds_them(tmp_path: Path) -> N
     assert "measured under other models" in run("report", results, "--out", out, code=1)
 
 
+def test_threads_do_not_change_results(tmp_path: Path) -> None:
+    command = ("evaluate", "straight", "--episodes", "5", "--out")
+    one, two = run(*command, tmp_path / "one"), run(*command, tmp_path / "two", "--threads", "2")
+    assert one == two
+    (first,), (second,) = ((tmp_path / name).iterdir() for name in ("one", "two"))
+    assert json.loads(first.read_text())["metrics"] == json.loads(second.read_text())["metrics"]
+
+
 def test_tasks_are_presets_or_files(tmp_path: Path) -> None:
     file = tmp_path / "short.yaml"
     file.write_text("horizon: 12")
@@ -193,6 +203,29 @@ def test_info_takes_folders_and_datasets_of_the_cache(
     assert "there is no dataset folder at data/absent" in run("info", "data/absent", code=1)
 
 
+def test_own_datasets_are_listed_and_named_where_an_id_is_unknown(
+    recipe_file: Path, cache_folder: Path
+) -> None:
+    place = cache_folder / "datasets"
+    run("generate", recipe_file, "--out", place / "coop_nav-tiny-v0")
+    (own,) = [line for line in run("list").splitlines() if line.startswith("coop_nav-tiny-v0 ")]
+    assert own.split()[1] == "4"
+    assert own.split()[-2:] == ["unknown", "yes"]
+    assert "Did you mean 'coop_nav-tiny'?" in run("info", "coop_nav-tny", code=1)
+
+    (place / "coop_nav-tiny-v0" / "manifest.json").write_text("{")
+    result = CliRunner().invoke(app, ["list"])
+    assert result.exit_code == 0
+    assert result.stderr.startswith(f"left out {place / 'coop_nav-tiny-v0'}: ")
+    assert result.stderr.count("\n") == 1
+    assert "coop_nav-tiny-v0 " not in result.stdout
+
+
+def test_values_of_options_say_got_and_expected() -> None:
+    text = run("train", "bc", "coop_nav-medium", "--updates", "many", "--out", "x", code=2)
+    assert "'--updates': got 'many', expected a whole number" in " ".join(text.split())
+
+
 def test_help_lists_every_command_in_a_section() -> None:
     text = run("--help")
     places = [text.index(f"{title}:") for title in SECTIONS]
@@ -202,6 +235,18 @@ def test_help_lists_every_command_in_a_section() -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     assert commands.keys() <= set(listed)
     assert all(f"\n  {name} " in text for name in commands)
+
+
+def test_help_lists_options_by_case() -> None:
+    text = run("train", "--help")
+    titles = ["Arguments:", "Options:", "Online:", "Offline:"]
+    places = [text.index(f"\n{title}\n") for title in titles]
+    assert places == sorted(places)
+    assert text.index("\n  --start ") > places[2]
+    assert text.index("\n  --updates ") > places[3] > text.index("\n  --start ")
+    assert "online: " not in text
+    assert "With --task:" in run("generate", "--help")
+    assert {"With --to:", "With --from:"} <= set(run("convert", "--help").splitlines())
 
 
 def test_a_path_that_is_not_there_is_called_a_folder() -> None:
@@ -224,6 +269,13 @@ def test_task_list_shows_every_preset() -> None:
     (headline,) = (line for line in lines if line.startswith("coop_nav "))
     assert "4 x 4" in headline
     assert "headline task" in headline
+
+
+def test_task_table_writes_the_pages_of_worlds(tmp_path: Path) -> None:
+    run("task", "table", "--out", tmp_path / "worlds")
+    committed = Path(__file__).parents[2] / "docs/worlds"
+    for page in committed.iterdir():
+        assert (tmp_path / "worlds" / page.name).read_bytes() == page.read_bytes()
 
 
 def test_task_show_prints_a_spec_that_validates(tmp_path: Path) -> None:
@@ -298,6 +350,14 @@ def test_references_are_added_to_a_file(tmp_path: Path) -> None:
 
 def test_unknown_target_is_named() -> None:
     assert "Did you mean 'straight'" in run("evaluate", "strait", code=1)
+
+
+def test_warnings_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the place in the code, which says nothing to users."""
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+    monkeypatch.setattr(main, "app", lambda: None)
+    main.main()
+    assert warnings.formatwarning("x", UserWarning, "code.py", 3) == "UserWarning: x\n"
 
 
 def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 
 import swarmdata
 from swarmdata.cli.main import app
+from swarmdata.specs.origins import ImportedLogs
 
 SAMPLES = {
     "--action-bounds": "-2,2",
@@ -32,6 +33,7 @@ SAMPLES = {
     "--config": "coop_nav-expert",
     "--data": "coop_nav-medium",
     "--figures": "svg",
+    "--engine": "dask://host:1",
     "--final": "cut",
     "--frame": "world",
     "--id": "coop_nav-other-v0",
@@ -42,6 +44,7 @@ SAMPLES = {
     "--observation": "lidar",
     "--offline-share": "0.25",
     "--out": "elsewhere.gif",
+    "--part": "1/2",
     "--policy": "scripted=3",
     "--regulariser": "bc",
     "--reward": "time=2",
@@ -79,7 +82,11 @@ CATALOG = "swarmdata.hub.catalog.catalog"
 EDIT = "swarmdata.building.edit"
 REPAIR = "swarmdata.hub.catalog.repair"
 REGENERATE = "swarmdata.hub.publishing.regenerate"
+SWEEP = "swarmdata.evaluation.robustness.sweep"
+STUDY = "swarmdata.evaluation.study.run_study"
+CELL = SimpleNamespace(name="bc/a", label="bc", data="a", n_updates=3, key="k")
 STORED = SimpleNamespace(n_steps=3, digest="0" * 64)
+IMPORTED = ImportedLogs.model_construct(id="hall-a-v0")
 BROKEN = (SimpleNamespace(file="recipe.json", problem="is absent"),)
 SOUND = {f"{CATALOG}:find_folder": Path("data"), f"{REPAIR}:examine": ()}
 OPENED = {f"{CATALOG}:load": "a dataset"}
@@ -87,8 +94,19 @@ OPENED = {f"{CATALOG}:load": "a dataset"}
 CASES = (
     Case("list"),
     Case("info coop_nav-medium"),
-    Case("generate coop_nav-medium", ("swarmdata.building.build:build",)),
-    Case("generate coop_nav-medium --out a", ("swarmdata.building.build:build",)),
+    Case("generate coop_nav-medium", ("swarmdata.building.build:build",
+                                     "swarmdata.building.shares:make_share",
+                                     "swarmdata.building.shares:receive_parts",
+                                     "swarmdata.building.shares:finish_parts"),
+         samples={"--remote": "file:///a"}),
+    Case("generate coop_nav-medium --out a", ("swarmdata.building.build:build",
+                                             "swarmdata.building.shares:receive_parts"),
+         samples={"--remote": "file:///a"}),
+    Case("generate coop_nav-medium --part 1/2", ("swarmdata.building.shares:make_share",),
+         samples={"--part": "2/2", "--remote": "file:///a"}),
+    Case("generate coop_nav-medium --finish", ("swarmdata.building.shares:finish_parts",
+                                              "swarmdata.building.shares:receive_parts"),
+         samples={"--remote": "file:///a"}),
     Case(
         "generate --task coop_nav --policy idle --id coop_nav-a-v0",
         (f"{RUNS}.generated_dataset:generate",),
@@ -151,27 +169,52 @@ CASES = (
                         "--device"], "the ranking is a stub here")),
     Case("convert data a --to minari", ("swarmdata.interop.export:export_dataset",),
          {f"{CATALOG}:load": SimpleNamespace(filter=lambda **kept: kept)},
-         {"--to": "vault", "--from": "minari"}),
+         {"--to": "vault", "--from": "minari", "--frame": "target"}),
     Case("convert data a --from minari --id a-b-v0", ("swarmdata.interop.convert:import_dataset",),
-         samples={"--from": "vault", "--to": "minari"}),
-    Case("evaluate idle", (f"{RESULTS}.target_evaluation:evaluate_target",)),
-    Case("evaluate idle --out a", (f"{RESULTS}.target_evaluation:evaluate_target",)),
-    Case("evaluate coop_nav-scripted", (f"{RESULTS}.target_evaluation:evaluate_target",)),
+         samples={"--from": "vault", "--to": "minari", "--frame": "target"}),
+    Case("import a.csv --map robots.yaml --id hall-a-v0", ("swarmdata.interop.logs:import_logs",),
+         {"swarmdata.interop.logs.map_files:read_map": "a map"}, {"--map": "other.yaml"},
+         idle={"--map": "the map is a stub here"}),
+    Case("import a.csv --map recipe.json", ("swarmdata.interop.logs:remake_logs",),
+         {"swarmdata.interop.logs.map_files:read_map": IMPORTED},
+         idle={"--map": "the map is a stub here"}),
+    Case("evaluate idle", (f"{RESULTS}.target_evaluation:evaluate_target",
+                           f"{RESULTS}.evaluation_jobs:run_evaluations")),
+    Case("evaluate idle --out a", (f"{RESULTS}.evaluation_jobs:run_evaluations",
+                                   f"{RESULTS}.evaluation_jobs:collect_evaluations")),
+    Case("evaluate idle random --out a --part 1/2",
+         (f"{RESULTS}.evaluation_jobs:run_evaluations",), samples={"--part": "2/2"}),
+    Case("evaluate idle --out a --collect", (f"{RESULTS}.evaluation_jobs:collect_evaluations",)),
+    Case("evaluate coop_nav-scripted", (f"{RESULTS}.target_evaluation:evaluate_target",
+                                        f"{RESULTS}.evaluation_jobs:run_evaluations")),
     Case("report a --out b", (f"{RESULTS}.report:write_report",)),
-    Case("study plan.yaml", ("swarmdata.evaluation.study.run_study:run_study",
-                             "swarmdata.evaluation.study.run_study:reproduce_study_cell")),
-    Case("study plan.yaml --check bc/a",
-         ("swarmdata.evaluation.study.run_study:reproduce_study_cell",)),
+    Case("study plan.yaml", (f"{STUDY}:run_study", f"{STUDY}:reproduce_study_cell",
+                             f"{STUDY}:all_cells", f"{STUDY}:run_one_cell",
+                             f"{STUDY}:collect_study")),
+    Case("study plan.yaml --cells", (), {f"{STUDY}:all_cells": (CELL,)},
+         idle={"--work": "the cell is done in neither folder"}),
+    Case("study plan.yaml --cell bc/a", (f"{STUDY}:run_one_cell",)),
+    Case("study plan.yaml --collect", (f"{STUDY}:collect_study",)),
+    Case("study plan.yaml --check bc/a", (f"{STUDY}:reproduce_study_cell",)),
     Case("study folder", ("swarmdata.evaluation.study.pages.study_folder:rewrite_pages",)),
     Case("study-pages", ("swarmdata.evaluation.study.answers.write_answers:write_answers",)),
     Case("sweep expert --out a --observation noise=0..0.2",
-         ("swarmdata.evaluation.robustness.sweep:sweep",), samples=AXES),
+         (f"{SWEEP}:sweep", f"{SWEEP}:run_point", f"{SWEEP}:collect_sweep"), samples=AXES),
     Case("sweep expert --out a --observation noise=0.1,0.2",
-         ("swarmdata.evaluation.robustness.sweep:sweep",),
+         (f"{SWEEP}:sweep", f"{SWEEP}:run_point", f"{SWEEP}:collect_sweep"),
          samples={**AXES, "--observation": "range=2,1"}),
+    Case("sweep expert --out a --observation noise=0..0.2 --points", (), {},
+         {**AXES, "--observation": "range=2,1"},
+         {"--out": "the points are done in neither folder",
+          "--episodes": "how many there are is not listed", "--task": "neither is the task"}),
+    Case("sweep expert --out a --observation noise=0..0.2 --point b", (f"{SWEEP}:run_point",),
+         samples={**AXES, "--observation": "range=2,1"}),
+    Case("sweep expert --out a --observation noise=0..0.2 --collect",
+         (f"{SWEEP}:collect_sweep",), samples={**AXES, "--observation": "range=2,1"}),
     Case("curves a.csv --out a.png", (f"{RESULTS}.curve_plots:draw_training",
                                       f"{RESULTS}.curve_plots:draw_learning")),
     Case("curves a.csv --out a.png --by task", (f"{RESULTS}.curve_plots:draw_learning",)),
+    Case("warm", ("swarmdata.building.kernel_warmup:warm_kernels",)),
     Case("render idle --out a.gif", (f"{RESULTS}.clips:write_clip",)),
     Case("references coop_nav", (f"{RESULTS}.target_evaluation:measure_references",),
          idle={"--out": "the boundary ends the command before it writes"}),
@@ -180,6 +223,8 @@ CASES = (
               SimpleNamespace(model_dump=lambda mode: {})},
          idle={"--episodes": "nothing is measured here"}),
     Case("catalogue build coop_nav-medium",
+         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
+    Case("catalogue build --minis",
          ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
     Case("catalogue build coop_nav-medium --all",
          ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
@@ -202,6 +247,7 @@ CASES = (
               SimpleNamespace(model_dump=lambda mode: {}, n_steps=1, digest="")},
          idle={"--id": "the boundary ends the command at the first id",
                "--cached": "nothing is built here",
+               "--engine": "nothing is built here",
                "--workers": "nothing is built here"}),
     Case("remote list"),
     Case("remote add file:///a", ("swarmdata.hub.remotes.addresses:store_remotes",),

@@ -17,7 +17,7 @@ def run(*arguments: str | Path, code: int = 0) -> str:
 
 
 def test_a_tier_is_swept(tmp_path: Path) -> None:
-    axes = ("--observation", "dropout=0..0.5", "--points", "2", "--episodes", "1")
+    axes = ("--observation", "dropout=0..0.5", "--values", "2", "--episodes", "1")
     output = run("coop_nav-narrow", *axes, "--out", tmp_path / "out")
     assert "| coop_nav-narrow, dropout 0 (as trained) |" in output
     assert output.endswith(f"{tmp_path}/out/observation-dropout.png\n")

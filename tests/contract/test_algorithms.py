@@ -1,7 +1,8 @@
 """Every registered offline algorithm keeps the contract."""
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,20 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
 from swarmdata.learn.training.setup import Setup  # noqa: E402
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
+from swarmdata.registry.components import (  # noqa: E402
+    DISCRETE_ALGORITHMS,
+    OFFLINE_ALGORITHMS,
+    resolve,
+)
 from swarmdata.testing.algorithm_contract import check_algorithm  # noqa: E402
 from swarmdata.testing.sample_batches import N_EPISODES, sample_setup  # noqa: E402
 from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
 from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402
 from swarmdata.testing.sample_batches import sample_step as step  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
+from swarmdata.types import Batch, Step  # noqa: E402
 
 SIZES = sample_setup((0,)).sizes
+Draw = Callable[[Sequence[int], int], Batch]
 
 ACTOR_CRITIC: dict[str, Any] = {
     "actor_hidden": (32, 32),
@@ -57,6 +63,39 @@ def test_the_algorithm_keeps_the_contract(name: str) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**SMALL.get(name, {}))
     check_algorithm(kind, config=config)
+
+
+CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))
+"""Of robots that differ: the second has one column, with choices from 1 to 3."""
+
+
+def draw_choices(seeds: Sequence[int], index: int) -> Batch:
+    """As `draw`, with choices for actions."""
+    batch = draw(seeds, index)
+    first = torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
+    number = torch.tensor([[4.0, 2.0], [3.0, 1.0], [4.0, 2.0]])
+    chosen = ((batch.actions + 1) / 2 * number).floor().minimum(number - 1) + first
+    return replace(batch, actions=chosen, next_actions=None)
+
+
+@pytest.mark.parametrize("name", DISCRETE_ALGORITHMS)
+@pytest.mark.parametrize("memory", ["none", "gru"])
+def test_algorithms_of_choices_keep_the_contract(name: str, memory: str) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    settings: dict[str, Any] = {}
+    if memory == "gru":
+        settings = {"memory": memory, "memory_size": 8, "burn_in": 1, "window": 3}
+    config = kind.Config(**SMALL[name], **settings)
+
+    def build(seeds: Sequence[int]) -> Any:
+        setup = sample_setup(seeds)
+        return kind(replace(setup, sizes=replace(setup.sizes, choices=CHOICES)), config)
+
+    batches = draw_choices if memory == "none" else partial(in_windows, draw_choices)
+    many = Step._make(np.concatenate([each] * 60) for each in step())
+    rng = np.random.default_rng(3)
+    many = many._replace(observations=rng.normal(size=many.observations.shape).astype("f4"))
+    check_algorithm(build, batches, many, n_updates=20, are_choices=True)
 
 
 @pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
@@ -116,12 +155,14 @@ def test_other_ways_of_valuing_keep_the_contract(name: str, changes: dict[str, A
     check_algorithm(build, draw, step(), n_updates=20)
 
 
-def draw_windows(seeds: Sequence[int], index: int) -> Batch:
-    """As `draw`, as 4 windows of 4 steps: one begins with padding, one ends with it."""
+def in_windows(draw: Draw, seeds: Sequence[int], index: int) -> Batch:
+    """What `draw` gives, as 4 windows of 4 steps: one begins with padding, one ends with it."""
     batch = draw(seeds, index)
-    values = {f.name: getattr(batch, f.name).unflatten(1, (4, 4)) for f in fields(batch)}
-    values["mask"][:, 0, :1] = values["mask"][:, 1, 3:] = False
-    return Batch(**values)
+    columns = {f.name: getattr(batch, f.name) for f in fields(batch)}
+    values = {k: None if v is None else v.unflatten(1, (4, 4)) for k, v in columns.items()}
+    windows = Batch(**values)
+    windows.mask[:, 0, :1] = windows.mask[:, 1, 3:] = False
+    return windows
 
 
 @pytest.mark.parametrize(
@@ -146,4 +187,4 @@ def test_policies_with_a_memory_keep_the_contract(name: str, changes: dict[str, 
     def build(seeds: Sequence[int]) -> Any:
         return kind(Setup(SIZES, seeds, statistics()), config)
 
-    check_algorithm(build, draw_windows, step(), n_updates=20)
+    check_algorithm(build, partial(in_windows, draw), step(), n_updates=20)

@@ -31,7 +31,7 @@ def train(
     value = perceptron(first.states.shape[1], 1)
     adam = torch.optim.Adam([*actor.parameters(), *value.parameters()], lr=1e-3)
     mean, std = map(torch.tensor, (dataset.statistics.observation_mean,
-                                   dataset.statistics.observation_std.clip(1e-3)))  # fmt: skip
+                                   dataset.statistics.observation_std))  # fmt: skip
     sampler = dataset.split("train").sampler(256, seed=seed)
     for _ in range(n_updates):
         batch = next(sampler).to_torch()
@@ -41,7 +41,7 @@ def train(
             target = batch.rewards.mean(1) + discount * ~batch.terminations * v_next
             advantage = (target - v) / (target - v).std()
             weight = (beta * advantage).exp().clamp(max=20.0)
-        pi = actor((batch.observations - mean) / std).tanh()  # [B, N, A]
+        pi = actor((batch.observations.double() - mean) / std).tanh()  # [B, N, A]
         cloning = weight * (pi - batch.actions).square().mean((1, 2))
         adam.zero_grad()
         (cloning + (v - target).square()).mean().backward()
@@ -49,7 +49,8 @@ def train(
 
     @torch.no_grad()
     def act(observations: object) -> torch.Tensor:  # [E, N, O] to [E, N, A], E copies
-        return actor((torch.as_tensor(observations) - mean) / std).tanh()
+        rows = torch.as_tensor(observations, dtype=torch.float64)
+        return actor((rows - mean) / std).tanh()
 
     return swarmdata.FunctionPolicy(act)
 

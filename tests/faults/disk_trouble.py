@@ -20,7 +20,7 @@ import pytest
 
 from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build_folder
+from swarmdata.building.parts_folder import build_folder
 from swarmdata.cards.publish import publish_card
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError

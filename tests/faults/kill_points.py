@@ -22,7 +22,8 @@ from typing import Any
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build_folder, build_under_lock
+from swarmdata.building.build import build_under_lock
+from swarmdata.building.parts_folder import build_folder
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.hub.catalog.repair import repair

@@ -26,7 +26,7 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.store import open_store, read_manifest
-from swarmdata.store.arrays.layout import FIELDS, array_file, metadata_file
+from swarmdata.store.arrays.layout import FIELDS, FORMAT_VERSION, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import Manifest
 from swarmdata.testing.synthetic import make_dataset
@@ -180,7 +180,7 @@ def test_huge_manifest_is_not_read(dataset: Path) -> None:
 
 def test_newer_format(dataset: Path) -> None:
     content = json.loads((dataset / "manifest.json").read_bytes())
-    sign(dataset, {**content, "format_version": 2, "arrays": "in a new form"})
+    sign(dataset, {**content, "format_version": FORMAT_VERSION + 1, "arrays": "in a new form"})
     with pytest.raises(FormatVersionError, match="Upgrade"):
         open_store(dataset)
 

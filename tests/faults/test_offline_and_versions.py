@@ -19,6 +19,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import find_damage
+from swarmdata.store.arrays.layout import FORMAT_VERSION
 from tests.support.tiny import sign
 
 ROOT = Path(__file__).parents[2]
@@ -110,7 +111,7 @@ def test_a_dataset_of_the_first_format_is_read(old: Path) -> None:
 def test_a_newer_format_says_upgrade_and_is_no_damage(old: Path) -> None:
     """Row 29: nothing is repaired that is only newer."""
     manifest = json.loads((old / "manifest.json").read_bytes())
-    sign(old, {**manifest, "format_version": 2, "arrays": {"a": "new form"}})
+    sign(old, {**manifest, "format_version": FORMAT_VERSION + 1, "arrays": {"a": "new form"}})
     for work in (Dataset.open, examine):
         with pytest.raises(FormatVersionError, match="pip install --upgrade swarmdata"):
             work(old)

@@ -12,7 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from swarmdata.building.build import build, build_folder
+from swarmdata.building.build import build
+from swarmdata.building.parts_folder import build_folder
 from swarmdata.cli.main import app
 from swarmdata.errors import AddressError, BuildError, DatasetError, DatasetNotFoundError
 from swarmdata.hub.catalog.catalog import find_folder, load

@@ -14,12 +14,14 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import find_format
+from swarmdata.record import Recorder
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.store import assemble, write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from swarmdata.types import END_REASONS, Episode
+from tests.record.worlds import Seeing, play
 
 AGENTS = (
     RecordedAgent(
@@ -99,6 +101,15 @@ def ours(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return Dataset.open(folder)
 
 
+@pytest.fixture(scope="session")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """A recording of two agents that observe images of bytes."""
+    folder = tmp_path_factory.mktemp("images")
+    with Recorder(Seeing(), id="seeing_v0-mine-v0", path=folder / "ds") as recorder:
+        play(recorder, 8)
+    return recorder.close()
+
+
 def fact(dataset: Dataset, index: int, name: str) -> Any:
     """One fact of one episode."""
     if name == "split":
@@ -131,7 +142,8 @@ def round_trip(tmp_path: Path) -> RoundTrip:
         kind = find_format(name)
         assert set(kind.kept) | set(kind.lost) == set(DATASET_FACTS)
         assert not set(kind.kept) & set(kind.lost)
-        path = export_dataset(dataset, tmp_path / f"{name}.there", format=name)
+        (tmp_path / "there").mkdir()
+        path = export_dataset(dataset, tmp_path / "there" / dataset.id, format=name)
         back = import_dataset(
             path, tmp_path / f"{name}.back", format=name, id="tag_v3-back-v0", splits="kept"
         )

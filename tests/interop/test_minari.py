@@ -11,7 +11,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
-from swarmdata.interop.export import export_dataset
+from swarmdata.interop.export import MisplacedExportWarning, export_dataset
+from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.types import END_REASONS
 
 minari = pytest.importorskip("minari", reason="the extra 'minari'")
@@ -64,6 +65,29 @@ def write_theirs(folder: Path, episodes: list[dict[str, Any]]) -> Path:
     return folder
 
 
+def test_their_images_stay_bytes(tmp_path: Path) -> None:
+    from gymnasium.spaces import Box, Discrete
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+    storage = MinariStorage.new(
+        tmp_path / "pong", observation_space=Box(0, 255, (4, 3, 3), np.uint8),
+        action_space=Discrete(3), jpeg_encoding=False,
+    )  # fmt: skip
+    made = np.random.default_rng(0).integers(0, 256, (20, 6, 4, 3, 3)).astype(np.uint8)
+    storage.update_episodes(
+        EpisodeBuffer(
+            observations=each, actions=np.zeros(5, np.int64), rewards=np.zeros(5),
+            terminations=np.arange(5) == 4, truncations=np.zeros(5, bool),
+        ) for each in made
+    )  # fmt: skip
+    storage.update_metadata({"dataset_id": "pong/x-v0", "minari_version": minari.__version__})
+    taken = import_dataset(tmp_path / "pong", tmp_path / "out", format="minari", id="pong-a-v0")
+    for name in ("observations", "states"):
+        assert taken.stored.arrays[name].dtype == np.uint8
+        np.testing.assert_array_equal(taken.stored.arrays[name].reshape(made.shape), made)
+
+
 def their_episode(number: int, length: int, is_cut: bool) -> dict[str, Any]:
     time = np.arange(length + 1)
     last = np.arange(length) == length - 1
@@ -96,7 +120,7 @@ def test_theirs_is_read_aligned(tmp_path: Path) -> None:
 
 
 def test_a_dict_of_agents_is_a_team_if_told(recorded: Dataset, tmp_path: Path) -> None:
-    path = export_dataset(recorded, tmp_path / "x", format="minari")
+    path = export_dataset(recorded, tmp_path / recorded.id, format="minari")
     text = (path / "data/metadata.json").read_text()
     assert '"swarmdata"' in text
     (path / "data/metadata.json").write_text(text.replace('"swarmdata"', '"other"'))
@@ -124,3 +148,86 @@ def test_cut_episodes_are_refused(tmp_path: Path) -> None:
         import_dataset(source, tmp_path / "out", format="minari", id="maze-theirs-v0")
     with pytest.raises(ConversionError, match="is not a Minari dataset"):
         import_dataset(tmp_path, tmp_path / "out", format="minari", id="maze-theirs-v0")
+
+
+@pytest.fixture
+def shown(ours: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which Minari looks for datasets."""
+    root = tmp_path / "root"
+    root.mkdir()
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(root))
+    return root
+
+
+def test_an_export_of_another_name_is_invisible_and_says_so(ours: Dataset, shown: Path) -> None:
+    with pytest.warns(
+        MisplacedExportWarning, match=rf"rename {shown}/mine-v0 to {shown}/{ours.id}"
+    ):
+        path = export_dataset(ours, shown / "mine-v0", format="minari")
+    with pytest.warns(UserWarning, match="Misconfigured dataset named mine-v0"):
+        assert minari.list_local_datasets() == {}
+    path.rename(path.with_name(ours.id))
+    assert list(minari.list_local_datasets()) == [ours.id]
+
+
+@pytest.mark.parametrize("models", [("state", "none"), ("lidar", "lossy-30")])
+def test_the_recovered_world_replays_every_episode(
+    models: tuple[str, str], tiny: Path, shown: Path
+) -> None:
+    """Same seed, same actions: the same observations, rewards and ends, bit for bit."""
+    dataset = Dataset.open(tiny).reobserve(*models)
+    dataset = dataset.with_rewards(robot_collision=7.0)
+    export_dataset(dataset, shown / dataset.id, format="minari")
+    found = minari.load_dataset(dataset.id)
+    env = found.recover_environment()
+    assert env.observation_space == found.observation_space
+    assert env.action_space == found.action_space
+    facts = found.storage.get_episode_metadata(found.episode_indices)
+    for episode, fact in zip(found.iterate_episodes(), facts, strict=True):
+        observations, _ = env.reset(seed=int(fact["seed"]))
+        for t in range(len(episode)):
+            for name, seen in observations.items():
+                np.testing.assert_array_equal(seen, episode.observations[name][t])
+            actions = {name: rows[t] for name, rows in episode.actions.items()}
+            observations, reward, terminated, truncated, info = env.step(actions)
+            assert reward == episode.rewards[t]
+            assert terminated == episode.terminations[t]
+            assert truncated == episode.truncations[t]
+            np.testing.assert_array_equal(info["states"], episode.infos["states"][t + 1])
+        for name, seen in observations.items():
+            np.testing.assert_array_equal(seen, episode.observations[name][-1])
+
+
+def test_the_recovered_world_of_evaluation_is_the_task(tiny: Path, shown: Path) -> None:
+    """It has the task's own rewards, and plays the reserved evaluation episodes."""
+    dataset = Dataset.open(tiny).with_rewards(robot_collision=7.0)
+    export_dataset(dataset, shown / dataset.id, format="minari")
+    found = minari.load_dataset(dataset.id)
+    played, recorded = found.recover_environment(eval_env=True), found.recover_environment()
+    assert played.unwrapped.task == dataset.task
+    assert recorded.unwrapped.task.rules.rewards.robot_collision == 7.0
+    observations, _ = played.reset()
+    expected, _ = recorded.reset(seed=int(evaluation_seeds(1)[0]))
+    for name, seen in observations.items():
+        np.testing.assert_array_equal(seen, expected[name])
+
+
+def test_a_turned_export_recovers_a_world_in_its_frame(tiny: Path, shown: Path) -> None:
+    """Up to the rounding of the turned actions, which turn back to the recorded ones."""
+    dataset = Dataset.open(tiny)
+    export_dataset(dataset, shown / dataset.id, format="minari", frame="target")
+    found = minari.load_dataset(dataset.id)
+    env, episode = found.recover_environment(), found[0]
+    assert env.observation_space == found.observation_space
+    observations, _ = env.reset(seed=dataset[0].seed)
+    for t in range(3):
+        for name, seen in observations.items():
+            np.testing.assert_allclose(seen, episode.observations[name][t], atol=1e-4)
+        actions = {name: rows[t] for name, rows in episode.actions.items()}
+        observations, *_ = env.step(actions)
+
+
+def test_environments_of_others_are_not_recovered(recorded: Dataset, shown: Path) -> None:
+    export_dataset(recorded, shown / recorded.id, format="minari")
+    with pytest.raises(ValueError, match="env_spec is None"):
+        minari.load_dataset(recorded.id).recover_environment()

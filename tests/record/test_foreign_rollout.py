@@ -159,7 +159,7 @@ def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
             np.testing.assert_allclose(action, steady(name, time), atol=0.3)
 
 
-def test_choices_cannot_be_learned_as_numbers(tmp_path: Path) -> None:
+def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
     from swarmdata.learn.training.trainer import train_seeds
 
     with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
@@ -167,7 +167,10 @@ def test_choices_cannot_be_learned_as_numbers(tmp_path: Path) -> None:
     dataset = recorder.close()
     sample = next(dataset.sampler(4))
     assert sample.actions.max() > 1, "choices come as they are"
-    with pytest.raises(SchemaError, match=r"bc learns .*; .* one, many, bits.* vdn, qmix"):
+    with pytest.raises(
+        SchemaError,
+        match=r"mixed .* have a continuous part .* either continuous actions or choices",
+    ):
         train_seeds("bc", dataset, tmp_path / "run", progress=False)
 
 

@@ -111,6 +111,44 @@ def test_choices_are_learned_and_played(
     np.testing.assert_array_equal(again.metrics["return"], result.metrics["return"])
 
 
+@pytest.mark.learns
+@pytest.mark.parametrize(
+    ("algorithm", "changes", "least", "most"),
+    [
+        ("bc", {"hidden": "32"}, 0.0, 0.1),  # does what most do
+        ("filtered_bc", {"hidden": "32", "fraction": "0.3"}, 0.95, 1.0),
+        ("filtered_bc", {"hidden": "32", "fraction": "0.3", "memory": "gru"}, 0.95, 1.0),
+        ("iql", {"actor_hidden": "32", "critic_hidden": "32", "discount": "0.5"}, 0.95, 1.0),
+    ],
+)
+def test_the_better_choices_are_imitated(
+    tmp_path: Path, algorithm: str, changes: dict[str, str], least: float, most: float
+) -> None:
+    """A third of the episodes are right; in the others all numbers are named one too high."""
+    from swarmdata.evaluation.runs.train import train
+
+    env = Signals()
+    path = tmp_path / "ds"
+    with Recorder(env, id="signals_v0-mine-v0", path=path) as recorder:
+        for error in (0, 1, 1) * 20:
+
+            def answer(agent: str, time: int, error: int = error) -> Any:
+                if agent == "few":
+                    return np.int64((env.signal["few"] + error) % 2 + 1)
+                return np.array([(env.signal["many"] + error) % 4, 1 - error])
+
+            play(recorder, 1, answer)
+    recorder.close()
+    settings = {"n_updates": "400", "batch_size": "128", **changes}
+    policy = train(
+        algorithm, str(path), tmp_path / "run", n_seeds=1, changes=settings, progress=False
+    )[0]
+    spec = Dataset.open(path).spec
+    assert isinstance(spec, RecordedSpec)
+    result = evaluate_parallel(policy, Signals, spec, foreign_evaluation_seeds(4))
+    assert least <= result.metrics["return"].mean() / (1.25 * LENGTH) <= most
+
+
 class Says:
     """Always the same choices; takes the first allowed one instead where it is told."""
 

@@ -163,3 +163,54 @@ def play(env: Any, n_episodes: int, act: Callable[[str, int], Any] | None = None
 def steady(agent: str, time: int) -> Any:
     """An action of `Counting` that says its time."""
     return np.array([time % 3, 1] if agent == "big" else [1 + time % 4], np.float32)
+
+
+class Seeing(ParallelEnv):  # type: ignore[misc]
+    """Two agents that observe images of bytes: seed, time and agent in their pixels.
+
+    Args:
+        state: dtype of `state()`, an image, too; None: it has none.
+        wrong: what a pixel is at the end, against the space.
+    """
+
+    def __init__(self, state: Any = None, wrong: float | None = None) -> None:
+        self.metadata = {"name": "seeing_v0"}
+        self.possible_agents = ["left", "right"]
+        self.agents: list[str] = []
+        self.state_dtype, self.wrong = state, wrong
+
+    def observation_space(self, agent: str) -> Space[Any]:
+        return Box(0, 255, (4, 3, 3) if agent == "left" else (2, 3, 3), np.uint8)
+
+    def action_space(self, agent: str) -> Space[Any]:
+        return Box(-1.0, 1.0, (2,), np.float32)
+
+    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
+        self.seed, self.time, self.agents = int(seed or 0), 0, list(self.possible_agents)
+        return self._observe(), {agent: {} for agent in self.agents}
+
+    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
+        names, self.time = self.agents, self.time + 1
+        over = self.time == 5
+        rewards = {agent: float(actions[agent][0]) for agent in names}
+        flags = dict.fromkeys(names, over), dict.fromkeys(names, False)
+        infos: dict[str, Any] = {agent: {} for agent in names}
+        result = self._observe(), rewards, *flags, infos
+        self.agents = [] if over else names
+        return result
+
+    def state(self) -> Any:
+        if self.state_dtype is None:
+            raise NotImplementedError
+        return np.full((2, 2), 40 * self.time, self.state_dtype)
+
+    def _observe(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for index, agent in enumerate(self.possible_agents):
+            shape = self.observation_space(agent).shape
+            image = np.full(shape, self.seed % 200, np.uint8)
+            image[0, 0] = 50 * self.time, index, 255
+            found[agent] = image
+            if self.wrong is not None and self.time == 5:
+                found[agent] = np.full(shape, self.wrong)
+        return found

@@ -139,7 +139,7 @@ SLOW = """
     run("generate --task meeting.yaml --policy slow --id meeting-slow-v0 --steps 1200 --workers 1 "
         "--out data")
     run("train my_bc data --updates 3 --seeds 1 --set hidden=8 --out runs/mine")
-    run("sweep runs/mine --observation noise=0..0.1 --points 2 --episodes 4 --out sweep")
+    run("sweep runs/mine --observation noise=0..0.1 --values 2 --episodes 4 --out sweep")
     run("study study.yaml --out study --work work --workers 1")
     assert "my_bc" in open("study/report.md").read()
 """

@@ -11,6 +11,7 @@ from swarmdata import FunctionPolicy, make_env
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
@@ -74,3 +75,19 @@ def test_tensors_are_taken() -> None:
     policy = FunctionPolicy(lambda seen: torch.from_numpy(seen)[..., :2].tanh())
     expected = np.tanh(step.observations[..., :2])
     np.testing.assert_allclose(policy.act(step), expected, atol=1e-6)
+
+
+def test_a_function_sees_and_acts_in_its_frame() -> None:
+    step, frame = first_step(), frame_of(SPEC)
+    assert frame is not None
+    seen: list[Float] = []
+
+    def ahead(observations: Float) -> Float:
+        seen.append(observations)
+        return np.broadcast_to(np.array([1, 0], np.float32), (*observations.shape[:2], 2))
+
+    actions = FunctionPolicy(ahead, frame=frame).act(step)
+    assert np.array_equal(seen[0], frame.inputs(step.observations))
+    x, y = frame.directions(step.observations)
+    assert np.allclose(actions, np.stack([x, y], -1), atol=1e-6)
+    assert not np.allclose(actions, FunctionPolicy(ahead).act(step))

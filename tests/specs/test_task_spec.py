@@ -141,8 +141,13 @@ def test_a_message_stays_readable_however_much_is_wrong() -> None:
 def test_only_models_that_hide_or_forget_say_so_and_older_specs_keep_their_hashes() -> None:
     plain = TaskSpec.parse({"communication": {"kind": "broadcast"}})
     assert "goal_steps" not in plain.to_json()
+    assert "velocities" not in plain.to_json()
     assert "max_age" not in plain.to_json()
-    for observation, communication in (({"goal_steps": 0}, {}), ({}, {"max_age": 0})):
+    for observation, communication in (
+        ({"goal_steps": 0}, {}),
+        ({"velocities": False}, {}),
+        ({}, {"max_age": 0}),
+    ):
         changed = TaskSpec.parse(
             {
                 "observation": {"kind": "state", **observation},

@@ -50,10 +50,10 @@ class Painting(ParallelEnv):  # type: ignore[misc]
         return images
 
 
-def record_images(path: Path, n_episodes: int = 3) -> Dataset:
+def record_images(path: Path, n_episodes: int = 3, id: str = "painting_v1-mine-v0") -> Dataset:
     """Records episodes in which both agents repeat the actions 0, 1, 2."""
     env = Painting()
-    with Recorder(env, id="painting_v1-mine-v0", path=path) as recorder:
+    with Recorder(env, id=id, path=path) as recorder:
         for _ in range(n_episodes):
             recorder.reset()
             while recorder.agents:

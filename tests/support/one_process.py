@@ -9,7 +9,7 @@ import pytest
 from swarmdata.building import build as build_module
 from swarmdata.building.build import make_part
 from swarmdata.registry.components import make_env
-from swarmdata.runtime.workers import Job
+from swarmdata.runtime.engines.jobs import Job
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import write_part
 
@@ -19,8 +19,8 @@ class OneProcessCrew:
 
     made: list[str]
 
-    def __init__(self, entry: str, n_workers: int) -> None:
-        assert entry == "swarmdata.building.build:work"
+    def __init__(self, engine: object, entry: str, *, n_workers: int, folder: Path) -> None:
+        assert entry == build_module.PART_MAKER
 
     def __enter__(self) -> Self:
         return self
@@ -41,4 +41,4 @@ class OneProcessCrew:
 def use_one_process(patch: pytest.MonkeyPatch) -> None:
     """Lets `build` make its parts in this process until the patch is undone."""
     patch.setattr(OneProcessCrew, "made", [], raising=False)
-    patch.setattr(build_module, "Crew", OneProcessCrew)
+    patch.setattr(build_module, "open_engine", OneProcessCrew)

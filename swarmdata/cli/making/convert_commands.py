@@ -27,6 +27,13 @@ From = Annotated[
     ),
 ]
 Split = Annotated[str | None, typer.Option(help="with --to: one split: train, validation or test")]
+FrameName = Annotated[
+    str,
+    typer.Option(
+        help="with --to: frame of observations and actions: world, as they were recorded, target, "
+        "as algorithms see them, or another anchor"
+    ),
+]
 Policy = Annotated[str | None, typer.Option(help="with --to: only episodes of this policy")]
 Id = Annotated[
     str | None,
@@ -64,7 +71,7 @@ Notes = Annotated[
 ]
 
 
-EXPORT_OPTIONS = ("to", "split", "policy")
+EXPORT_OPTIONS = ("to", "split", "policy", "frame")
 """Options of `convert --to`; `--from` has the others."""
 
 
@@ -76,6 +83,7 @@ def convert(
     from_: From = None,
     split: Split = None,
     policy: Policy = None,
+    frame: FrameName = "world",
     id_: Id = None,
     time_limit: TimeLimit = None,
     episode_length: EpisodeLength = None,
@@ -95,7 +103,7 @@ def convert(
         raise typer.BadParameter("pass either --to FORMAT or --from FORMAT")
     if to is not None:
         refuse_all_but(context, EXPORT_OPTIONS, "with --to")
-        typer.echo(_export(source, target, to, split, policy))
+        typer.echo(_export(source, target, to, split, policy, frame))
         return
     refuse(context, EXPORT_OPTIONS, "with --from")
     low, high = _bounds(action_bounds)
@@ -108,17 +116,24 @@ def convert(
         "action_low": low,
         "action_high": high,
     }
-    typer.echo(_import(source, target, str(from_), id_, answers, new_splits, _notes(note or [])))
+    typer.echo(
+        _import(source, target, str(from_), id_, answers, new_splits, read_notes(note or []))
+    )
 
 
-def _export(source: str, target: Path, to: str, split: str | None, policy: str | None) -> Path:
+def _export(
+    source: str, target: Path, to: str, split: str | None, policy: str | None, frame: str
+) -> Path:
     from swarmdata.datasets.dataset import Dataset
     from swarmdata.hub.catalog.catalog import load
     from swarmdata.hub.remotes.outside_names import is_folder
+    from swarmdata.interop.conversion.user_paths import absolute_path
     from swarmdata.interop.export import export_dataset
 
-    dataset = Dataset.open(source) if is_folder(source) else load(source)
-    return export_dataset(dataset.filter(split=split, policy=policy), target, format=to)
+    folder = absolute_path(source)
+    dataset = Dataset.open(folder) if is_folder(folder) else load(source)
+    view = dataset.filter(split=split, policy=policy)
+    return export_dataset(view, target, format=to, frame=frame)
 
 
 def _import(
@@ -162,7 +177,12 @@ def _bounds(text: str | None) -> tuple[float | None, float | None]:
     return low, high
 
 
-def _notes(pairs: list[str]) -> dict[str, str]:
+def read_notes(pairs: list[str]) -> dict[str, str]:
+    """Reads `KEY=TEXT` of each text.
+
+    Raises:
+        typer.BadParameter: one has no `=`.
+    """
     wrong = [pair for pair in pairs if "=" not in pair]
     if wrong:
         raise typer.BadParameter(f"got {wrong[0]!r}, expected KEY=TEXT", param_hint="--note")

@@ -5,13 +5,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarmdata.cli.option_use import refuse_all_but
-from swarmdata.cli.shared_options import Communication, Observation, Workers
+from swarmdata.cli.option_use import refuse, refuse_all_but, refuse_workers
+from swarmdata.cli.shared_options import (
+    Communication,
+    Engine,
+    Observation,
+    Part,
+    Workers,
+    parse_part,
+)
 
 if TYPE_CHECKING:
     from swarmdata.specs.recipe import Recipe
 
-RECIPE_OPTIONS = ("steps", "workers", "out")
+RECIPE_OPTIONS = ("steps", "workers", "engine", "part", "finish", "remote", "out")
 """Options of `generate` that a recipe has not decided; a task with policies has them all."""
 
 
@@ -45,6 +52,16 @@ Seed = Annotated[
 ]
 Tier = Annotated[str, typer.Option(help="with --task: tier of the new dataset")]
 Out = Annotated[Path | None, typer.Option(help="folder of the dataset; default: in the cache")]
+Finish = Annotated[
+    bool, typer.Option("--finish", help="assemble the parts that --part has made, and make none")
+]
+Remote = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="folder or bucket through which parts travel, for machines without a shared folder",
+    ),
+]
 
 
 def generate(
@@ -60,6 +77,10 @@ def generate(
     seed: Seed = None,
     tier: Tier = "own",
     workers: Workers = None,
+    engine: Engine = "local",
+    part: Part = None,
+    finish: Finish = False,
+    remote: Remote = None,
     out: Out = None,
 ) -> None:
     """Build a dataset from its recipe, or from a task and policies.
@@ -71,19 +92,22 @@ def generate(
         raise typer.BadParameter(
             "generate needs a dataset's ID or a recipe file, or --task TASK, and not both"
         )
+    refuse_workers(context, engine)
     if dataset is not None:
         refuse_all_but(context, RECIPE_OPTIONS, f"with {dataset}, whose recipe decides it")
-        _print_built(_build(dataset, steps, workers, out))
+        _refuse_beside(context, part, finish=finish)
+        _follow_recipe(dataset, steps, out, workers, engine, part, remote, finish=finish)
         return
+    refuse(context, ("part", "finish", "remote"), "with --task; they take a recipe's file")
     if not policy or new_id is None:
         raise typer.BadParameter("--task needs --policy NAME and --id ID")
-    from swarmdata.evaluation.runs.generated_dataset import DEFAULT_STEPS
-    from swarmdata.evaluation.runs.generated_dataset import generate as generate_dataset
+    from swarmdata.evaluation.runs import generated_dataset
 
-    made = generate_dataset(
-        task or "", read_shares(policy), id=new_id, n_steps=steps or DEFAULT_STEPS, noise=noise,
-        observation=observation, communication=communication, seed=seed, tier=tier, out=out,
-        workers=workers, report=typer.echo,
+    n_steps = steps or generated_dataset.DEFAULT_STEPS
+    made = generated_dataset.generate(
+        task or "", read_shares(policy), id=new_id, n_steps=n_steps, noise=noise, tier=tier,
+        observation=observation, communication=communication, seed=seed, out=out,
+        workers=workers, engine=engine, report=typer.echo,
     )  # fmt: skip
     _print_built(made.path)
 
@@ -111,8 +135,43 @@ def read_shares(texts: list[str]) -> dict[str, float]:
     return shares
 
 
-def _build(dataset: str, steps: int | None, workers: int | None, out: Path | None) -> Path:
-    from swarmdata.building.build import build
+def _refuse_beside(context: typer.Context, part: str | None, *, finish: bool) -> None:
+    """Refuses what a share of the parts, or their assembly, does not use."""
+    if part is not None:
+        refuse(context, ("workers", "engine", "finish"), "with --part")
+    elif finish:
+        refuse(context, ("workers", "engine"), "with --finish")
+
+
+def _follow_recipe(
+    dataset: str, steps: int | None, out: Path | None, workers: int | None, engine: str,
+    part: str | None, remote: str | None, *, finish: bool,
+) -> None:  # fmt: skip
+    """Makes a share of the parts, assembles them, or does both."""
+    recipe, folder, beside = _what_to_build(dataset, steps, out)
+    if part is not None:
+        _make_share(recipe, folder, beside, part, remote)
+        return
+    if remote is not None:
+        from swarmdata.building.shares import receive_parts
+        from swarmdata.hub.remotes import open_remote
+
+        n = receive_parts(recipe, folder, open_remote(remote), checkpoints=beside)
+        typer.echo(f"{recipe.id}: fetched {n} parts from {remote}")
+    if finish:
+        from swarmdata.building.shares import finish_parts
+
+        _print_built(finish_parts(recipe, folder))
+    else:
+        from swarmdata.building.build import build
+
+        _print_built(build(recipe, folder, checkpoints=beside, workers=workers, engine=engine))
+
+
+def _what_to_build(
+    dataset: str, steps: int | None, out: Path | None
+) -> "tuple[Recipe, Path, Path | None]":
+    """The recipe, the dataset's folder, and a folder with the recipe's networks."""
     from swarmdata.hub.catalog.catalog import dataset_folder
     from swarmdata.specs.recipe import Recipe
 
@@ -121,7 +180,18 @@ def _build(dataset: str, steps: int | None, workers: int | None, out: Path | Non
         raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
     if steps is not None:
         recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
-    return build(recipe, out or dataset_folder(recipe), checkpoints=beside, workers=workers)
+    return recipe, out or dataset_folder(recipe), beside
+
+
+def _make_share(
+    recipe: "Recipe", out: Path, beside: Path | None, part: str, remote: str | None
+) -> None:
+    from swarmdata.building.shares import make_share
+    from swarmdata.hub.remotes import open_remote
+
+    sent_to = None if remote is None else open_remote(remote)
+    made = make_share(recipe, out, *parse_part(part), checkpoints=beside, remote=sent_to)
+    typer.echo(f"{recipe.id}: made {len(made)} parts of share {part}")
 
 
 def _find_recipe(dataset: str) -> "tuple[Recipe, Path | None]":

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.types import (
     OPTIONAL_STATE_FIELDS,
     OPTIONAL_STEP_FIELDS,
@@ -65,6 +66,7 @@ def step_blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]
         states come twice, before each step and (with `NEXT_PREFIX`) after it.
     """
     names = array_names(dataset)
+    reads = MappedReads(dataset.stored.arrays[name] for name in names)
     first = 0
     for group in _groups(dataset):
         columns: dict[str, list[NDArray[Any]]] = {}
@@ -77,7 +79,9 @@ def step_blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]
                     columns.setdefault(NEXT_PREFIX + name, []).append(values[1:])
                 else:
                     columns.setdefault(name, []).append(values)
-        yield first, {name: np.concatenate(values) for name, values in columns.items()}
+        block = {name: np.concatenate(values) for name, values in columns.items()}
+        reads.release()
+        yield first, block
         first += int(sum(len(values) for values in columns["actions"]))
 
 

@@ -55,10 +55,16 @@ class ExportNote(Frozen):
     spec: AnySpec
     policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]
     episodes: EpisodeColumns
+    frame: str = "world"  # of observations and actions, as `frames.find_frame` takes it
 
 
-def note_of(dataset: Dataset) -> ExportNote:
-    """Returns the note to write beside an export of this view."""
+def note_of(dataset: Dataset, frame: str) -> ExportNote:
+    """Returns the note to write beside an export of this view.
+
+    Args:
+        dataset: the view.
+        frame: that its observations and actions were turned into; `world` if they were not.
+    """
     table, spec = dataset.episodes, dataset.spec
     if dataset.reweighting is not None:  # the spec of the export is that of its rewards
         spec = dataset.reweighting.applied_to(dataset.task)
@@ -74,6 +80,7 @@ def note_of(dataset: Dataset) -> ExportNote:
             split=tuple(table.split.tolist()),
             end_reason=tuple(table.end_reason.tolist()),
         ),
+        frame=frame,
     )
 
 
@@ -81,11 +88,17 @@ def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
     """Reads a note.
 
     Raises:
-        ConversionError: the note is damaged.
+        ConversionError: the note is damaged, or of data in another frame than the world's.
     """
     try:
-        return ExportNote.parse(parse_json(text, str(source)), str(source))
+        note = ExportNote.parse(parse_json(text, str(source)), str(source))
     except SpecError as error:
         raise ConversionError(
             f"the note of swarmdata in {source} cannot be read: {error}. Export the dataset again."
         ) from error
+    if note.frame != "world":
+        raise ConversionError(
+            f"{source} was exported in the frame {note.frame!r}, which cannot be turned back to "
+            f"the recorded numbers. Load {note.id}, or export it without --frame."
+        )
+    return note

@@ -61,7 +61,7 @@ LOST_REASONS: dict[str, str] = {}
 _CHUNK_ROWS = 4096
 
 
-def write(dataset: Dataset, path: Path) -> None:
+def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as one HDF5 file."""
     with create_hdf5(path) as writer:
         file = writer.file
@@ -78,7 +78,7 @@ def write(dataset: Dataset, path: Path) -> None:
             team = arrays["rewards"].mean(axis=1, dtype=np.float64)
             file["rewards"][first : first + len(team)] = team.astype(np.float32)
             writer.check()
-        file[NOTE_KEY] = note_of(dataset).to_json()
+        file[NOTE_KEY] = note_of(dataset, frame).to_json()
         layouts = dataset.episodes.layouts
         if layouts.size:
             file[LAYOUTS_KEY] = layouts

@@ -38,15 +38,19 @@ LOST_REASONS = {
     name: "each file holds one agent" for name in DATASET_FACTS if name not in KEPT_NAMES
 }
 
+FRAME_KEY = "metadata/frame"
+"""Key of the frame of observations and actions, which other formats have in their note."""
+
 _CHUNK_ROWS = 4096
 
 
-def write(dataset: Dataset, path: Path) -> None:
+def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as one HDF5 file per agent."""
     path.mkdir()
     agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
     for index, agent in enumerate(agents):
         with create_hdf5(path / f"{agent.name}.hdf5") as writer:
+            writer.file[FRAME_KEY] = frame
             sizes = width(agent.observation), width(agent.action)
             for _, arrays in step_blocks(dataset):
                 for key, values in _rows(arrays, index, *sizes).items():

@@ -52,14 +52,14 @@ LOST_REASONS = {"layout": "it only has rows over time"}
 _GROUP_ROWS = 8192
 
 
-def write(dataset: Dataset, path: Path) -> None:
+def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as a folder of Parquet files."""
     (path / "data").mkdir(parents=True)
     names = [name for name in SPLITS if len(dataset.split(name))]  # type: ignore[arg-type]
     for name in names:
         _write_split(dataset.split(name), path / _file(name))  # type: ignore[arg-type]
     (path / EPISODES_FILE).write_bytes(parquet_bytes(episode_table(dataset)))
-    (path / NOTE_FILE).write_text(note_of(dataset).to_json(), encoding="utf-8")
+    (path / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
     configs = [
         {
             "config_name": "steps",
@@ -70,7 +70,8 @@ def write(dataset: Dataset, path: Path) -> None:
     ]
     front = yaml.safe_dump({"pretty_name": dataset.id, "configs": configs}, sort_keys=False)
     text = (
-        f"---\n{front}---\n\n# {dataset.id}\n\nConverted by swarmdata; digest {dataset.digest}.\n"
+        f"---\n{front}---\n\n# {dataset.id}\n\nConverted by swarmdata; digest {dataset.digest}. "
+        f"Observations and actions are in the frame `{frame}`.\n"
     )
     (path / "README.md").write_text(text, encoding="utf-8")
 

@@ -6,7 +6,8 @@ critics; ("collector", "traj_ids") separates episodes, for `SliceSampler`. Next 
 "next", so no transition is lost and none crosses episodes. `replay_buffer` makes a buffer of the
 folder without copying. Such folders are read, as well as folders written by a replay buffer's
 `dumps`, several groups, and batches [B, T] of a collector, whose trajectories are joined by their
-ids.
+ids. `Dataset.replay_buffer` makes a buffer without files; `torchrl_source` is for TorchRL's
+`load_dataset`.
 """
 
 import os
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError, MissingExtraError
+from swarmdata.errors import ConversionError, MissingExtraError, SchemaError
 from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
@@ -83,35 +84,66 @@ def _library() -> Any:
     return tensordict
 
 
-def write(dataset: Dataset, path: Path) -> None:
+def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as the folder of a memory-mapped TensorDict."""
+    target = _layout(dataset).memmap_like(prefix=str(path))
+    _reserve(path)
+    _fill(target, dataset)
+    (path / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
+
+
+def transitions_of(dataset: Dataset) -> Any:
+    """Returns a view as a TensorDict [n] in memory: what `write` writes, without a file.
+
+    Raises:
+        MissingExtraError: tensordict is not installed.
+    """
+    target = _layout(dataset).clone()
+    _fill(target, dataset)
+    return target
+
+
+def _layout(dataset: Dataset) -> Any:
+    """Returns a TensorDict [n] of all keys whose rows are one row of zeros."""
     tensordict = _library()
     import torch  # noqa: PLC0415  (an extra, and heavy)
 
-    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
-    # TorchRL stores actions as integers [n, N] if every agent has one discrete action
-    discrete = all(isinstance(agent.action, DiscreteSpace) for agent in agents)
-    n = dataset.n_steps
-    empty: dict[str, Any] = {}
-    shapes = {name: _like_theirs(name, np.zeros((1, *shape), dtype), discrete)
-              for name, (shape, dtype) in row_shapes(dataset).items() if _key(name)}  # fmt: skip
-    for name, row in shapes.items():
+    n, empty = dataset.n_steps, dict[str, Any]()
+    for name, row in _rows(dataset).items():
         _put(empty, _key(name) or (), torch.from_numpy(row).expand(n, *row.shape[1:]))
     _put(empty, _DONE_KEY, torch.zeros(1, dtype=torch.bool).expand(n, 1))
     _put(empty, _TRAJECTORY_KEY, torch.zeros(1, dtype=torch.int64).expand(n))
-    target = tensordict.TensorDict(empty, [n]).memmap_like(prefix=str(path))
-    _reserve(path)
+    return tensordict.TensorDict(empty, [n])
+
+
+def _rows(dataset: Dataset) -> dict[str, NDArray[Any]]:
+    """A row of zeros of each array that TorchRL has a key for, in its shape and dtype."""
+    discrete = _is_discrete(dataset)
+    return {name: _like_theirs(name, np.zeros((1, *shape), dtype), discrete)
+            for name, (shape, dtype) in row_shapes(dataset).items() if _key(name)}  # fmt: skip
+
+
+def _is_discrete(dataset: Dataset) -> bool:
+    """Whether every agent has one discrete action: TorchRL stores these as integers [n, N]."""
+    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
+    return all(isinstance(agent.action, DiscreteSpace) for agent in agents)
+
+
+def _fill(target: Any, dataset: Dataset) -> None:
+    """Writes the rows of a view into a TensorDict of its `_layout`."""
+    import torch  # noqa: PLC0415  (an extra, and heavy)
+
+    names, discrete = _rows(dataset).keys(), _is_discrete(dataset)
     trajectories = np.repeat(np.arange(len(dataset)), dataset.episodes.lengths)
     for first, arrays in step_blocks(dataset):
         rows = slice(first, first + len(arrays["actions"]))
         for name, values in arrays.items():
-            if name in shapes:
+            if name in names:
                 theirs = _like_theirs(name, values, discrete)
                 target[_key(name)][rows] = torch.from_numpy(theirs)
         ended = arrays["terminations"] | arrays["truncations"]
         target[_DONE_KEY][rows] = torch.from_numpy(ended[:, None])
         target[_TRAJECTORY_KEY][rows] = torch.from_numpy(trajectories[rows])
-    (path / NOTE_FILE).write_text(note_of(dataset).to_json(), encoding="utf-8")
 
 
 def _reserve(folder: Path) -> None:
@@ -141,17 +173,20 @@ def _like_theirs(name: str, values: NDArray[Any], discrete: bool) -> NDArray[Any
     return np.ascontiguousarray(values[..., None] if name in _WITH_LAST_AXIS else values)
 
 
-def replay_buffer(path: Path | str, batch_size: int, slice_length: int | None = None) -> Any:
-    """Makes a TorchRL replay buffer of a converted dataset, without copying.
+def replay_buffer(
+    source: "Dataset | Path | str", batch_size: int, slice_length: int | None = None
+) -> Any:
+    """Makes a TorchRL replay buffer of a dataset in memory, or of a converted folder uncopied.
 
     Args:
-        path: folder of a dataset converted to this format.
+        source: a view of a dataset; or a folder of one that was converted to this format.
         batch_size: number of transitions of a sample.
         slice_length: samples consist of so many consecutive steps of one episode; a divisor of
             `batch_size`. None: single transitions.
 
     Raises:
         MissingExtraError: TorchRL is not installed.
+        SchemaError: the view has no episodes.
     """
     tensordict = _library()
     try:
@@ -163,7 +198,12 @@ def replay_buffer(path: Path | str, batch_size: int, slice_length: int | None = 
         )
     except ImportError as error:
         raise MissingExtraError("torchrl", "torchrl", "a replay buffer") from error
-    rows = tensordict.TensorDict.load_memmap(str(path))
+    if isinstance(source, Dataset):
+        if not len(source):
+            raise SchemaError(f"{source!r} has no episodes to sample from; widen its filter")
+        rows = transitions_of(source)
+    else:
+        rows = tensordict.TensorDict.load_memmap(str(source))
     sampler = RandomSampler()
     if slice_length is not None:
         sampler = SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)

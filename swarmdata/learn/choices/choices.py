@@ -38,9 +38,25 @@ class Choices:
         if not sizes.choices:
             values = bins.bin_values(n_bins, torch.float64).to(device)
             return cls(values.expand(sizes.n_agents, sizes.action, -1), None, True)
-        columns = [[*agent, *[range(1)] * (sizes.action - len(agent))] for agent in sizes.choices]
+        return cls.recorded(sizes.choices, sizes.action, device)
+
+    @classmethod
+    def recorded(
+        cls,
+        ranges: Sequence[Sequence[range]],
+        n_columns: int,
+        device: torch.device | str = "cpu",
+    ) -> "Choices":
+        """The choices of a recorded environment.
+
+        Args:
+            ranges: of each robot, by column: `Sizes.choices`.
+            n_columns: D; a robot without a column has a single choice there.
+            device: where the values are.
+        """
+        columns = [[*agent, *[range(1)] * (n_columns - len(agent))] for agent in ranges]
         most = max(len(choices) for agent in columns for choices in agent)
-        values = torch.zeros(sizes.n_agents, sizes.action, most, dtype=torch.float64)
+        values = torch.zeros(len(columns), n_columns, most, dtype=torch.float64)
         exists = torch.zeros_like(values, dtype=torch.bool)
         for i, agent in enumerate(columns):
             for d, choices in enumerate(agent):

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
+from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.policies.flow_policy import (
     FlowPolicy,
@@ -52,10 +52,8 @@ class OneStepActor:
         shape = MLPShape(n_inputs + sizes.n_agents, hidden, sizes.action)
         self.network = StackedMLP(shape, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
-        self._mean = torch.tensor(statistics.observation_mean, dtype=torch.float64)
-        self._std = torch.tensor(statistics.observation_std, dtype=torch.float64)
-        self._mean_here = self._mean.to(setup.device, torch.float32)
-        self._std_here = self._std.to(setup.device, torch.float32)
+        mean, std = statistics.observation_mean, statistics.observation_std
+        self._standard = Standardization(mean, std, setup.device)
 
     def see(self, batch: Batch) -> StudentView:
         """Returns transitions [K, B, ...], and what the actors see of them."""
@@ -76,15 +74,12 @@ class OneStepActor:
         outputs = self.network(with_agent_id(known).flatten(1, 2))
         return outputs.tanh().view_as(noise)
 
-    def _standard(self, observations: Tensor) -> Tensor:
-        return standardize(observations, self._mean_here, self._std_here)
-
     def policy(self, index: int) -> FlowPolicy:
         """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
         return FlowPolicy(
             layers=self.network.extract(index, torch.float64),
-            observation_mean=self._mean,
-            observation_std=self._std,
+            observation_mean=self._standard.mean,
+            observation_std=self._standard.std,
             n_agents=self.sizes.n_agents,
             noise=self.noise,
             redraw=self.redraw,

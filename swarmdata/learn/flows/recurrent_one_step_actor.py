@@ -18,7 +18,7 @@ from swarmdata.learn.memory.segments import (
     take,
 )
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
+from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize, mlp
 from swarmdata.learn.policies.flow_policy import Noise, Redraw, known_noise, noise_size
 from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy
@@ -59,10 +59,8 @@ class RecurrentOneStepActor:
         shape = GatedShape(n_seen, memory_size, reader)
         self.network = StackedGates(shape, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
-        self._mean = torch.tensor(statistics.observation_mean, dtype=torch.float64)
-        self._std = torch.tensor(statistics.observation_std, dtype=torch.float64)
-        self._mean_here = self._mean.to(setup.device, torch.float32)
-        self._std_here = self._std.to(setup.device, torch.float32)
+        mean, std = statistics.observation_mean, statistics.observation_std
+        self._standard = Standardization(mean, std, setup.device)
 
     def see(self, batch: Batch) -> StudentView:
         """Returns the transitions to learn from, and what the actors see of them.
@@ -71,7 +69,7 @@ class RecurrentOneStepActor:
             batch: windows [K, B, L, ...]; of the result, rows are B times the steps of a segment.
         """
         rows = learned_rows(batch.mask, self.window)
-        features = standardize(batch.observations, self._mean_here, self._std_here)
+        features = self._standard(batch.observations)
         memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
         return StudentView(
             learned_steps(batch, rows), torch.cat([take(features, rows), memory], -1)
@@ -80,7 +78,7 @@ class RecurrentOneStepActor:
     @torch.no_grad()
     def see_next(self, view: StudentView) -> Tensor:
         """Returns what the actors see one step later, without a gradient, [K, B, N, O + M]."""
-        after = standardize(view.batch.next_observations, self._mean_here, self._std_here)
+        after = self._standard(view.batch.next_observations)
         memory = view.features[..., self.sizes.observation :]
         return torch.cat([after, remembered_next(self.network, after, memory, "shared")], -1)
 
@@ -99,8 +97,8 @@ class RecurrentOneStepActor:
         """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
         return RecurrentFlowPolicy(
             layers=self.network.extract(index, torch.float64),
-            observation_mean=self._mean,
-            observation_std=self._std,
+            observation_mean=self._standard.mean,
+            observation_std=self._standard.std,
             n_agents=self.sizes.n_agents,
             noise=self.noise,
             redraw=self.redraw,

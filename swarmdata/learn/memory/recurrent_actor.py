@@ -16,7 +16,7 @@ from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.segments import learned_rows, learned_steps, remembered, take
 from swarmdata.learn.networks.actor import ACTOR_STREAM, PolicyNetwork, StackedActor
-from swarmdata.learn.networks.network_inputs import standardize
+from swarmdata.learn.networks.network_inputs import Standardization
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize
 from swarmdata.learn.networks.team_networks import by_network, from_rows, to_rows
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
@@ -43,10 +43,8 @@ class RecurrentActor:
         self.network = StackedGates(shape, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
         self.squash, self.window, self._frame = squash, settings.window, sizes.frame
-        self._mean = torch.tensor(statistics.observation_mean, dtype=torch.float64)
-        self._std = torch.tensor(statistics.observation_std, dtype=torch.float64)
-        self._mean_here = self._mean.to(setup.device, torch.float32)
-        self._std_here = self._std.to(setup.device, torch.float32)
+        mean, std = statistics.observation_mean, statistics.observation_std
+        self._standard = Standardization(mean, std, setup.device)
 
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, fields [K, R, ...], and the actions there.
@@ -55,7 +53,7 @@ class RecurrentActor:
             batch: windows [K, B, L, ...]; R is B times the steps of a segment.
         """
         rows = learned_rows(batch.mask, self.window)
-        features = standardize(batch.observations, self._mean_here, self._std_here)
+        features = self._standard(batch.observations)
         memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
         seen = to_rows(take(features, rows), "shared")
         outputs = self.network.read(seen, by_network(memory, "shared"))
@@ -66,8 +64,8 @@ class RecurrentActor:
         """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
         return RecurrentPolicy(
             layers=self.network.extract(index, torch.float64),
-            observation_mean=self._mean,
-            observation_std=self._std,
+            observation_mean=self._standard.mean,
+            observation_std=self._standard.std,
             squash=self.squash,
             frame=self._frame,
         )

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
+from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
 from swarmdata.learn.networks.optimizer import StackedAdam
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.set_networks import SetShape, StackedSets
@@ -67,17 +67,14 @@ class StackedActor:
             self.network = StackedMLP(shape, len(seeds), device)
         initialize(self.network, seeds, ACTOR_STREAM)
         self.squash, self._frame, self._features = squash, sizes.frame, sizes.features
-        self._mean = torch.tensor(mean, dtype=torch.float64)
-        self._std = torch.tensor(std, dtype=torch.float64)
-        self._mean_here = self._mean.to(device, torch.float32)
-        self._std_here = self._std.to(device, torch.float32)
+        self._standard = Standardization(mean, std, device)
 
     def inputs(self, observations: Tensor) -> Tensor:
         """Returns the network's input rows of observations [K, B, N, O].
 
         Those of a perceptron are [K, B N, O + N], those of a network over sets [K, B N, O].
         """
-        standard = standardize(observations, self._mean_here, self._std_here)
+        standard = self._standard(observations)
         is_numbered = isinstance(self.network, StackedMLP)
         return (with_agent_id(standard) if is_numbered else standard).flatten(1, 2)
 
@@ -104,8 +101,8 @@ class StackedActor:
             return self._set_policy(index, self.network.shape)
         return TorchPolicy(
             layers=self.network.extract(index, torch.float64),
-            observation_mean=self._mean,
-            observation_std=self._std,
+            observation_mean=self._standard.mean,
+            observation_std=self._standard.std,
             squash=self.squash,
             frame=self._frame,
         )

@@ -6,11 +6,35 @@ import torch
 from torch import Tensor
 
 from swarmdata.numerics.random import derive
+from swarmdata.types import Double
 
 
 def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
     """Returns (values - mean) / std; a constant feature, std below 1e-3, is only centered."""
     return (values - mean) / torch.where(std < 1e-3, 1.0, std)
+
+
+class Standardization:
+    """Centers observations and divides them by their deviation, in training and when acting.
+
+    Attributes:
+        mean: for policies, float64 [O] on the CPU.
+        std: likewise.
+
+    Args:
+        mean: of observations, [O].
+        std: likewise.
+        device: where batches are.
+    """
+
+    def __init__(self, mean: Double, std: Double, device: torch.device | str) -> None:
+        self.mean = torch.tensor(mean, dtype=torch.float64)
+        self.std = torch.tensor(std, dtype=torch.float64)
+        self._mean, self._std = (m.to(device, torch.float32) for m in (self.mean, self.std))
+
+    def __call__(self, observations: Tensor) -> Tensor:
+        """Returns observations as recorded, float32 [..., O], as networks see them."""
+        return standardize(observations, self._mean, self._std)
 
 
 def with_agent_id(features: Tensor) -> Tensor:

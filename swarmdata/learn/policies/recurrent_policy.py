@@ -1,5 +1,9 @@
-"""RecurrentPolicy, the greedy policy of one seed that remembers the running episode."""
+"""RecurrentPolicy, the greedy policy of one seed that remembers the running episode.
 
+`Remembering` is what it shares with other recurrent actors, such as `RecurrentFlowPolicy`.
+"""
+
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -65,31 +69,33 @@ class RunningMemory:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecurrentPolicy:
-    """Actors on all normalized observations of an episode so far, as `TorchPolicy` on the last.
+class Remembering(ABC):
+    """Acting with a memory of gated units, whose layers come first, in one frame.
 
     `reset` empties the memory of the copies it names, and `act` takes one step in; so every step
     of an episode is acted on once, in order.
-
-    Attributes:
-        layers: gates and reader of the actors (`gated_networks`), float64; R = 1 if they are
-            shared, else N.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
-        frame: in which the actors see and act; None for the world's.
-        parameters: whether the agents share one actor.
     """
 
     layers: Sequence[Layer]
     observation_mean: Tensor
     observation_std: Tensor
-    squash: bool
-    frame: Frame | None = None
-    uses_state: bool = False
-    parameters: Parameters = "shared"
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+
+    @property
+    @abstractmethod
+    def view(self) -> tuple[Frame | None, Parameters]:
+        """The frame in which the actors see and act, and whether the robots share one."""
+
+    @abstractmethod
+    def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
+        """Returns actions in the frame, float64 [E, N, A].
+
+        Args:
+            step: that is acted on.
+            features: normalized observations in the frame, float64 [E, N, O].
+            memory: after this step, float64 [E, N, M].
+        """
 
     def reset(self, step: Step, copies: Int) -> None:
         self._memory.reset(step, copies, self.layers[1].weight.shape[1])
@@ -102,19 +108,45 @@ class RecurrentPolicy:
             SchemaError: the observations are not those the policy was trained on, or `reset` was
                 not called with these copies.
         """
-        observations = step.observations
-        framed = observations if self.frame is None else self.frame.inputs(observations)
-        features = standard_features(
-            self.layers[0], framed, self.observation_mean, self.observation_std, self.parameters
-        )
-        memory = self._memory.advance(self.layers, features, self.parameters)
-        rows = by_network(memory[None], self.parameters)
-        outputs = read(self.layers, to_rows(features[None], self.parameters), rows)
-        answers = from_rows(outputs, (1, *features.shape), self.parameters)[0]
-        local = answers.tanh() if self.squash else answers.clamp(-1, 1)
-        actions = in_world(self.frame, observations, local.numpy()).astype(np.float32)
+        observations, (frame, parameters) = step.observations, self.view
+        framed = observations if frame is None else frame.inputs(observations)
+        mean, std = self.observation_mean, self.observation_std
+        features = standard_features(self.layers[0], framed, mean, std, parameters)
+        memory = self._memory.advance(self.layers, features, parameters)
+        local = self.local_actions(step, features, memory)
+        actions = in_world(frame, observations, local.numpy()).astype(np.float32)
         self._last.keep(step, actions.astype(np.float64))
         return actions
 
     def log_probs(self, step: Step, actions: Float) -> Float:
         return certain_log_probs(self._last.require(step).astype(np.float32), actions)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecurrentPolicy(Remembering):
+    """Actors on all normalized observations of an episode so far, as `TorchPolicy` on the last.
+
+    Attributes:
+        layers: gates and reader of the actors (`gated_networks`), float64; R = 1 if they are
+            shared, else N.
+        observation_mean: subtracted from observations, float64 [O].
+        observation_std: what they are divided by, float64 [O].
+        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
+        frame: in which the actors see and act; None for the world's.
+        parameters: whether the agents share one actor.
+    """
+
+    squash: bool
+    frame: Frame | None = None
+    uses_state: bool = False
+    parameters: Parameters = "shared"
+
+    @property
+    def view(self) -> tuple[Frame | None, Parameters]:
+        return self.frame, self.parameters
+
+    def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
+        rows = by_network(memory[None], self.parameters)
+        outputs = read(self.layers, to_rows(features[None], self.parameters), rows)
+        answers = from_rows(outputs, (1, *features.shape), self.parameters)[0]
+        return answers.tanh() if self.squash else answers.clamp(-1, 1)

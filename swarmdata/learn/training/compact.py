@@ -2,7 +2,8 @@
 
 A checkpoint holds critics, targets, optimizers' moments and generators as well. Which tensors a
 policy is made of is found by trying: one that can be exchanged for that of an untrained algorithm
-without changing any policy is not needed.
+without changing any policy is not needed. Policies are compared field by field, as dataclasses;
+those of an algorithm of one's own that are none keep the whole checkpoint.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,6 +49,8 @@ def compact(folder: Path) -> None:
     blank = algorithm.state_dict()
     algorithm.load_state_dict(state)
     policies = [algorithm.policy(index) for index in range(len(run.seeds))]
+    if not is_same([algorithm.policy(index) for index in range(len(run.seeds))], policies):
+        return  # two of the same seed differ, so there is nothing to compare by
     kept = {k: v for k, v in state.items() if not _is_spare(k, state, blank, algorithm, policies)}
     algorithm = run.build(statistics, "cpu")
     restore(algorithm, kept, is_compact=True)
@@ -69,7 +72,12 @@ def _is_spare(
     algorithm: Algorithm,
     policies: Sequence[Any],
 ) -> bool:
-    """Whether policies are the same with a tensor of an untrained algorithm in this one's place."""
+    """Whether policies are the same with a tensor of an untrained algorithm in this one's place.
+
+    A tensor that an untrained algorithm does not have yet, such as a moment of Adam, is kept.
+    """
+    if name not in blank:
+        return False
     algorithm.load_state_dict({**state, name: blank[name]})
     return is_same([algorithm.policy(index) for index in range(len(policies))], policies)
 

@@ -10,8 +10,8 @@ from swarmdata.errors import SchemaError
 from swarmdata.types import Double, Episode
 
 
-class ObservationStatistics(Protocol):
-    """The moments of observations in a dataset's manifest."""
+class ObservationMoments(Protocol):
+    """The exact moments of observations."""
 
     @property
     def observation_mean(self) -> Double: ...  # [O]
@@ -23,7 +23,7 @@ class Episodes(Protocol):
     """The part of a dataset that statistics are measured on."""
 
     @property
-    def statistics(self) -> ObservationStatistics: ...
+    def moments(self) -> ObservationMoments: ...
     def __iter__(self) -> Iterator[Episode]: ...
 
 
@@ -50,9 +50,9 @@ class Statistics:
     """
 
     observation_mean: Double  # [O]
-    observation_std: Double  # [O]
+    observation_std: Double  # [O], 0 for features that never change: do not divide by these
     state_mean: Double  # [S]
-    state_std: Double  # [S]
+    state_std: Double  # [S], likewise
     return_std: float  # over all steps; 1 if all returns-to-go are equal
     max_return: float  # largest return-to-go of any step
     own_return_std: float  # as `return_std`, of each robot's own rewards
@@ -92,8 +92,8 @@ class Statistics:
         team_returns = own_returns.mean(axis=1)
         each = None if weights is None else np.repeat(weights, [len(g) for g in returns])
         return cls(
-            observation_mean=episodes.statistics.observation_mean,
-            observation_std=episodes.statistics.observation_std,
+            observation_mean=episodes.moments.observation_mean,
+            observation_std=episodes.moments.observation_std,
             state_mean=mean,
             state_std=np.sqrt(np.maximum(squares / n_rows - mean**2, 0.0)),
             return_std=_deviation(team_returns, each) or 1.0,

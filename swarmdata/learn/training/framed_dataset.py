@@ -9,7 +9,7 @@ from swarmdata.learn.training.dataset_statistics import step_weights
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec
-from swarmdata.types import Batch, Double, Episode, Float, Int
+from swarmdata.types import Batch, Double, Episode, Int
 
 N_MEASURED = 20_000
 """Transitions whose observations are measured to normalize them."""
@@ -33,7 +33,7 @@ class _FramedData:
         self._data, self._frame = data, frame
         sampler = self.sampler(N_MEASURED, seed=0)
         observations = sampler.gather(sampler.draw()).observations.astype(np.float64)
-        self.statistics = _Moments(observations.mean((0, 1)), observations.std((0, 1)))
+        self.moments = _Moments(observations.mean((0, 1)), observations.std((0, 1)))
 
     @property
     def id(self) -> str:
@@ -89,12 +89,12 @@ class _FramedSampler:
         observations, next_observations = batch.observations, batch.next_observations
         next_actions = batch.next_actions
         if next_actions is not None:
-            next_actions = _turned(frame, next_observations, next_actions)
+            next_actions = frame.recorded(next_observations, next_actions)
         return replace(
             batch,
             observations=frame.inputs(observations),
             next_observations=frame.inputs(next_observations),
-            actions=_turned(frame, observations, batch.actions),
+            actions=frame.recorded(observations, batch.actions),
             next_actions=next_actions,
         )
 
@@ -103,17 +103,3 @@ class _FramedSampler:
 
     def load_state_dict(self, state: Mapping[str, int]) -> None:
         self._sampler.load_state_dict(state)
-
-
-def _turned(frame: Frame, observations: Float, actions: Float) -> Float:
-    """Returns recorded actions in the frame, float32 [..., N, A], within [-1, 1].
-
-    Worlds clip a command to a norm of 1 (`envs.dynamics`): a longer one is recorded as it was
-    given, and means the same when it is clipped before it is turned.
-    """
-    x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
-    norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
-    clipped = actions.astype(np.float64)
-    clipped[..., 0], clipped[..., 1] = x / norm, y / norm
-    turned: Float = frame.to_local(observations, clipped).clip(-1, 1).astype(np.float32)
-    return turned

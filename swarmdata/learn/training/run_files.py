@@ -30,10 +30,17 @@ CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED = (
 
 
 def run_folders(folder: Path) -> tuple[Path, ...]:
-    """Returns the folder itself if it is a run, else the runs of several processes inside it."""
-    inside = sorted(folder.glob(f"seeds-*/{CONFIG}"))
+    """Returns the folder itself if it is a run, else the runs of several processes inside it.
+
+    The latter are in the order of their seeds: `seeds-2` is before `seeds-10`.
+    """
+    inside = sorted(folder.glob(f"seeds-*/{CONFIG}"), key=_by_seeds)
     files = [folder / CONFIG] if (folder / CONFIG).exists() else inside
     return tuple(file.parent for file in files)
+
+
+def _by_seeds(config: Path) -> tuple[int, ...]:
+    return tuple(int(seed) for seed in config.parent.name.split("-")[1:] if seed.isdecimal())
 
 
 def is_online(folder: Path) -> bool:

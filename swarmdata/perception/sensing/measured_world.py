@@ -294,6 +294,15 @@ def _miss(
             layouts[b, m, 1], layouts[b, m, 2] = np.nan, np.nan
 
 
+@kernel
+def _copy_state(state: Float, known: Float, me: int, measured: Float) -> None:
+    """Writes a copy of a state in which the robot's own columns are what it knows of itself."""
+    for c in range(state.shape[0]):
+        measured[c] = state[c]
+    for c in range(me, me + N_COLUMNS):
+        measured[c] = known[c]
+
+
 @kernel(error_model="numpy")
 def look_around(
     states: Float,
@@ -334,8 +343,7 @@ def look_around(
         sight, heading = absorb(measurement, _OF_OBJECTS), (1.0, 0.0)
         if survey.in_body:
             heading = _turn(absorb(measurement, _OF_ITSELF), noise.direction, table)
-        measured[b] = states[b]
-        measured[b, me : me + N_COLUMNS] = known[b, me : me + N_COLUMNS]
+        _copy_state(states[b], known[b], me, measured[b])
         for j in range(first):
             bits, is_robot = absorb(sight, j), j < n
             at = N_COLUMNS * j if is_robot else N_COLUMNS * n + N_BODY * (j - n)

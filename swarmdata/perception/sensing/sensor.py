@@ -14,7 +14,7 @@ from swarmdata.perception.sensing.occupancy import Occupancy
 from swarmdata.perception.sensing.sensed_scene import Scene
 from swarmdata.perception.sensing.state import State
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, shown_for
+from swarmdata.specs.features import Feature, shown_for, stacked
 from swarmdata.specs.sensing_models import (
     BearingModel,
     LidarModel,
@@ -43,8 +43,8 @@ class Sensor:
 
     A frame holds the features of the model's kind and those of the task, in the same frame of
     reference, all computed from the world as each robot measured it. Noise and losses of single
-    beams and cells, hiding of the goal, delay and stacking follow; in teams with several roles the
-    robot's role is last.
+    beams and cells, hiding of the goal, leaving out of velocities, delay and stacking follow; in
+    teams with several roles the robot's role is last.
 
     Args:
         task: the task; its spec contains the model.
@@ -76,23 +76,21 @@ class Sensor:
         self._added = np.zeros((n_copies, spec.n_agents, len(extra)), dtype=np.float32)
         echoes = Echoes(kind, self._sense.echoes, model)
         self._echoes = echoes if echoes.are_degraded else None
-        self._shape = shape = (n_copies, spec.n_agents, self._size)
+        kept = [k for k, f in enumerate(frame) if model.velocities or f.kind != "velocity"]
+        frame = tuple(frame[k] for k in kept)
+        self._kept = None if len(kept) == self._size else np.array(kept, dtype=np.int64)
+        shape = (n_copies, spec.n_agents, len(kept))
         has_history = model.delay + model.stack > 1
         self._history = History(shape, model.delay, model.stack) if has_history else None
         self._frame = np.zeros(shape if has_history else (0, 0, 0), dtype=np.float32)
+        whole = (*shape[:2], 0 if self._kept is None else self._size)
+        self._whole = np.zeros(whole, dtype=np.float32)
         robots = (n_copies, spec.n_agents, N_COLUMNS)
         self._known = History(robots, model.delay) if model.delay > 0 else None
         self._late = np.zeros(robots if model.delay > 0 else (0, 0, 0), dtype=np.float32)
         self._roles = _role_codes(spec)
-        older = [f._replace(name=f"{f.name}[-{k}]") for k in range(1, model.stack) for f in frame]
-        self.features = (
-            *frame,
-            *older,
-            *(
-                Feature(f"role.{role.name}", "flag", "", "1 if the robot has this role")
-                for role in spec.team[: self._roles.shape[1]]
-            ),
-        )
+        roles = (role.name for role in spec.team[: self._roles.shape[1]])
+        self.features = (*stacked(frame, model.stack), *map(_role_feature, roles))
 
     def forget(self, copies: Int) -> None:
         """Makes the next frame of each of these copies the first of an episode."""
@@ -124,13 +122,7 @@ class Sensor:
         n_roles = self._roles.shape[1]
         frames = out[..., :-n_roles] if n_roles else out
         frame = frames if self._history is None else self._frame
-        known = self._write_frame(step, active, frame)
-        if self._turns:
-            turn(known, self._pairs, active, frame)
-        if self._echoes is not None:
-            self._echoes.degrade(step, active, frame[..., : self._n_sensed])
-        if self._goal_steps is not None:
-            hide_columns(step.times, self._goal_steps, self._goal_columns, active, frame)
+        known = self._write_kept(step, active, frame)
         if self._history is not None:
             self._history.exchange(frame, active, frames)
         if n_roles:
@@ -142,9 +134,28 @@ class Sensor:
         self._known.exchange(robots, active, self._late)
         return self._late.reshape(n_copies, n * width)
 
-    def _write_frame(self, step: Step, active: Bool, frame: Float) -> Float:
+    def _write_kept(self, step: Step, active: Bool, frame: Float) -> Float:
         """Writes the frames of all robots; returns their own measured states, [E, >= 8 N]."""
-        robots, added = range(self._shape[1]), frame[..., self._n_sensed :]
+        if self._kept is None:
+            return self._write_degraded(step, active, frame)
+        known = self._write_degraded(step, active, self._whole)
+        np.copyto(frame, self._whole[..., self._kept], where=active[:, None, None])
+        return known
+
+    def _write_degraded(self, step: Step, active: Bool, frame: Float) -> Float:
+        """Does so with all features: turned, with losses, and with the goal hidden."""
+        known = self._write_frame(step, active, frame)
+        if self._turns:
+            turn(known, self._pairs, active, frame)
+        if self._echoes is not None:
+            self._echoes.degrade(step, active, frame[..., : self._n_sensed])
+        if self._goal_steps is not None:
+            hide_columns(step.times, self._goal_steps, self._goal_columns, active, frame)
+        return known
+
+    def _write_frame(self, step: Step, active: Bool, frame: Float) -> Float:
+        """Does so with all features, as sensed."""
+        robots, added = range(frame.shape[1]), frame[..., self._n_sensed :]
         if self._measured is None:
             truth = World(step.states, step.layouts, step.states, step.layouts)
             self._sense.sense(truth, robots, active, frame)
@@ -159,6 +170,10 @@ class Sensor:
                 self._task.write_features(world.states, world.layouts, active, self._added)
                 np.copyto(added[:, i], self._added[:, i], where=active[:, None])
         return known
+
+
+def _role_feature(role: str) -> Feature:
+    return Feature(f"role.{role}", "flag", "", "1 if the robot has this role")
 
 
 def _sense(model: ObservationModel, scene: Scene) -> Sense:

@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from swarmdata import FunctionPolicy, Policy, TaskSpec, load
-from swarmdata.evaluation.runs.train import frame_of
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.perception.frames import in_world
+from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.types import Batch, Double, Float, Int
 
 DISCOUNT = 0.95

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import swarmdata
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError
+from swarmdata.errors import ConversionError, SchemaError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
@@ -72,6 +73,42 @@ def test_slices_of_a_buffer_stay_in_one_episode(ours: Dataset, tmp_path: Path) -
         after = sample["next", "agents", "observation"][:, 0, 0]
         assert (after == seen[:, 1]).all(), "what was reached is seen next"
     assert replay_buffer(path, 7).sample().batch_size == torch.Size([7])
+
+
+def test_a_view_is_a_buffer_without_files(ours: Dataset) -> None:
+    view = ours.filter(success=False) if len(ours.filter(success=False)) > 0 else ours
+    expected = view.transitions()
+    buffer = view.replay_buffer(16)
+
+    rows = buffer[:]
+    for key, name in {
+        ("agents", "observation"): "observations",
+        ("agents", "action"): "actions",
+        ("next", "agents", "observation"): "next_observations",
+        ("next", "state"): "next_states",
+        ("collector", "traj_ids"): "episodes",
+    }.items():
+        np.testing.assert_array_equal(rows[key].numpy(), expected[name], err_msg=str(key))
+    sample = view.replay_buffer(16, slice_length=2).sample().reshape(8, 2)
+    numbers = sample["collector", "traj_ids"]
+    assert (numbers[:, 0] == numbers[:, 1]).all(), "slices stay in one episode"
+
+
+def test_an_empty_view_is_refused(ours: Dataset) -> None:
+    with pytest.raises(SchemaError, match="has no episodes to sample from"):
+        ours.filter(min_return=1e9).replay_buffer()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # TorchRL's own, when it is imported
+def test_datasets_are_a_source_of_load_dataset(ours: Dataset) -> None:
+    from torchrl.data.datasets import load_dataset
+
+    swarmdata.register_torchrl()
+    swarmdata.register_torchrl()  # again does no harm
+    buffer = load_dataset(f"swarmdata:{ours.path}", batch_size=5)
+
+    assert len(buffer) == ours.split("train").n_steps
+    assert buffer.sample().batch_size == torch.Size([5])
 
 
 def their_rows(lengths: list[int], cut: list[bool], n_agents: int = 2) -> Any:

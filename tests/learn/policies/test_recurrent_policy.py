@@ -1,5 +1,7 @@
 """Policies with a memory act as they were trained, forget at a reset, and keep copies apart."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,64 +12,29 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import BuildError, SchemaError  # noqa: E402
-from swarmdata.hub.catalog.catalog import load  # noqa: E402
 from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
-from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
-from swarmdata.learn.training.setup import Setup  # noqa: E402
-from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
-from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
-from swarmdata.perception.observer import features_of  # noqa: E402
-from swarmdata.registry.components import make_env, make_task  # noqa: E402
+from swarmdata.perception.frames import Frame  # noqa: E402
+from swarmdata.registry.components import make_env  # noqa: E402
 from swarmdata.testing.policy_contract import check_policy  # noqa: E402
 from swarmdata.types import Float, Step  # noqa: E402
-from tests.support.tiny import make_tiny  # noqa: E402
+from tests.learn.policies.recurrent_training import (  # noqa: E402
+    MEMORY,
+    bc,
+    mac_flow,
+    steps_of,
+    trained,
+)
 
-MEMORY: dict[str, Any] = {"memory": "gru", "memory_size": 6, "burn_in": 2, "window": 4}
+Train = Callable[..., Any]
 
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return load(make_tiny(tmp_path_factory.mktemp("memory") / "coop_nav-tiny-v0"))
-
-
-@pytest.fixture(scope="module")
-def frame(data: Dataset) -> Frame:
-    found = find_frame(features_of(make_task(data.task)), "target")
-    assert found is not None
-    return found
-
-
-def trained(kind: Any, config: Any, data: Dataset, frame: Frame | None, n_updates: int = 5) -> Any:
-    """An algorithm after some updates on windows, and the stream that they come from."""
-    seen = framed(data, frame)
-    sampler = seen.sampler(4, horizon=config.window, burn_in=config.burn_in, seed=0)
-    batch = sampler.gather(sampler.draw()[None]).to_torch()
-    observation, action, state = (
-        getattr(batch, name).shape[-1] for name in ("observations", "actions", "states")
-    )
-    sizes = Sizes(batch.actions.shape[-2], observation, action, state, frame=frame)
-    algorithm = kind(Setup(sizes, [0], Statistics.measure(seen, config.discount)), config)
-    for _ in range(n_updates):
-        algorithm.update(sampler.gather(sampler.draw()[None]).to_torch())
-    return algorithm
-
-
-def bc(data: Dataset, frame: Frame | None = None, **changes: Any) -> BC:
-    config = BCConfig(**{"hidden": (8,), "learning_rate": 0.03, **MEMORY, **changes})
-    algorithm: BC = trained(BC, config, data, frame)
-    return algorithm
-
-
-def steps_of(observations: Float, like: Step) -> list[Step]:
-    """Steps that show one copy each of an episode's observations, [T, N, O]."""
-    one = Step._make(field[:1] for field in like)
-    return [one._replace(observations=row[None].copy()) for row in observations]
+KINDS = pytest.mark.parametrize(
+    "train", [bc, partial(mac_flow, redraw="episode")], ids=["policy", "flow policy"]
+)
+"""Of the flow, one noise for an episode: what changes its actions is the memory."""
 
 
 def played(policy: Any, steps: list[Step]) -> Float:
@@ -122,12 +89,14 @@ def test_choices_step_by_step_are_those_of_training(
         policy.log_probs(steps[0], expected[:1])
 
 
-def test_it_keeps_the_contract_of_policies(data: Dataset, frame: Frame) -> None:
-    check_policy(bc(data, frame).policy(0), data.task, make_env, n_episodes=4, n_steps=6)
+@KINDS
+def test_it_keeps_the_contract_of_policies(train: Train, data: Dataset, frame: Frame) -> None:
+    check_policy(train(data, frame).policy(0), data.task, make_env, n_episodes=4, n_steps=6)
 
 
-def test_it_remembers_until_it_is_reset(data: Dataset) -> None:
-    policy = bc(data).policy(0)
+@KINDS
+def test_it_remembers_until_it_is_reset(train: Train, data: Dataset) -> None:
+    policy = train(data).policy(0)
     step = make_env(data.task, 3).reset(np.arange(3, dtype=np.uint64))
     policy.reset(step, np.arange(3))
     first, second = policy.act(step), policy.act(step)
@@ -138,8 +107,9 @@ def test_it_remembers_until_it_is_reset(data: Dataset) -> None:
     assert (third[[0, 2]] != first[[0, 2]]).any((1, 2)).all()
 
 
-def test_copies_must_be_reset_first(data: Dataset) -> None:
-    policy = bc(data).policy(0)
+@KINDS
+def test_copies_must_be_reset_first(train: Train, data: Dataset) -> None:
+    policy = train(data).policy(0)
     step = make_env(data.task, 3).reset(np.arange(3, dtype=np.uint64))
     with pytest.raises(SchemaError, match="Call reset"):
         policy.act(step)
@@ -148,8 +118,9 @@ def test_copies_must_be_reset_first(data: Dataset) -> None:
         policy.act(Step._make(field[:2] for field in step))
 
 
-def test_log_probs_are_of_the_last_step_only(data: Dataset) -> None:
-    policy = bc(data).policy(0)
+@KINDS
+def test_log_probs_are_of_the_last_step_only(train: Train, data: Dataset) -> None:
+    policy = train(data).policy(0)
     step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
     policy.reset(step, np.arange(2))
     actions = policy.act(step)
@@ -159,24 +130,27 @@ def test_log_probs_are_of_the_last_step_only(data: Dataset) -> None:
         policy.log_probs(step._replace(times=step.times), actions)
 
 
-def test_other_observations_are_refused(data: Dataset) -> None:
-    policy, step = bc(data).policy(0), make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
+@KINDS
+def test_other_observations_are_refused(train: Train, data: Dataset) -> None:
+    policy = train(data).policy(0)
+    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
     other = step._replace(observations=step.observations[..., :-1])
     policy.reset(other, np.arange(2))
     with pytest.raises(SchemaError, match="features of 4 agents"):
         policy.act(other)
 
 
+@KINDS
 def test_a_file_holds_the_policy_without_what_it_remembers(
-    data: Dataset, frame: Frame, tmp_path: Path
+    train: Train, data: Dataset, frame: Frame, tmp_path: Path
 ) -> None:
-    policy = bc(data, frame).policy(0)
+    policy = train(data, frame).policy(0)
     step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
     policy.reset(step, np.arange(2))
     first = policy.act(step)
     save_policy(tmp_path / "policy.safetensors", policy)
     read = load_policy(tmp_path / "policy.safetensors")
-    assert isinstance(read, RecurrentPolicy)
+    assert type(read) is type(policy)
     read.reset(step, np.arange(2))
     np.testing.assert_array_equal(read.act(step), first)
     np.testing.assert_array_equal(read.act(step), policy.act(step))

@@ -9,7 +9,6 @@ import pytest
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.evaluation.runs.train import frame_of  # noqa: E402
 from swarmdata.learn.networks.robot_critics import RobotCritics  # noqa: E402
 from swarmdata.learn.training.compact import compact  # noqa: E402
 from swarmdata.learn.training.overrides import override  # noqa: E402
@@ -23,6 +22,7 @@ from swarmdata.registry.components import (  # noqa: E402
     make_task,
     resolve,
 )
+from swarmdata.rollouts.task_frame import frame_of  # noqa: E402
 from tests.support.one_process import use_one_process  # noqa: E402
 from tests.support.tiny import TINY, make_tiny  # noqa: E402
 

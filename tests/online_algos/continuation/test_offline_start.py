@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import CheckpointError, SchemaError, SpecError  # noqa: E402
 from swarmdata.evaluation.runs import train as training  # noqa: E402
-from swarmdata.evaluation.runs.train import frame_of, train_online  # noqa: E402
+from swarmdata.evaluation.runs.train import train_online  # noqa: E402
 from swarmdata.learn.training.overrides import override  # noqa: E402
 from swarmdata.learn.training.run_files import CHECKPOINT  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_table  # noqa: E402
@@ -28,6 +28,7 @@ from swarmdata.registry.components import (  # noqa: E402
     make_task,
     resolve,
 )
+from swarmdata.rollouts.task_frame import frame_of  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
 from tests.support.one_process import use_one_process  # noqa: E402
 from tests.support.tiny import TINY, make_tiny  # noqa: E402

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import BuildError, DivergedError, SpecError, SwarmdataError
+from swarmdata.interfaces import VecEnv
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.run_folder import read_table
 from swarmdata.numerics.random import evaluation_seeds
@@ -61,6 +62,19 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
         train_run(RUN, tmp_path / "cut")
     train_run(RUN, tmp_path / "cut")
     assert_same_run(whole, tmp_path / "cut")
+
+
+def test_threads_do_not_change_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = train_run(RUN, tmp_path / "whole")
+    used = []
+
+    def note(spec: TaskSpec, n_copies: int, n_threads: int = 1) -> VecEnv:
+        used.append(n_threads)
+        return make_env(spec, n_copies, n_threads=n_threads)
+
+    monkeypatch.setattr(online_training, "make_env", note)
+    assert_same_run(whole, train_run(RUN, tmp_path / "threads", n_threads=2))
+    assert set(used) == {2}
 
 
 def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(

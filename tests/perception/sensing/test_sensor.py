@@ -173,6 +173,33 @@ def test_the_goal_is_hidden_after_its_steps_and_nothing_else_changes(
     assert sum(feature.tells_goal for feature in features) > 0
 
 
+@pytest.mark.parametrize("worse", [{}, WORSE])
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_velocities_the_other_features_stay_as_they_are(
+    scenes: Any, kind: str, worse: dict[str, Any]
+) -> None:
+    plain, without = (
+        scenes.task({"kind": kind, **worse, **more}, has_features=True, team=TEAM)
+        for more in ({}, {"velocities": False})
+    )
+    steps = episode(scenes, plain, 2, 7)
+    features = Sensor(plain, 2).features
+    kept = [k for k, feature in enumerate(features) if feature.kind != "velocity"]
+    assert len(kept) < len(features)
+    assert Sensor(without, 2).features == tuple(features[k] for k in kept)
+    expected, got = run(Sensor(plain, 2), 4, steps), run(Sensor(without, 2), 4, steps)
+    np.testing.assert_array_equal(got, expected[..., kept])
+
+
+def test_without_velocities_rows_of_other_copies_stay_as_they_are(scenes: Any) -> None:
+    task = scenes.task({"kind": "state", "velocities": False})
+    sensor = Sensor(task, 2)
+    out = np.full((2, 4, len(sensor.features)), 7, dtype=np.float32)
+    sensor.observe(scenes.step(task, 2, 0), np.array([True, False]), out)
+    assert (out[1] == 7).all()
+    assert not (out[0] == 7).any()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["coop_nav-unassigned", *TASKS])
 def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> None:

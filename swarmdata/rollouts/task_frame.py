@@ -1,0 +1,28 @@
+"""The frame in which robots of a task observe and act, by the name of its anchor."""
+
+from swarmdata.errors import SpecError
+from swarmdata.perception.frames import Frame, find_frame, natural_anchor
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import make_task
+from swarmdata.specs.origins import Spec
+
+
+def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
+    """Returns the frame of an anchor in a task; None for the world frame.
+
+    Args:
+        spec: of a dataset. Recorded environments have only the world frame.
+        anchor: as `frames.find_frame` takes it, or `auto` for the natural one of the task.
+
+    Raises:
+        SpecError: the task's observations have no such anchor.
+    """
+    if spec.world is None:
+        if anchor not in ("auto", "world"):
+            raise SpecError(
+                f"frame {anchor!r}: the meaning of a recorded environment's features is unknown. "
+                "Use frame 'world'."
+            )
+        return None
+    features = features_of(make_task(spec.world))
+    return find_frame(features, natural_anchor(features) if anchor == "auto" else anchor)

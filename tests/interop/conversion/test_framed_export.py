@@ -1,0 +1,162 @@
+"""Exports in a frame hold the numbers that the algorithms of this library learn from and act on."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from swarmdata.cli.main import app
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import ConversionError, SpecError
+from swarmdata.interop.conversion.framed_export import in_frame
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.export import export_dataset
+from swarmdata.interop.formats import FORMATS, find_format
+from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.perception.frames import in_world
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.specs.model_choice import with_models
+from tests.support.tiny import make_tiny
+
+
+@pytest.fixture(scope="module")
+def tiny_dataset(tiny: Path) -> Dataset:
+    return Dataset.open(tiny)
+
+
+def rows(path: Path) -> dict[str, Any]:
+    """Observations and actions of all robots in a file of D4RL's."""
+    with h5py.File(path) as file:
+        names = ("observations", "next_observations", "actions")
+        return {name: file[name][:] for name in names}
+
+
+def test_exports_hold_what_algorithms_learn_from(tiny_dataset: Dataset, tmp_path: Path) -> None:
+    """Row by row the batches of the trainer's sampler, which turns them when they are drawn."""
+    path = export_dataset(tiny_dataset, tmp_path / "x.hdf5", format="d4rl", frame="target")
+    found = rows(path)
+    n, n_agents = tiny_dataset.n_steps, tiny_dataset.spec.n_agents
+    sampler = framed(tiny_dataset, frame_of(tiny_dataset.spec, "target")).sampler(n, seed=0)
+    batch = sampler.gather(np.arange(n))
+    np.testing.assert_array_equal(found["actions"], batch.actions.reshape(n, -1))
+    np.testing.assert_array_equal(found["observations"], batch.observations.reshape(n, -1))
+    np.testing.assert_array_equal(found["next_observations"],
+                                  batch.next_observations.reshape(n, -1))  # fmt: skip
+    recorded = tiny_dataset.transitions()["actions"].reshape(n, -1)
+    assert np.abs(found["actions"] - recorded).max() > 0.1
+    assert found["observations"].shape[1] > n_agents * tiny_dataset[0].observations.shape[-1]
+
+
+def test_a_policy_sees_and_acts_in_the_exported_frame(tmp_path: Path) -> None:
+    """The inputs of a learned network are the exported observations, and in their frame it acts."""
+    pytest.importorskip("torch", reason="learned policies need torch")
+    from swarmdata.learn.policies.torch_policy import TorchPolicy, outputs_of
+    from swarmdata.learn.training.run_folder import load_run
+    from swarmdata.learn.training.trainer import train_seeds
+    from tests.learn.training.test_trainer import config_of
+
+    dataset = Dataset.open(make_tiny(tmp_path / "tiny"))
+    frame = frame_of(dataset.spec, "target")
+    assert frame is not None
+    train_seeds(
+        "bc", dataset, tmp_path / "run", seeds=(0,), config=config_of("bc", n_updates=3),
+        frame=frame, progress=False,
+    )  # fmt: skip
+    (policy,) = load_run(tmp_path / "run")
+    assert isinstance(policy, TorchPolicy)
+    exported, recorded = in_frame(dataset, "target")[0].observations, dataset[0].observations
+    outputs = outputs_of(
+        policy.layers, exported, policy.observation_mean, policy.observation_std, policy.parameters
+    )
+    actions = (outputs.tanh() if policy.squash else outputs.clamp(-1, 1)).numpy()
+    acted = policy.actions(recorded)
+    expected = in_world(frame, recorded, actions).astype(np.float32)
+    np.testing.assert_array_equal(acted, expected)
+    norm = np.maximum(np.linalg.norm(actions, axis=-1, keepdims=True), 1)
+    np.testing.assert_allclose(frame.recorded(recorded, acted), actions / norm, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in ("torchrl", "vault") else [])
+        for name in FORMATS
+        if find_format(name).write is not None
+    ],
+)
+@pytest.mark.parametrize("frame", ["world", "target"])
+def test_every_export_says_its_frame(
+    name: str, frame: str, tiny_dataset: Dataset, tmp_path: Path
+) -> None:
+    libraries = {
+        "parquet": "pyarrow", "minari": "minari", "torchrl": "torchrl", "vault": "flashbax.vault",
+    }  # fmt: skip
+    pytest.importorskip(libraries.get(name, "h5py"), reason=f"the extra of {name}")
+    path = export_dataset(tiny_dataset, tmp_path / tiny_dataset.id, format=name, frame=frame)
+    match name:
+        case "d4rl":
+            with h5py.File(path) as file:
+                assert json.loads(file["metadata/swarmdata"][()])["frame"] == frame
+        case "d4rl-agents":
+            for each in path.iterdir():
+                with h5py.File(each) as file:
+                    assert file["metadata/frame"][()].decode() == frame
+        case "parquet":
+            assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
+            assert f"in the frame `{frame}`" in (path / "README.md").read_text()
+        case "torchrl":
+            assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
+        case "vault":
+            metadata = json.loads((path / "metadata.json").read_text())
+            assert json.loads(metadata["swarmdata"])["frame"] == frame
+        case "minari":
+            metadata = json.loads((path / "data/metadata.json").read_text())
+            assert json.loads(metadata["swarmdata"])["frame"] == frame
+        case _:
+            pytest.fail(f"this test does not know where {name} says its frame")
+
+
+def test_a_turned_export_is_not_read_as_a_recording(tiny_dataset: Dataset, tmp_path: Path) -> None:
+    path = export_dataset(tiny_dataset, tmp_path / "x.hdf5", format="d4rl", frame="target")
+    with pytest.raises(ConversionError, match="exported in the frame 'target', which cannot"):
+        import_dataset(path, tmp_path / "back", format="d4rl", id="coop_nav-back-v0")
+
+
+def test_frames_that_a_dataset_cannot_have(
+    tiny_dataset: Dataset, recorded: Dataset, tmp_path: Path
+) -> None:
+    unicycles = make_tiny(
+        tmp_path / "unicycles", spec=preset("coop_nav-unicycle").with_updates(horizon=40)
+    )
+    for dataset, frame, problem in (
+        (Dataset.open(unicycles), "target", "some robots are unicycles"),
+        (tiny_dataset, "payload_goal", "needs the observed vector payload_goal_x"),
+        (recorded, "target", "the meaning of a recorded environment's features is unknown"),
+    ):
+        with pytest.raises(SpecError, match=problem):
+            export_dataset(dataset, tmp_path / "x", format="d4rl", frame=frame)
+        assert not (tmp_path / "x").exists()
+    assert in_frame(recorded, "world") is recorded
+
+
+def test_a_view_by_other_sensors_turns_too(tiny_dataset: Dataset) -> None:
+    spec = with_models(tiny_dataset.task, "state", "perfect")
+    view = tiny_dataset.reobserve("state", "perfect")
+    frame = frame_of(spec, "target")
+    assert frame is not None
+    turned = in_frame(view, "target")
+    np.testing.assert_array_equal(turned[1].observations, frame.inputs(view[1].observations))
+    np.testing.assert_array_equal(turned[1].states, view[1].states)
+
+
+def test_the_command_has_the_option(tiny: Path, tmp_path: Path) -> None:
+    out = tmp_path / "x.hdf5"
+    arguments = ["convert", str(tiny), str(out), "--to", "d4rl", "--frame", "target"]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    with h5py.File(out) as file:
+        assert json.loads(file["metadata/swarmdata"][()])["frame"] == "target"

@@ -1,0 +1,35 @@
+"""A study of two cells on a tiny dataset, and what its tables say."""
+
+from concurrent.futures import Executor
+from pathlib import Path
+
+from swarmdata.building.build import build
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+from tests.support.tiny import TINY
+
+
+def study_tables(engine: str | Executor, data: Path, folder: Path) -> dict[str, bytes]:
+    """Runs the study by an engine; returns its tables, but for those of costs.
+
+    Args:
+        engine: as `run_study` takes it.
+        data: folder of the dataset, which is made if it is absent.
+        folder: of the study.
+    """
+    build(TINY, data, workers=1, progress=False)
+    cell = {"algorithm": "bc", "family": "cloning", "updates": 4}
+    plan = {
+        "name": "tiny",
+        "datasets": [str(data)],
+        "algorithms": {"bc": cell, "other": {**cell, "settings": {"output": "clip"}}},
+        "seeds": [0, 1],
+        "hidden": [8],
+        "episodes": 4,
+    }
+    options = StudyOptions(folder / "out", folder / "work", 2, engine, progress=False)
+    failures, _ = run_study(Study.parse(plan, "the test's study"), options, "the command")
+    assert failures == {}
+    tables = sorted((folder / "out").glob("*.csv"))
+    assert tables
+    return {file.name: file.read_bytes() for file in tables if "cost" not in file.name}
