@@ -126,6 +126,40 @@ def pair_scales(i: int, j: int, scales: Double) -> tuple[float, float]:
 
 
 @kernel
+def brake_half_planes(
+    i: int, robots: Double, radii: Double, scales: Double, n: int, planes: Double
+) -> int:
+    """Writes the velocities with which robot i can still brake before every robot near it.
+
+    A robot that drives away allows a higher speed. Zero velocity is always among them, so these
+    limits can be as hard as those of surfaces.
+
+    Args:
+        i: index of the robot.
+        robots: columns x, y, vx, vy first, [N, C].
+        radii: m, [N].
+        scales: of time and length of every robot (`robot_scales`), [N, 2].
+        n: number of half-planes written so far.
+        planes: written from row n.
+
+    Returns:
+        The number of half-planes written so far.
+    """
+    for j in range(robots.shape[0]):
+        time, length = pair_scales(i, j, scales)
+        x, y = robots[j, 0] - robots[i, 0], robots[j, 1] - robots[i, 1]
+        sensing_distance = SENSING_DISTANCE * length
+        if j == i or x * x + y * y > sensing_distance * sensing_distance:
+            continue
+        d = max(math.sqrt(x * x + y * y), 1e-9)
+        leaving = max((robots[j, 2] * x + robots[j, 3] * y) / d, 0.0)
+        room = max(d - radii[i] - radii[j] - SURFACE_GAP, 0.0) / (BRAKING_TIME * time)
+        damper_half_plane(x / d, y / d, room + leaving, planes[n])
+        n += 1
+    return n
+
+
+@kernel
 def robot_half_planes(
     i: int,
     robots: Double,

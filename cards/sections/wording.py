@@ -124,6 +124,17 @@ TASK_LIMITS = MappingProxyType(
             "Every robot observes the next corner of its own shortest path, which ignores the "
             "other robots.",
         ),
+        "intersection": (
+            "The floor is the same in every episode: a policy can memorize the lanes.",
+            "Robots that have left by an exit stay in the world and enter again at the next gate, "
+            "so the traffic in an arm is that of the team itself.",
+        ),
+        "search": (
+            "Robots notice everything within their sight range that no obstacle hides; nothing is "
+            "overlooked and nothing is mistaken for a victim.",
+            "Robots remember perfectly which victims they have seen and which squares they have "
+            "searched.",
+        ),
     }
 )
 """Known limits by task."""

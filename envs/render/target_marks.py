@@ -17,8 +17,10 @@ from swarmdata.envs.render.colors import (
 from swarmdata.envs.render.drawn_scene import Scene
 from swarmdata.specs.rules import (
     FormationRules,
+    IntersectionRules,
     NavigationRules,
     Payload,
+    SearchRules,
     TransportRules,
     WarehouseRules,
 )
@@ -45,7 +47,7 @@ def _own_targets(canvas: Canvas, scene: Scene) -> None:
 def _goals(canvas: Canvas, scene: Scene) -> None:
     """Draws a ring per goal in its robot's color, filled once reached; neutral if unassigned."""
     rules = scene.spec.rules
-    assert isinstance(rules, NavigationRules | WarehouseRules)
+    assert isinstance(rules, NavigationRules | WarehouseRules | IntersectionRules)
     radius = rules.goal_radius
     is_shared = isinstance(rules, NavigationRules) and rules.goals == "unassigned"
     places, targets = scene.robots[:, [X, Y]], scene.robots[:, [TX, TY]]
@@ -60,6 +62,21 @@ def _goals(canvas: Canvas, scene: Scene) -> None:
         earlier = np.hypot(*(targets[:i] - targets[i]).T) < _SAME_PLACE_DISTANCE
         inner = radius * max(0.25, 1.0 - 0.25 * int(earlier.sum()))
         _ring(canvas, x, y, inner, robot_color(i), is_reached=bool(gaps[i, i] <= radius))
+
+
+def _victims(canvas: Canvas, scene: Scene) -> None:
+    """Draws a ring per victim, filled once it is rescued, and a link from each robot to its own."""
+    rules = scene.spec.rules
+    assert isinstance(rules, SearchRules)
+    victims = scene.extras[: 2 * rules.victims].reshape(-1, 2)
+    rescued = scene.extras[2 * rules.victims :][: rules.victims] > 0.0
+    base = np.array(scene.spec.half_size) * -1.0
+    for i, row in enumerate(scene.robots):
+        if np.hypot(*(row[[TX, TY]] - base)) > _SAME_PLACE_DISTANCE:
+            way = np.linspace(row[[X, Y]], row[[TX, TY]], 24)
+            canvas.dashes(way, ink(robot_color(i), 0.5), 0.014, 0.06)
+    for (x, y), is_rescued in zip(victims.tolist(), rescued.tolist(), strict=True):
+        _ring(canvas, x, y, rules.goal_radius, UNASSIGNED_COLOR, is_reached=is_rescued)
 
 
 def _ring(
@@ -128,6 +145,8 @@ def payload_outline(payload: Payload, place: Double, towards: Double) -> Double:
 _TARGET_PAINTERS: dict[str, Callable[[Canvas, Scene], None]] = {
     "coop_nav": _goals,
     "formation": _slots,
+    "intersection": _goals,
+    "search": _victims,
     "transport": _payload_goal,
     "warehouse": _goals,
 }

@@ -33,8 +33,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from swarmdata.envs.warehouse.deadlocks import count_deadlocks
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, shortest_path_length
+from swarmdata.envs.world.deadlocks import count_deadlocks
 from swarmdata.envs.world.spawn import SpawnPlan, check_fixed_layout, place_points, put_at_rest
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.random import STREAMS

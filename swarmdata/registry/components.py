@@ -25,6 +25,8 @@ TASKS = ComponentTable(
         "transport": "swarmdata.envs.transport.transport:Transport",
         "warehouse": "swarmdata.envs.warehouse.warehouse:Warehouse",
         "formation": "swarmdata.envs.formation.formation:Formation",
+        "intersection": "swarmdata.envs.intersection.intersection:Intersection",
+        "search": "swarmdata.envs.search.search:Search",
     },
 )
 
@@ -48,6 +50,10 @@ SCRIPTED_CONTROLLERS = {
     "transport": "swarmdata.behavior_policies.transport.transport_controller:TransportController",
     "warehouse": "swarmdata.behavior_policies.warehouse.warehouse_controller:WarehouseController",
     "formation": "swarmdata.behavior_policies.formation_controller:FormationController",
+    "search": "swarmdata.behavior_policies.search.search_controller:SearchController",
+    "intersection": (
+        "swarmdata.behavior_policies.intersection.intersection_controller:IntersectionController"
+    ),
 }
 """Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
 in the others."""

@@ -7,6 +7,7 @@ layout. The estimates have the right order of magnitude and err on the large sid
 `tests/specs/test_budget.py` compares them with measured worlds.
 """
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,9 +15,11 @@ from swarmdata.specs.rules import (
     Corridor,
     Doorway,
     FormationRules,
+    IntersectionRules,
     Lanes,
     NavigationRules,
     RandomArrangement,
+    SearchRules,
     WarehouseRules,
 )
 from swarmdata.specs.sensing_models import (
@@ -218,6 +221,8 @@ def _fixed_shapes(spec: "TaskSpec") -> tuple[int, int]:
     if isinstance(rules, WarehouseRules):
         shelves = rules.aisles * rules.blocks
         return drawn + shelves, 2 * shelves * rules.bays + rules.stations
+    if isinstance(rules, IntersectionRules):
+        return drawn + 4, 0
     if isinstance(rules, NavigationRules):
         fixed = {Doorway: 2, Corridor: 2, Lanes: 3}
         return drawn + fixed.get(type(rules.arrangement), 0), 0
@@ -245,6 +250,11 @@ def _task_extras(spec: "TaskSpec", n: int) -> tuple[int, int]:
         return 8 + 2 * len(rules.preview), 2 * points + n * (4 + 2 * len(rules.preview))
     if isinstance(rules, NavigationRules) and rules.goals == "unassigned":
         return 8 * n, 2 * n
+    if isinstance(rules, SearchRules):
+        cells = math.ceil(spec.arena.width / rules.cell_size) * math.ceil(
+            spec.arena.height / rules.cell_size
+        )
+        return 24, 3 * rules.victims + n * (rules.victims + cells)
     return 24, 16 + 6 * n
 
 

@@ -258,7 +258,69 @@ class WarehouseRules(Frozen):
     has_own_targets: ClassVar[bool] = True  # each robot has orders of its own
 
 
-PackageRules = NavigationRules | FormationRules | TransportRules | WarehouseRules
+class IntersectionRewards(Rewards):
+    """Weights of `intersection`."""
+
+    progress: Weight = 0.5  # per metre by which a robot's path to its target gets shorter
+    entry: Weight = 0.5  # per trip that a robot begins
+    crossing: Weight = 2.0  # per trip that a robot ends
+    robot_contact: Weight = 0.2
+    obstacle_contact: Weight = 0.2
+    robot_collision: Weight = 0.5
+    obstacle_collision: Weight = 0.5
+    proximity: Weight = 0.005  # robots that pass in an arm cannot keep 0.1 m from everything
+
+
+class IntersectionRules(Frozen):
+    """`intersection`: robots cross from arm to arm on schedules, without a right of way.
+
+    Solid corners fill what the arena leaves of the four arms; `envs.junction` has a drawing.
+    """
+
+    task: Literal["intersection"] = "intersection"
+    arm_width: Length = 0.8  # m, of each arm; two robots can pass each other in it
+    headway: Duration = 6.0  # s between the trips of a robot's schedule
+    goal_radius: Length = 0.15  # m, within which a gate is reached
+    quota: Count = 10  # crossings of the team that solve the task
+    rewards: IntersectionRewards = IntersectionRewards()  # weights of the terms
+    has_own_targets: ClassVar[bool] = True  # each robot has trips of its own
+
+
+class SearchRewards(Rewards):
+    """Weights of `search`."""
+
+    progress: Weight = 0.5  # per metre by which a robot comes closer to the victim that it knows
+    sighting: Weight = 0.5  # per victim that a robot sees for the first time
+    rescue: Weight = 2.0  # to every robot, per victim that is rescued
+    searched: Weight = 0.05  # per square that a robot has searched
+    robot_contact: Weight = 0.2
+    obstacle_contact: Weight = 0.2
+    robot_collision: Weight = 0.5
+    obstacle_collision: Weight = 0.5
+    proximity: Weight = 0.005  # two robots at one victim are close to each other
+
+
+class SearchRules(Frozen):
+    """`search`: robots find victims among walls, and each victim needs several of them."""
+
+    task: Literal["search"] = "search"
+    victims: Count = 4  # victims at unknown places
+    helpers: Count = 2  # robots that a victim needs at the same time
+    sight_range: Length = 1.2  # m between centres, within which robots see victims
+    goal_radius: Length = 0.3  # m, within which a victim is reached; `helpers` robots must fit
+    cell_size: Length = 0.75  # m, of the squares in which a robot remembers what it has searched
+    rewards: SearchRewards = SearchRewards()  # weights of the terms
+    has_own_targets: ClassVar[bool] = False  # robots rescue each other's victims
+
+
+PackageRules = (
+    NavigationRules
+    | FormationRules
+    | TransportRules
+    | WarehouseRules
+    | IntersectionRules
+    | SearchRules
+)
 """The rules of the package's tasks."""
 
 _PACKAGE_TASKS = frozenset(model.model_fields["task"].default for model in get_args(PackageRules))

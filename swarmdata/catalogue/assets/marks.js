@@ -106,7 +106,7 @@ swarmdata.marks = (() => {
     pen.turned(corners, shape.x, shape.y, shape.angle, { fill: payloadEdge });
   }
 
-  const painters = { coop_nav: goals, warehouse: goals, formation: slots, transport: payloadGoal };
+  const painters = { coop_nav: goals, warehouse: goals, intersection: goals, search: goals, formation: slots, transport: payloadGoal };
   const targets = (pen, replay, step) => painters[pen.world.task](pen, replay, step);
 
   return { floor, obstacles, targets, payload };

@@ -214,6 +214,8 @@ def _legend(spec: TaskSpec) -> Html:
     words = {
         "coop_nav": "Rings are goals, in the color of their robot.",
         "warehouse": "Rings are places and stations of the robots' orders; a small box is carried.",
+        "intersection": "Rings are the gates that robots drive to, entries and exits.",
+        "search": "Rings are victims, which the robots do not see from afar.",
         "formation": "Crosses are the robots' slots, discs slots that are held.",
         "transport": "The dashed outline is where the payload should be.",
     }

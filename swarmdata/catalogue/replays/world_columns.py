@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from swarmdata.datasets.reobservation import attempted_links
 from swarmdata.envs.render.colors import robot_color
 from swarmdata.registry.components import make_task, reward_terms
-from swarmdata.specs.rules import NavigationRules, TransportRules, WarehouseRules
+from swarmdata.specs.rules import NavigationRules, SearchRules, TransportRules, WarehouseRules
 from swarmdata.specs.sensing_models import BearingModel, Broadcast, LidarModel, OccupancyModel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, X, Y, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
@@ -99,6 +99,8 @@ class WorldColumns:
         rules, extras = spec.rules, episode.states[:1, N_COLUMNS * spec.n_agents :]
         if isinstance(rules, NavigationRules) and rules.goals == "unassigned":
             found.append(self._lengths("goal", extras))
+        if isinstance(rules, SearchRules):
+            found.append(self._lengths("goal", extras[:, : 2 * rules.victims]))
         if isinstance(rules, TransportRules) and rules.goal_angle is not None:
             found.append(_angles("goal_angle", extras[:, 7:8], extras[:, 8:9]))
         return found
@@ -168,7 +170,7 @@ class WorldColumns:
             "colors": [_hex(robot_color(i)) for i in range(spec.n_agents)],
             "goal_radius": getattr(spec.rules, "goal_radius", None),
             "tolerance": getattr(spec.rules, "tolerance", None),
-            "is_shared": not spec.rules.has_own_targets and spec.task == "coop_nav",
+            "is_shared": not spec.rules.has_own_targets and spec.task in ("coop_nav", "search"),
             "payload": _payload(spec),
             "sensor": _sensor(spec),
             "radio": _radio(spec),

@@ -9,13 +9,13 @@ import math
 import numpy as np
 
 from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.numerics.sight import crosses_circle, crosses_shape
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
     POLAR_FEATURES,
     Scene,
-    bar_of,
     gather,
     write_polar,
 )
@@ -63,42 +63,6 @@ class Bearing:
 
 
 @kernel
-def _crosses_circle(dx: float, dy: float, cx: float, cy: float, r: float) -> bool:
-    """Whether the segment from the origin to (dx, dy) crosses a circle about (cx, cy)."""
-    square = dx * dx + dy * dy
-    s = 0.0 if square == 0.0 else min(max((cx * dx + cy * dy) / square, 0.0), 1.0)
-    ex, ey = cx - s * dx, cy - s * dy
-    return ex * ex + ey * ey < r * r
-
-
-@kernel
-def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tuple[float, float]:
-    """The part of the interval [enter, leave] of s in which at + s * step lies within +-half.
-
-    (Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.)
-    """
-    if step == 0.0:
-        return (enter, leave) if abs(at) < half else (1.0, 0.0)
-    a, b = (-half - at) / step, (half - at) / step
-    return max(enter, min(a, b)), min(leave, max(a, b))
-
-
-@kernel
-def _crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> bool:
-    """Whether the segment from the origin to (dx, dy) crosses the bars of `row`, centred there."""
-    ax, ay = row[3], row[4]
-    lx, ly = -(cx * ax + cy * ay), -(cy * ax - cx * ay)
-    sx, sy = dx * ax + dy * ay, dy * ax - dx * ay
-    for index in range(int(row[0])):
-        bx, by, hx, hy = bar_of(row, index)
-        enter, leave = _clip(lx - bx, sx, hx, 0.0, 1.0)
-        enter, leave = _clip(ly - by, sy, hy, enter, leave)
-        if enter < leave:
-            return True
-    return False
-
-
-@kernel
 def _hidden(state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Double) -> bool:
     """Whether anything stands between robots i and j."""
     px, py = float(state[N_COLUMNS * i + X]), float(state[N_COLUMNS * i + Y])
@@ -107,12 +71,12 @@ def _hidden(state: Float, i: int, j: int, radii: Double, rows: Double, sizes: Do
         if k not in (i, j):
             cx = float(state[N_COLUMNS * k + X]) - px
             cy = float(state[N_COLUMNS * k + Y]) - py
-            if _crosses_circle(dx, dy, cx, cy, radii[k]):
+            if crosses_circle(dx, dy, cx, cy, radii[k]):
                 return True
     for m in range(rows.shape[0]):
         cx, cy = rows[m, 1] - px, rows[m, 2] - py
-        if _crosses_circle(dx, dy, cx, cy, sizes[m]) and (
-            rows[m, 0] == CIRCLE or _crosses_shape(dx, dy, cx, cy, rows[m])
+        if crosses_circle(dx, dy, cx, cy, sizes[m]) and (
+            rows[m, 0] == CIRCLE or crosses_shape(dx, dy, cx, cy, rows[m])
         ):
             return True
     return False

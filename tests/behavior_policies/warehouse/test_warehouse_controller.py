@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.navigation.avoidance import robot_half_planes
+from swarmdata.behavior_policies.navigation.avoidance import brake_half_planes, robot_half_planes
 from swarmdata.behavior_policies.warehouse.traffic_routes import (
     lane_along,
     lane_at,
@@ -19,7 +19,6 @@ from swarmdata.behavior_policies.warehouse.warehouse_controller import (
     TRAFFIC_HORIZON,
     TRAFFIC_ROBOT_GAP,
     WarehouseController,
-    brake_half_planes,
 )
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse.warehouse import Warehouse

@@ -28,6 +28,8 @@ NAMES = (
     "transport",
     "transport-hard",
     "warehouse",
+    "intersection",
+    "search",
 )
 
 CLOSE = 1e-5
@@ -141,6 +143,41 @@ def warehouse(task: Task, before: Step, now: Step) -> Values:
     }
 
 
+def intersection(task: Task, before: Step, now: Step) -> Values:
+    n = task.spec.n_agents
+    old, new = robots_of(task, before, now)
+    target = old[..., 6:]
+    mine = [step.states[:, 8 * n :].reshape(-1, n, 3) for step in (before, now)]
+    return {
+        "L_old": abs(target - old[..., :2]).sum(-1),
+        "L": abs(target - new[..., :2]).sum(-1),
+        "entered": mine[1][..., 0] > mine[0][..., 0],
+        "left": mine[1][..., 1] > mine[0][..., 1],
+    }
+
+
+def search(task: Task, before: Step, now: Step) -> Values:
+    old, new = robots_of(task, before, now)
+
+    def columns(step: Step, *ends: str) -> Any:
+        own = own_columns(task, step.states)
+        chosen = [v[:, 0] for k, v in own.items() if k.rstrip("0123456789").endswith(ends)]
+        return np.stack(chosen, -1)
+
+    n = task.spec.n_agents
+    known = [columns(step, ".known_").reshape(len(old), n, -1) for step in (before, now)]
+    squares = [columns(step, ".searched_").reshape(len(old), n, -1) for step in (before, now)]
+    rescued = [columns(step, ".rescued").sum(-1, keepdims=True) for step in (before, now)]
+    return {
+        "knew": (known[0] == 1).any(-1),
+        "d_old": length(old[..., 6:] - old[..., :2]),
+        "d": length(old[..., 6:] - new[..., :2]),
+        "sighted": ((known[0] == 0) & (known[1] > 0)).sum(-1),
+        "squares": (squares[1] - squares[0]).sum(-1),
+        "rescued": rescued[1] - rescued[0],
+    }
+
+
 def robots_of(task: Task, before: Step, now: Step) -> tuple[Any, Any]:
     n = task.spec.n_agents
     return robots(before.states, n), robots(now.states, n)
@@ -154,6 +191,8 @@ VALUES: dict[str, Callable[[Task, Step, Step], Values]] = {
     "transport-hard": transport,
     "posed": transport,
     "warehouse": warehouse,
+    "intersection": intersection,
+    "search": search,
 }
 
 

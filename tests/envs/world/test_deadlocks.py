@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.envs.warehouse.deadlocks import count_deadlocks, locked_pairs
+from swarmdata.envs.world.deadlocks import count_deadlocks, locked_pairs
 from swarmdata.types import Double
 
 DT = 0.1

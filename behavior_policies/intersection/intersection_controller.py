@@ -1,0 +1,122 @@
+"""The controller a traffic engineer would write: lanes, a right of way, and brakes.
+
+In each step, each robot independently:
+
+1. steers at a point of its lane, or halts at its stop line (`right_of_way`);
+2. takes the safe velocity nearest to that (`orca`). Hard limits: it approaches surfaces and robots
+   only so fast that it can still brake (`avoidance.BRAKING_TIME`). Soft limits: reciprocal
+   avoidance, half and half.
+
+`velocity_tracking` turns the velocity into a command, so robots of every drive can be mixed.
+
+Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+"""
+
+import math
+
+import numpy as np
+
+from swarmdata.behavior_policies.intersection.right_of_way import Rules, steer
+from swarmdata.behavior_policies.navigation.avoidance import (
+    brake_half_planes,
+    robot_half_planes,
+    stopping_half_planes,
+    surface_half_planes,
+)
+from swarmdata.behavior_policies.navigation.orca import solve
+from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
+from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
+from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.simple import APPROACH_RATE
+from swarmdata.envs.intersection.intersection import CROSSING, N_EXTRAS, WAIT
+from swarmdata.envs.physics.dynamics import SPEED, UNICYCLE
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, Float, Int, Step
+
+TRAFFIC_HORIZON = 0.8
+"""Seconds for which robots avoid each other: 2 v / a of the default robot, so that it can brake."""
+
+TRAFFIC_ROBOT_GAP = 0.05
+"""Metres of gap kept between robots; the lanes of an arm of 0.7 m leave 0.11."""
+
+
+@kernel
+def act_copies(
+    all_robots: Double, team: Team, half: Double, layouts: Float, rules: Rules, out: Double
+) -> None:
+    """Writes the commands of all robots of all copies.
+
+    Args:
+        all_robots: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [E, N, 10].
+        team: constants of the robots.
+        half: half width and half height of the arena, m, [2].
+        layouts: corners, [E, 4, 8].
+        rules: of the intersection.
+        out: written, in [-1, 1], [E, N, 2].
+    """
+    radii, limits, scales, _, dt = team
+    n_robots, rule = all_robots.shape[1], (TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP)
+    planes = np.empty((layouts.shape[1] + 4 + 4 * n_robots, 4))
+    aims = np.empty((n_robots, 3))
+    for b in range(all_robots.shape[0]):
+        robots = all_robots[b]
+        for i in range(n_robots):
+            x, y = robots[i, 0], robots[i, 1]
+            to_x, to_y = steer(i, robots, rules)
+            d = max(math.sqrt((to_x - x) * (to_x - x) + (to_y - y) * (to_y - y)), 1e-9)
+            speed = min(limits[i, SPEED] / d, APPROACH_RATE / scales[i, TIME_SCALE])
+            aims[i, 0], aims[i, 1] = (to_x - x) * speed, (to_y - y) * speed
+            aims[i, 2] = 0.0  # nobody gives way here: `right_of_way` has decided already
+        for i in range(n_robots):
+            x, y = robots[i, 0], robots[i, 1]
+            time, length = scales[i, TIME_SCALE], scales[i, LENGTH_SCALE]
+            n = surface_half_planes(x, y, radii[i], layouts[b], half, planes, time, length)
+            n_hard = brake_half_planes(i, robots, radii, scales, n, planes)
+            if limits[i, UNICYCLE] == 1.0:
+                n_hard = stopping_half_planes(i, robots, team, n_hard, planes)
+            n = robot_half_planes(i, robots, radii, scales, aims, rule, n_hard, planes)
+            wish = solve(planes, n, n_hard, limits[i, SPEED], (aims[i, 0], aims[i, 1]))
+            velocity, heading = (robots[i, 2], robots[i, 3]), (robots[i, 6], robots[i, 7])
+            command_of(velocity, heading, wish, limits[i], planes, n, dt, out[b, i])
+
+
+class IntersectionController:
+    """Drives on the lanes of the arms, first come, first served.
+
+    It knows the floor, and the positions, velocities, targets and schedules of all robots
+    (`step.states`), which a robot could know from messages.
+
+    Args:
+        spec: the task; its robots may differ from each other in every way.
+        noise: standard deviation of the Gaussian noise on each command.
+
+    Raises:
+        SpecError: `noise` is not a standard deviation, or the spec is another task's.
+    """
+
+    uses_state = True
+
+    def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
+        self._rules, self._noisy = Rules.of(spec), NoisyCommands(spec, noise)
+        self._half = np.array(spec.half_size)
+        self._team, self._n_agents = Team.of(spec), spec.n_agents
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Does nothing: the policy has no memory."""
+
+    def act(self, step: Step) -> Float:
+        return self._noisy.actions(step, self._commands(step))
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return self._noisy.log_probs(step, actions, self._commands)
+
+    def _commands(self, step: Step) -> Double:
+        n = self._n_agents
+        states = robots_of(step.states, n)[..., [X, Y, VX, VY, TX, TY, UX, UY]]
+        extras = step.states[:, N_COLUMNS * n :].reshape(-1, n, N_EXTRAS)[..., [CROSSING, WAIT]]
+        robots = np.concatenate([states, extras], axis=-1).astype(np.float64)
+        commands = np.empty((*robots.shape[:2], 2))
+        act_copies(robots, self._team, self._half, step.layouts, self._rules, commands)
+        return commands

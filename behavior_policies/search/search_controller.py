@@ -1,0 +1,156 @@
+"""The controller a rescue engineer would write: search apart, tell what was found, meet there.
+
+In each step, each robot decides where to go from its own memory and from the messages that it has
+(`search_team`). `navigator` drives it there: paths on the map, then reciprocal avoidance.
+
+Without messages that hold positions and targets (payload `pose_and_goal`), every robot knows only
+what it has seen, and two robots meet at a victim by chance.
+"""
+
+import numpy as np
+
+from swarmdata.behavior_policies.navigation.navigator import Navigator
+from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.search.search_team import (
+    GIVEN_UP_TIME,
+    HEARD_X,
+    HEARD_Y,
+    MASK,
+    NO_INDEX,
+    PATIENCE_TIME,
+    VICTIM_X,
+    VICTIM_Y,
+    Floor,
+    Notes,
+    choose_goals,
+)
+from swarmdata.envs.search.search import Search, search_rules
+from swarmdata.perception.observer import features_of
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Double, Float, Int, Step
+
+_TOLD = ("mask", "position_x", "position_y", "target_x", "target_y")
+"""Features of a message that the controller reads, in the order of what a robot has heard."""
+
+
+@kernel
+def choose_all(
+    states: Float,
+    heard: Double,
+    layouts: Float,
+    times: Int,
+    floor: Floor,
+    notes: Notes,
+    goals: Double,
+) -> None:
+    """Writes where the robots of all copies go, as `choose_goals` does for one."""
+    for b in range(states.shape[0]):
+        own = Notes(
+            notes.looked_at[b], notes.is_closed[b], notes.goal_squares[b], notes.arrivals[b],
+            notes.returns[b],
+        )  # fmt: skip
+        choose_goals(states[b], heard[b], layouts[b], times[b], floor, own, goals[b])
+
+
+class SearchController:
+    """Searches, tells, and rescues together.
+
+    It knows the map (`step.layouts`). Each robot knows its own position and what it has seen itself
+    (`step.states`). Of the others it knows what their messages say (`step.observations`); it avoids
+    those that are near.
+
+    Args:
+        spec: the task; its robots may differ from each other in every way.
+        noise: standard deviation of the Gaussian noise on each command.
+
+    Raises:
+        SpecError: `noise` is not a standard deviation, the spec is another task's, or the arena is
+            too large to be mapped.
+    """
+
+    uses_state = True
+
+    def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
+        rules, task = search_rules(spec), Search(spec)
+        self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
+        self._n_agents, self._in_body = spec.n_agents, spec.observation.kind != "state"
+        self._columns = _message_columns(task)
+        dt = spec.control_dt
+        self._floor = Floor(
+            task.columns, task.middles, np.array(spec.half_size), rules.sight_range,
+            rules.goal_radius, rules.helpers, round(PATIENCE_TIME / dt), round(GIVEN_UP_TIME / dt),
+        )  # fmt: skip
+        self._notes = self._blank(0)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Maps the layouts of `copies`, and forgets what their robots had in mind."""
+        self._navigator.reset(step, copies)
+        if len(step.seeds) != len(self._notes.looked_at):
+            self._notes = self._blank(len(step.seeds))
+        columns, notes = self._floor.columns, self._notes
+        searched = step.states[copies, columns.searched :]
+        closed = searched.reshape(len(copies), self._n_agents, columns.n_cells) > 0.0
+        notes.looked_at[copies] = closed
+        notes.is_closed[copies] = closed.all(1)
+        notes.goal_squares[copies] = notes.arrivals[copies] = NO_INDEX
+        notes.returns[copies] = 0
+
+    def act(self, step: Step) -> Float:
+        goals: Double = np.empty((len(step.seeds), self._n_agents, 2))
+        heard = self._heard(step)
+        choose_all(step.states, heard, step.layouts, step.times, self._floor, self._notes, goals)
+        return self._noisy.actions(step, self._navigator.commands(step, goals))
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return self._noisy.log_probs(step, actions)
+
+    def _blank(self, n_copies: int) -> Notes:
+        n, columns = self._n_agents, self._floor.columns
+        looked_at: Bool = np.zeros((n_copies, n, columns.n_cells), dtype=np.bool_)
+        return Notes(
+            looked_at=looked_at,
+            is_closed=np.zeros((n_copies, columns.n_cells), dtype=np.bool_),
+            goal_squares=np.full((n_copies, n), NO_INDEX, dtype=np.int64),
+            arrivals=np.full((n_copies, n), NO_INDEX, dtype=np.int64),
+            returns=np.zeros((n_copies, n, columns.n_victims), dtype=np.int64),
+        )
+
+    def _heard(self, step: Step) -> Double:
+        """What each robot has heard of each, in the world's frame; of itself, where it is."""
+        n = self._n_agents
+        robots = robots_of(step.states, n).astype(np.float64)  # [E, N, 8]
+        heard: Double = np.zeros((len(robots), n, n, len(_TOLD)))
+        if self._columns is not None:
+            told = step.observations[..., self._columns].astype(np.float64)  # [E, N, N-1, 5]
+            if self._in_body:
+                told = _in_world(told, robots[..., UX], robots[..., UY])
+            told[..., HEARD_X::2] += robots[:, :, None, X : X + 1]
+            told[..., HEARD_Y::2] += robots[:, :, None, Y : Y + 1]
+            for i in range(n):
+                others = [j for j in range(n) if j != i]
+                heard[:, i, others] = told[:, i]
+        every = np.arange(n)
+        heard[:, every, every, MASK] = 1.0
+        heard[:, every, every, HEARD_X : HEARD_Y + 1] = robots[..., X : Y + 1]
+        heard[:, every, every, VICTIM_X : VICTIM_Y + 1] = robots[..., TX : TY + 1]
+        return heard
+
+
+def _message_columns(task: Search) -> Int | None:
+    """Columns of `_TOLD` in an observation for each slot, [N-1, 5]; None if messages lack them."""
+    names = [feature.name for feature in features_of(task)]
+    slots = [[f"message_{k}.{part}" for part in _TOLD] for k in range(task.spec.n_agents - 1)]
+    if not slots or not set(slots[0]) <= set(names):
+        return None
+    return np.array([[names.index(name) for name in slot] for slot in slots], dtype=np.int64)
+
+
+def _in_world(told: Double, ux: Double, uy: Double) -> Double:
+    """Rotates the vectors of messages from the receivers' body frames into the world's."""
+    c, s, out = ux[:, :, None], uy[:, :, None], told.copy()
+    for x in (HEARD_X, VICTIM_X):
+        out[..., x] = c * told[..., x] - s * told[..., x + 1]
+        out[..., x + 1] = s * told[..., x] + c * told[..., x + 1]
+    return out

@@ -1,0 +1,1 @@
+"""The task `search`: robots find victims and rescue them together."""

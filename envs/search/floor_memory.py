@@ -1,0 +1,144 @@
+"""What each robot remembers: the victims that it has seen, and the squares that it has searched.
+
+Of a victim it remembers whether it was rescued when it last saw it.
+
+The arena is divided into squares of `rules.cell_size`, the last ones of a row or column cut off by
+the wall. A robot sees a point if it is within `rules.sight_range` of the robot's centre and no
+obstacle is between them (`numerics.sight`). It has searched a square once it has seen its middle.
+Squares whose middle is in an obstacle, or too close to one for a robot, count as searched from the
+start.
+"""
+
+import math
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from swarmdata.numerics.geometry import clearance
+from swarmdata.numerics.sight import is_in_sight
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.rules import SearchRules
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, Float
+
+MIDDLE_CLEARANCE = 0.06
+"""Gap (m) to obstacles that a robot in the middle of a square needs to count it."""
+
+UNSEEN, WAITING, RESCUED = range(3)
+"""What a robot knows of a victim."""
+
+
+class Columns(NamedTuple):
+    """First columns of the task's own numbers in a state, and how many there are."""
+
+    n_agents: int
+    n_victims: int  # K
+    n_cells: int  # C
+    victims: int  # x and y of each victim, [K, 2]
+    rescued: int  # 0 or 1 for each victim, [K]
+    known: int  # `UNSEEN`, `WAITING` or `RESCUED` for each robot and victim, [N, K]
+    searched: int  # 0 or 1 for each robot and square, [N, C]
+
+    @classmethod
+    def of(cls, n_agents: int, n_victims: int, n_cells: int) -> Self:
+        """Returns the columns of a team, its victims and its squares."""
+        first = N_COLUMNS * n_agents
+        rescued = first + 2 * n_victims
+        known = rescued + n_victims
+        searched = known + n_agents * n_victims
+        return cls(n_agents, n_victims, n_cells, first, rescued, known, searched)
+
+
+def cell_middles(spec: TaskSpec, rules: SearchRules) -> Double:
+    """Middles of all squares, row by row from below, m, [C, 2]."""
+    axes = []
+    for size in (spec.arena.width, spec.arena.height):
+        n = math.ceil(size / rules.cell_size - 1e-9)
+        low = rules.cell_size * np.arange(n)
+        high = np.minimum(low + rules.cell_size, size)
+        axes.append((low + high) / 2 - size / 2)
+    x, y = np.meshgrid(*axes)
+    return np.stack([x, y], axis=-1).reshape(-1, 2)
+
+
+@kernel
+def sees(x: float, y: float, px: float, py: float, sight_range: float, layout: Float) -> bool:
+    """Whether a robot at (x, y) sees the point (px, py)."""
+    dx, dy = px - x, py - y
+    if dx * dx + dy * dy > sight_range * sight_range:
+        return False
+    return bool(is_in_sight(x, y, px, py, layout))
+
+
+@kernel
+def knows_victim(state: Float, i: int, k: int, columns: Columns) -> bool:
+    """Whether robot i has seen victim k, and not seen that it is rescued."""
+    return bool(state[columns.known + columns.n_victims * i + k] == WAITING)
+
+
+@kernel
+def look(
+    state: Float, i: int, layout: Float, middles: Double, sight_range: float, columns: Columns
+) -> tuple[int, int]:
+    """Adds what robot i sees to its memory; returns how many victims and squares are new to it.
+
+    Args:
+        state: changed, [S].
+        i: index of the robot.
+        layout: obstacles, [M, 8].
+        middles: of the squares, m, [C, 2].
+        sight_range: m.
+        columns: of the state.
+    """
+    x, y = float(state[N_COLUMNS * i]), float(state[N_COLUMNS * i + 1])
+    n_sighted = n_searched = 0
+    for k in range(columns.n_victims):
+        at, column = columns.victims + 2 * k, columns.known + columns.n_victims * i + k
+        if state[column] < RESCUED and sees(
+            x, y, float(state[at]), float(state[at + 1]), sight_range, layout
+        ):
+            n_sighted += state[column] == UNSEEN
+            state[column] = RESCUED if state[columns.rescued + k] > 0.0 else WAITING
+    for c in range(columns.n_cells):
+        column = columns.searched + columns.n_cells * i + c
+        if state[column] == 0.0 and sees(x, y, middles[c, 0], middles[c, 1], sight_range, layout):
+            state[column] = 1.0
+            n_searched += 1
+    return n_sighted, n_searched
+
+
+@kernel
+def close_cells(
+    state: Float, layout: Float, middles: Double, half: Double, radius: float, columns: Columns
+) -> None:
+    """Counts squares whose middle no robot can reach as searched by every robot.
+
+    Args:
+        state: changed, [S].
+        layout: obstacles, [M, 8].
+        middles: of the squares, m, [C, 2].
+        half: half width and half height of the arena, m, [2].
+        radius: of the largest robot, m.
+        columns: of the state.
+    """
+    for c in range(columns.n_cells):
+        free = clearance(middles[c, 0], middles[c, 1], layout, half)
+        if free < radius + MIDDLE_CLEARANCE:
+            for i in range(columns.n_agents):
+                state[columns.searched + columns.n_cells * i + c] = 1.0
+
+
+@kernel
+def nearest_unsearched(
+    state: Float, i: int, x: float, y: float, middles: Double, columns: Columns
+) -> int:
+    """The square nearest to (x, y) that robot i has not searched; -1 if there is none."""
+    best, least = -1, np.inf
+    for c in range(columns.n_cells):
+        if state[columns.searched + columns.n_cells * i + c] > 0.0:
+            continue
+        dx, dy = middles[c, 0] - x, middles[c, 1] - y
+        if dx * dx + dy * dy < least:
+            best, least = c, dx * dx + dy * dy
+    return best

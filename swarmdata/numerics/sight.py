@@ -1,0 +1,73 @@
+"""Lines of sight: whether a segment crosses obstacles. Arithmetic as in `geometry`."""
+
+import numpy as np
+
+from swarmdata.numerics.geometry import CIRCLE, bar_box, outer_radius
+from swarmdata.runtime.kernels import kernel
+from swarmdata.types import Double, Float
+
+
+@kernel
+def crosses_circle(dx: float, dy: float, cx: float, cy: float, r: float) -> bool:
+    """Whether the segment from the origin to (dx, dy) crosses a circle about (cx, cy)."""
+    square = dx * dx + dy * dy
+    s = 0.0 if square == 0.0 else min(max((cx * dx + cy * dy) / square, 0.0), 1.0)
+    ex, ey = cx - s * dx, cy - s * dy
+    return ex * ex + ey * ey < r * r
+
+
+@kernel
+def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tuple[float, float]:
+    """The part of the interval [enter, leave] of s in which at + s * step lies within +-half.
+
+    (Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.)
+    """
+    if step == 0.0:
+        return (enter, leave) if abs(at) < half else (1.0, 0.0)
+    a, b = (-half - at) / step, (half - at) / step
+    return max(enter, min(a, b)), min(leave, max(a, b))
+
+
+@kernel
+def crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> bool:
+    """Whether the segment from the origin to (dx, dy) crosses the bars of a shape.
+
+    Args:
+        dx: end of the segment, m.
+        dy: the same.
+        cx: centre of the shape, m.
+        cy: the same.
+        row: the shape, no circle, columns `geometry.OBSTACLE`, [8].
+    """
+    ax, ay = row[3], row[4]
+    lx, ly = -(cx * ax + cy * ay), -(cy * ax - cx * ay)
+    sx, sy = dx * ax + dy * ay, dy * ax - dx * ay
+    for index in range(int(row[0])):
+        bx, by, hx, hy = bar_box(row[0], row[5], row[6], row[7], index)
+        enter, leave = _clip(lx - bx, sx, hx, 0.0, 1.0)
+        enter, leave = _clip(ly - by, sy, hy, enter, leave)
+        if enter < leave:
+            return True
+    return False
+
+
+@kernel
+def is_in_sight(px: float, py: float, qx: float, qy: float, layout: Float) -> bool:
+    """Whether no obstacle is between two points.
+
+    Args:
+        px: a point, m.
+        py: the same.
+        qx: the other point, m.
+        qy: the same.
+        layout: obstacles, [M, 8].
+    """
+    dx, dy = qx - px, qy - py
+    for m in range(layout.shape[0]):
+        row = layout[m].astype(np.float64)
+        cx, cy = row[1] - px, row[2] - py
+        if crosses_circle(dx, dy, cx, cy, outer_radius(layout[m])) and (
+            row[0] == CIRCLE or crosses_shape(dx, dy, cx, cy, row)
+        ):
+            return False
+    return True

@@ -1,0 +1,62 @@
+"""The scripted controller of `search`: what it reads of messages, and that teams rescue."""
+
+import numpy as np
+import pytest
+
+from swarmdata.behavior_policies.search.search_controller import SearchController
+from swarmdata.behavior_policies.search.search_team import (
+    HEARD_X,
+    HEARD_Y,
+    MASK,
+    VICTIM_X,
+    VICTIM_Y,
+)
+from swarmdata.errors import SpecError
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.specs.state_layout import TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.testing.policy_contract import check_policy
+
+SPEC = preset("search")
+
+
+@pytest.mark.parametrize("observation", ["state", "lidar"])
+def test_messages_are_read_in_the_frame_in_which_they_come(observation: str) -> None:
+    robots = [{"robot": {"dynamics": "unicycle"}, "count": 4}]
+    spec = SPEC.with_updates(observation=observation, team=robots)
+    policy, env = SearchController(spec), make_env(spec, 3)
+    step = env.reset(np.arange(3, dtype=np.uint64))
+    heard, states = policy._heard(step), robots_of(step.states, 4)
+    assert (heard[..., MASK] == 1.0).all()
+    for i in range(4):
+        np.testing.assert_allclose(heard[:, i, :, HEARD_X : HEARD_Y + 1], states[..., : Y + 1],
+                                   atol=1e-5)  # fmt: skip
+        np.testing.assert_allclose(heard[:, i, :, VICTIM_X : VICTIM_Y + 1], states[..., TX:],
+                                   atol=1e-5)  # fmt: skip
+
+
+@pytest.mark.parametrize("channel", ["none", "perfect", "learned-4"])
+def test_without_targets_in_messages_robots_know_only_themselves(channel: str) -> None:
+    spec = SPEC.with_updates(communication=channel)
+    policy, env = SearchController(spec), make_env(spec, 2)
+    heard = policy._heard(env.reset(np.arange(2, dtype=np.uint64)))
+    np.testing.assert_array_equal(heard[..., MASK], np.broadcast_to(np.eye(4), (2, 4, 4)))
+
+
+def test_teams_rescue_in_time() -> None:
+    policy = make_policy("scripted", SPEC)
+    result = evaluate(policy, SPEC, name="scripted", n_episodes=30, progress=False)
+    assert result.metrics["success"].mean() >= 0.8  # 0.9 and more in 1,000 episodes
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_the_contract_holds(noise: float) -> None:
+    spec = SPEC.with_updates(horizon=40)
+    check_policy(SearchController(spec, noise=noise), spec, make_env)
+
+
+def test_the_spec_of_another_task_is_refused() -> None:
+    with pytest.raises(SpecError, match="expected 'search'"):
+        SearchController(TaskSpec())

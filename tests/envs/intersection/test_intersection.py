@@ -1,0 +1,163 @@
+"""The intersection: trips, rewards and metrics, accounted for anew from recorded states."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.envs.intersection.intersection import N_EXTRAS, Intersection
+from swarmdata.envs.intersection.junction import Junction, arm_at
+from swarmdata.envs.physics.kinematic import KinematicBackend
+from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.errors import SpecError
+from swarmdata.numerics.random import STREAMS, derive, uniform
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, Int, Seeds
+
+NO_SHARED_TERMS = {
+    "success": 0, "proximity": 0, "robot_contact": 0, "obstacle_contact": 0,
+    "robot_collision": 0, "obstacle_collision": 0,
+}  # fmt: skip
+
+
+def seeds(*values: int) -> Seeds:
+    return np.array(values, dtype=np.uint64)
+
+
+def own_of(states: Float, n_agents: int) -> Float:
+    """The task's columns (crossing, crossings, wait), [..., N, 3]."""
+    return states[..., N_COLUMNS * n_agents :].reshape(*states.shape[:-1], n_agents, N_EXTRAS)
+
+
+def drawn(seed: int, robot: int, trip: int, which: int) -> float:
+    """The uniform number of a trip's exit (0) or due time (1), from `random` alone."""
+    return float(uniform(derive(seed, STREAMS["layout"], robot, trip, which))[0])
+
+
+def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
+    return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
+
+
+@pytest.mark.parametrize("name", ["intersection", "intersection-n8"])
+def test_trips_and_rewards_are_those_of_the_docstring(name: str) -> None:
+    base = preset(name)
+    rules = base.rules.model_dump()
+    rules["rewards"] |= NO_SHARED_TERMS
+    spec = base.with_updates(rules=rules, horizon=200)
+    episode, n, junction = scripted_episode(spec), spec.n_agents, Junction.of(spec)
+    robots, own = robots_of(episode.states, n).astype(np.float64), own_of(episode.states, n)
+    r: Any = spec.rules
+    n_entered = n_left = 0
+    for t in range(len(episode)):
+        for i in range(n):
+            target, (x, y) = robots[t, i, TX:], robots[t + 1, i, : Y + 1]
+            crosses, trip = bool(own[t, i, 0]), int(own[t, i, 1])
+            lengths = [np.abs(target - robots[k, i, : Y + 1]).sum() for k in (t, t + 1)]
+            reward = r.rewards.progress * (lengths[0] - lengths[1]) - r.rewards.time
+            arm = arm_at(*target)
+            due = (trip + drawn(episode.seed, i, trip, 1)) * r.headway
+            now = (t + 1) * spec.control_dt
+            if np.hypot(*(target - (x, y))) <= r.goal_radius:
+                if crosses:
+                    crosses, trip, target = False, trip + 1, junction.entries[arm]
+                    reward, n_left = reward + r.rewards.crossing, n_left + 1
+                elif due <= now:
+                    goal = (arm + 1 + int(3 * drawn(episode.seed, i, trip, 0))) % 4
+                    crosses, target = True, junction.exits[goal]
+                    reward, n_entered = reward + r.rewards.entry, n_entered + 1
+            due = (trip + drawn(episode.seed, i, trip, 1)) * r.headway
+            wait = 0.0 if crosses else max(due - now, 0.0)
+            np.testing.assert_allclose(own[t + 1, i], [crosses, trip, wait], atol=1e-5)
+            np.testing.assert_allclose(robots[t + 1, i, TX:], target, atol=1e-6)
+            assert episode.rewards[t, i] == pytest.approx(reward, abs=1e-5)
+    assert n_left >= 3
+    assert n_entered >= n_left
+
+
+def test_an_episode_is_solved_by_the_quota() -> None:
+    spec = preset("intersection").with_updates(rules={"task": "intersection", "quota": 3})
+    episode = scripted_episode(spec)
+    assert episode.success
+    crossings = own_of(episode.states, 4)[..., 1].sum(-1)
+    assert crossings[-1] >= 3
+    assert (crossings[:-1] < 3).all()
+
+
+class Placed(Intersection):
+    """Robots start where the test says."""
+
+    position = (0.0, 0.0)
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        super().spawn(seeds, copies, layouts, states)
+        robots_of(states, 1)[:, 0, : Y + 1] = self.position
+
+
+def test_a_robot_in_its_entry_waits_until_its_trip_is_due() -> None:
+    spec = preset("intersection").with_updates(team=[{"count": 1}])
+    task, idle = Placed(spec), np.zeros((1, 1, 2))
+    due = drawn(5, 0, 0, 1) * 6.0
+    step = TaskEnv(Intersection(spec), 1).reset(seeds(5))
+    arm = arm_at(*robots_of(step.states, 1)[0, 0, : Y + 1])
+    task.position = tuple(task.junction.entries[arm])
+    env = TaskEnv(task, 1, KinematicBackend)
+    step = env.reset(seeds(5))
+    names = [feature.name for feature in env.features]
+    n_waited = 0
+    while not own_of(step.states, 1)[0, 0, 0]:
+        wait = own_of(step.states, 1)[0, 0, 2]
+        assert wait == pytest.approx(max(due - n_waited * 0.1, 0.0), abs=1e-5)
+        assert step.observations[0, 0, names.index("wait")] == pytest.approx(wait / 6.0, abs=1e-5)
+        step, n_waited = env.step(idle), n_waited + 1
+    assert n_waited * 0.1 == pytest.approx(due, abs=0.1)
+    assert step.observations[0, 0, names.index("crossing")] == 1.0
+    assert own_of(step.states, 1)[0, 0].tolist() == [1.0, 0.0, 0.0]
+
+
+def cut(episode: Episode, states: Float) -> Episode:
+    """An episode with these states, and as many rows of the other fields."""
+    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
+    rows |= {
+        name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
+    }
+    return replace(episode, **rows | {"states": states})
+
+
+def test_metrics_are_what_their_names_say() -> None:
+    spec = preset("intersection").with_updates(team=[{"count": 2}])
+    episode = scripted_episode(spec)
+    states = np.repeat(episode.states[:1], 61, axis=0)
+    robots, own = robots_of(states, 2), own_of(states, 2)
+    robots[:, :, : Y + 1] = [[0.0, -1.5], [0.4, -1.5]]  # side by side, for ever
+    robots[:, :, 2:4] = 0.0
+    own[:, :, 2] = 0.0
+    own[:, 0, 1] = 3.0
+    values = Intersection(spec).episode_metrics(cut(episode, states))
+    assert set(values) == set(Intersection.metrics)
+    assert values["crossings"] == 3.0
+    assert values["throughput"] == pytest.approx(3 / (6.0 / 60))
+    assert values["waiting_time"] == pytest.approx(6.0)
+    assert values["deadlocks"] == 1.0
+    own[:, 1, 2] = 1.0  # its trip is not due
+    values = Intersection(spec).episode_metrics(cut(episode, states))
+    assert values["waiting_time"] == pytest.approx(3.0)
+    assert values["deadlocks"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["idle", "random", "straight"])
+def test_policies_that_do_not_coordinate_do_not_get_through(name: str) -> None:
+    spec = preset("intersection")
+    result = evaluate(make_policy(name, spec), spec, name=name, n_episodes=20, progress=False)
+    assert result.metrics["success"].mean() < 0.3
+    assert result.metrics["return"].max() < 0.0
+
+
+def test_drawn_obstacles_are_refused() -> None:
+    with pytest.raises(SpecError, match=r"task 'intersection', whose layout is fixed"):
+        Intersection(preset("intersection").with_updates(obstacles={"circles": 1, "boxes": 0}))

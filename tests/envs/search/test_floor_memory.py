@@ -1,0 +1,91 @@
+"""What robots remember of the floor and of victims."""
+
+import numpy as np
+import pytest
+
+from swarmdata.envs.search.floor_memory import (
+    RESCUED,
+    WAITING,
+    Columns,
+    cell_middles,
+    close_cells,
+    knows_victim,
+    look,
+    nearest_unsearched,
+)
+from swarmdata.numerics.geometry import BOX
+from swarmdata.registry.presets import preset
+from swarmdata.specs.rules import SearchRules
+from swarmdata.types import Double, Float
+
+MIDDLES = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+COLUMNS = Columns.of(2, 1, 3)
+WALL = np.array([[BOX, 0.5, 0.0, 1.0, 0.0, 0.05, 0.5, 0.0]], np.float32)
+NOTHING = np.zeros((0, 8), np.float32)
+
+
+def state_of(*places: tuple[float, float], victim: tuple[float, float] = (9.0, 9.0)) -> Float:
+    state = np.zeros(COLUMNS.searched + 2 * 3, np.float32)
+    for i, place in enumerate(places):
+        state[8 * i : 8 * i + 2] = place
+    state[COLUMNS.victims : COLUMNS.rescued] = victim
+    return state
+
+
+def test_columns_follow_each_other() -> None:
+    assert Columns.of(4, 3, 10) == (4, 3, 10, 32, 38, 41, 53)
+
+
+def test_squares_cover_the_arena_and_the_last_ones_are_cut_off() -> None:
+    spec = preset("search").with_updates(arena={"width": 2.0, "height": 1.5})
+    middles = cell_middles(spec, SearchRules(cell_size=0.75))
+    expected: Double = np.array([[x, y] for y in (-0.375, 0.375) for x in (-0.625, 0.125, 0.75)])
+    np.testing.assert_allclose(middles, expected)
+
+
+@pytest.mark.parametrize(
+    ("layout", "sight_range", "searched"),
+    [(NOTHING, 1.5, [1, 1, 1]), (NOTHING, 0.5, [0, 1, 0]), (WALL, 1.5, [1, 1, 0])],
+)
+def test_a_square_is_searched_once_its_middle_is_seen(
+    layout: Float, sight_range: float, searched: list[int]
+) -> None:
+    state = state_of((0.1, 0.0), (9.0, 9.0))
+    assert look(state, 0, layout, MIDDLES, sight_range, COLUMNS) == (0, sum(searched))
+    first = COLUMNS.searched
+    assert state[first : first + 3].tolist() == searched
+    assert not state[first + 3 :].any()  # the other robot has seen nothing
+    assert look(state, 0, layout, MIDDLES, sight_range, COLUMNS) == (0, 0)
+
+
+def test_a_robot_learns_of_a_rescue_by_seeing_it() -> None:
+    state = state_of((0.0, 0.0), (0.2, 0.0), victim=(0.9, 0.0))
+    assert look(state, 0, WALL, MIDDLES, 1.5, COLUMNS)[0] == 0  # hidden
+    assert look(state, 0, NOTHING, MIDDLES, 1.5, COLUMNS)[0] == 1
+    assert state[COLUMNS.known : COLUMNS.searched].tolist() == [WAITING, 0]
+    assert [knows_victim(state, i, 0, COLUMNS) for i in range(2)] == [True, False]
+    state[COLUMNS.rescued] = 1.0
+    assert look(state, 0, WALL, MIDDLES, 1.5, COLUMNS)[0] == 0
+    assert knows_victim(state, 0, 0, COLUMNS)
+    assert look(state, 0, NOTHING, MIDDLES, 1.5, COLUMNS)[0] == 0
+    assert state[COLUMNS.known] == RESCUED
+    assert look(state, 1, NOTHING, MIDDLES, 1.5, COLUMNS)[0] == 1  # it sees it for the first time
+    assert not knows_victim(state, 1, 0, COLUMNS)
+
+
+def test_squares_that_nobody_can_reach_are_closed() -> None:
+    state = state_of((0.0, 0.0), (0.0, 0.0))
+    wall = WALL.copy()
+    wall[0, 1] = 1.0
+    close_cells(state, wall, MIDDLES, np.array([2.0, 2.0]), 0.12, COLUMNS)
+    assert state[COLUMNS.searched :].tolist() == [0, 0, 1] * 2
+
+
+def test_the_nearest_square_that_is_left_is_named() -> None:
+    state = state_of((0.0, 0.0), (0.0, 0.0))
+    assert nearest_unsearched(state, 0, 0.8, 0.0, MIDDLES, COLUMNS) == 2
+    state[COLUMNS.searched + 2] = 1.0
+    assert nearest_unsearched(state, 0, 0.8, 0.0, MIDDLES, COLUMNS) == 1
+    assert nearest_unsearched(state, 1, 0.8, 0.0, MIDDLES, COLUMNS) == 2
+    state[COLUMNS.searched : COLUMNS.searched + 3] = 1.0
+    assert nearest_unsearched(state, 0, 0.8, 0.0, MIDDLES, COLUMNS) == -1

@@ -1,0 +1,202 @@
+"""Search: what robots see, know and rescue, against an independent account of recorded states."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.envs.physics.kinematic import KinematicBackend
+from swarmdata.envs.search.search import Search
+from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.errors import SpawnError, SpecError
+from swarmdata.numerics.geometry import clearance
+from swarmdata.numerics.sight import is_in_sight
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.state_layout import TX, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Episode, Float, Int, Seeds
+
+SPEC = preset("search")
+BASE = np.array([-3.0, -3.0])
+
+
+def seeds(*values: int) -> Seeds:
+    return np.array(values, dtype=np.uint64)
+
+
+def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
+    return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
+
+
+def test_starts_and_victims_keep_their_distances() -> None:
+    task, n_copies = Search(SPEC), 40
+    ids = np.arange(2**62, 2**62 + n_copies, dtype=np.uint64)
+    step = make_env(SPEC, n_copies).reset(ids)
+    half, c = np.array(SPEC.half_size), task.columns
+    for state, layout in zip(step.states.astype(np.float64), step.layouts, strict=True):
+        robots = robots_of(state[None], 4)[0]
+        victims = state[c.victims : c.rescued].reshape(-1, 2)
+        for points, gap in ((robots[:, : Y + 1], SPEC.spawn.start_clearance),
+                            (victims, SPEC.spawn.goal_clearance)):  # fmt: skip
+            assert all(clearance(*p, layout, half) >= 0.12 + gap - 1e-5 for p in points)
+        apart = np.linalg.norm(victims[:, None] - victims, axis=-1)[~np.eye(4, dtype=bool)]
+        assert (apart >= 0.24 + SPEC.spawn.goal_separation - 1e-5).all()
+        assert not state[c.rescued : c.known].any()
+
+
+def test_memory_rewards_and_targets_are_those_of_the_docstring() -> None:
+    rules = SPEC.rules.model_dump()
+    rules["rewards"] |= dict.fromkeys(
+        ("success", "proximity", "robot_contact", "obstacle_contact", "robot_collision",
+         "obstacle_collision"), 0
+    )  # fmt: skip
+    spec = SPEC.with_updates(rules=rules)
+    task, episode, r = Search(spec), scripted_episode(spec), spec.rules
+    assert isinstance(r, type(SPEC.rules))
+    c, w = task.columns, r.rewards  # type: ignore[union-attr]
+    states = episode.states.astype(np.float64)
+    places = robots_of(states, 4)
+    victims = states[0, c.victims : c.rescued].reshape(-1, 2)
+    for t in range(len(episode)):
+        old, new = states[t], states[t + 1]
+        known_old, known = (s[c.known : c.searched].reshape(4, -1) for s in (old, new))
+        there = np.linalg.norm(places[t + 1, :, None, : Y + 1] - victims, axis=-1) <= 0.3
+        rescued = (old[c.rescued : c.known] > 0) | (there.sum(0) >= 2)
+        np.testing.assert_array_equal(new[c.rescued : c.known], rescued)
+        for i in range(4):
+            x, y = places[t + 1, i, : Y + 1]
+            for k, victim in enumerate(victims):
+                sees = np.hypot(*(victim - (x, y))) <= 1.2
+                sees &= is_in_sight(x, y, *victim, episode.layout)
+                expected = known_old[i, k] if not sees else 1 + rescued[k]
+                assert known[i, k] == expected
+            waiting = victims[known[i] == 1]
+            target = BASE
+            if len(waiting):
+                target = waiting[np.linalg.norm(waiting - (x, y), axis=-1).argmin()]
+            np.testing.assert_allclose(places[t + 1, i, TX:], target, atol=1e-6)
+            reward = w.rescue * (new - old)[c.rescued : c.known].sum() - w.time
+            if (known_old[i] == 1).any():
+                before, after = (places[k, i, : Y + 1] for k in (t, t + 1))
+                aim = places[t, i, TX:]
+                reward += w.progress * (np.hypot(*(aim - before)) - np.hypot(*(aim - after)))
+            reward += w.sighting * ((known_old[i] == 0) & (known[i] > 0)).sum()
+            squares = (new - old)[c.searched :].reshape(4, -1)[i].sum()
+            assert episode.rewards[t, i] == pytest.approx(reward + w.searched * squares, abs=1e-5)
+    assert episode.success
+    assert episode.terminations[-1]
+
+
+class Placed(Search):
+    """Robots and the only victim are where the test says, and nothing is between them."""
+
+    places: Any = None
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        super().spawn(seeds, copies, layouts, states)
+        robots_of(states, 2)[:, :, : Y + 1] = self.places[:2]
+        c = self.columns
+        states[:, c.victims : c.rescued] = self.places[2]
+        states[:, c.known :] = 0.0
+
+
+def test_one_robot_is_not_enough_and_two_rescue() -> None:
+    nothing = dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)
+    spec = SPEC.with_updates(
+        rules={"task": "search", "victims": 1}, team=[{"count": 2}], obstacles=nothing
+    )
+    task = Placed(spec)
+    task.places = np.array([[0.0, 0.0], [0.9, 0.0], [0.2, 0.0]])
+    env = TaskEnv(task, 1, KinematicBackend)
+    step = env.reset(seeds(1))
+    commands = np.array([[[0.0, 0.0], [-1.0, 0.0]]])
+    steps = 0
+    while not step.terminations[0]:
+        gaps = np.abs(robots_of(step.states, 2)[0, :, 0] - 0.2)
+        assert steps == 0 or gaps[1] > 0.3
+        step, steps = env.step(commands), steps + 1
+    assert step.successes[0]
+    assert 3 < steps < 15
+
+
+def test_nothing_observed_depends_on_victims_out_of_sight() -> None:
+    """Without messages, moving what nobody has seen changes no observation."""
+    spec = SPEC.with_updates(communication="none")
+    task = Search(spec)
+    env = make_env(spec, 30)
+    step = env.reset(np.arange(30, dtype=np.uint64))
+    names = [feature.name for feature in env.features]
+    c = task.columns
+    unseen = ~step.states[:, c.known : c.searched].reshape(30, 4, -1).any(1)  # [E, K]
+    moved = step.states.copy()
+    victims = moved[:, c.victims : c.rescued].reshape(30, -1, 2)
+    victims[unseen] += np.float32(0.5)
+    assert unseen.any()
+    out = [np.zeros((30, 4, 3), np.float32) for _ in range(2)]
+    active = np.ones(30, dtype=np.bool_)
+    for states, features in zip((step.states, moved), out, strict=True):
+        task.write_features(states, step.layouts, active, features)
+    np.testing.assert_array_equal(*out)
+    targets = robots_of(step.states, 4)[..., TX:]
+    knows = step.observations[..., names.index("knows")] > 0
+    np.testing.assert_allclose(targets[~knows], np.broadcast_to(BASE, targets[~knows].shape))
+    assert knows.any()
+
+
+def test_messages_are_worth_much() -> None:
+    success = {}
+    for channel in ("goal", "none"):
+        spec = SPEC.with_updates(communication=channel)
+        policy = make_policy("scripted", spec)
+        result = evaluate(policy, spec, name=channel, n_episodes=30, progress=False)
+        success[channel] = result.metrics["success"].mean()
+    assert success["goal"] >= 0.8  # 0.9 and more in 1,000 episodes
+    assert success["none"] <= success["goal"] - 0.3
+
+
+@pytest.mark.parametrize("name", ["idle", "random", "straight"])
+def test_policies_that_do_not_search_find_little(name: str) -> None:
+    result = evaluate(make_policy(name, SPEC), SPEC, name=name, n_episodes=20, progress=False)
+    assert result.metrics["success"].mean() < 0.3
+
+
+def test_metrics_are_what_their_names_say() -> None:
+    episode = scripted_episode(SPEC)
+    task = Search(SPEC)
+    values = task.episode_metrics(episode)
+    assert set(values) == set(Search.metrics)
+    assert values["victims_found"] == values["victims_rescued"] == 4.0
+    assert 0.3 < values["floor_searched"] <= 1.0
+    c, states = task.columns, episode.states[1:].astype(np.float64)
+    alone = 0
+    for state in states:
+        for i in range(4):
+            gaps = state[c.victims : c.rescued].reshape(-1, 2) - state[8 * i : 8 * i + 2]
+            alone += bool(((np.hypot(*gaps.T) <= 0.3) & (state[c.rescued : c.known] == 0)).any())
+    assert values["time_alone"] == pytest.approx(alone * 0.1 / 4)
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ({"helpers": 5}, "helpers is 5 in a team of 4 robots, expected at most 4"),
+        ({"goal_radius": 0.2}, r"goal_radius is 0\.2 m, expected at least 0\.212 m"),
+    ],
+)
+def test_rules_that_no_team_can_keep_are_refused(rules: dict[str, Any], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        Search(SPEC.with_updates(rules={"task": "search", **rules}))
+
+
+def test_more_victims_than_the_arena_holds_are_refused() -> None:
+    spec = SPEC.with_updates(rules={"task": "search", "victims": 400}, spawn={"max_attempts": 3})
+    with pytest.raises(SpawnError, match="and 400 victims need places too"):
+        make_env(spec, 1).reset(seeds(1))
+
+
+def test_the_spec_of_another_task_is_refused() -> None:
+    with pytest.raises(SpecError, match="expected 'search'"):
+        Search(TaskSpec())
