@@ -16,7 +16,7 @@ from numba.core.caching import _CacheLocator
 from tqdm import tqdm
 
 from swarmdata.behavior_policies.conventions import conventions_of
-from swarmdata.behavior_policies.tiers import find_recipe
+from swarmdata.behavior_policies.tiers import checkpoints, find_recipe
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.numerics.random import evaluation_seeds
@@ -29,7 +29,7 @@ from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe
 
-TASKS = ("coop_nav", "formation", "transport", "warehouse")
+TASKS = ("coop_nav", "formation", "transport", "warehouse", "intersection", "search")
 """Presets that are played with every sensor and radio, and of which a dataset is made."""
 
 CONTROLLERS = ("scripted", "straight", "random", "idle")
@@ -119,7 +119,8 @@ def _jobs() -> list[Job]:
         dict(zip(("name", "policy", "observation", "communication"), play, strict=True))
         for play in (*controllers, *presets, *sensing)
     ]
-    datasets = [{"dataset": f"{task}-medium-mini"} for task in TASKS]
+    tiers = {task: "medium" if checkpoints(task, "medium") else "scripted" for task in TASKS}
+    datasets = [{"dataset": f"{task}-{tier}-mini"} for task, tier in tiers.items()]
     uses: list[dict[str, Any]] = [*plays, *datasets]
     return [Job(" ".join(map(str, use.values())), use) for use in uses]
 
