@@ -14,8 +14,6 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "formation": {"success": 0.95, "clean_success": 0.85},
         "transport": {"success": 0.9},
         "warehouse": {"success": 0.95, "clean_success": 0.75},
-        "intersection": {"success": 0.9},
-        "search": {"success": 0.9},
         "coop_nav-n8": {"success": 0.85},
         "formation-n8": {"success": 0.85},
         "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},

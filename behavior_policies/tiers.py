@@ -39,10 +39,7 @@ LEARNED_FAMILIES = (
 CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
 """Presets that have datasets of scripted teams with conventions; these teams are their experts."""
 
-UNTRAINED_FAMILIES = ("intersection", "search")
-"""Presets that have datasets of the tiers that need no training."""
-
-FAMILIES = (*LEARNED_FAMILIES, *CONVENTION_FAMILIES, *UNTRAINED_FAMILIES)
+FAMILIES = (*LEARNED_FAMILIES, *CONVENTION_FAMILIES)
 """Presets that have datasets."""
 
 FAMILY_SPECS = MappingProxyType({name: preset(name) for name in FAMILIES})
@@ -74,8 +71,8 @@ class Tier:
 
 TIERS = MappingProxyType(
     {
-        "random": Tier(("random",), 1, families=(*LEARNED_FAMILIES, *UNTRAINED_FAMILIES)),
-        "scripted": Tier(("scripted",), 2, families=(*LEARNED_FAMILIES, *UNTRAINED_FAMILIES)),
+        "random": Tier(("random",), 1),
+        "scripted": Tier(("scripted",), 2),
         "medium": Tier(("medium",), 3),
         "expert": Tier(("expert",), 4),
         "medium-expert": Tier(("medium", "expert"), 5),

@@ -356,28 +356,27 @@ def _check_helpers(spec: TaskSpec, rules: SearchRules) -> None:
 
 def _extras(spec: TaskSpec, n_victims: int, n_cells: int) -> tuple[Column, ...]:
     """The task's own columns of a state, in the order of `floor_memory.Columns`."""
-    flag = {"low": 0.0, "high": 1.0}
     places = (
         column
         for k in range(n_victims)
         for column in pair(f"victim_{k}.", "position of the victim", "m", spec.half_size)
     )
     rescued = (
-        Column(f"victim_{k}.rescued", "1 once it is rescued, else 0", **flag)
+        Column(f"victim_{k}.rescued", "1 once it is rescued, else 0", low=0, high=1)
         for k in range(n_victims)
     )
     known = (
         Column(
             f"{name}.known_{k}",
             f"of victim {k}: 0 until it sees it, then 1; 2 once it sees that it is rescued",
-            low=0.0,
-            high=2.0,
+            low=0,
+            high=2,
         )
         for name in spec.agent_names
         for k in range(n_victims)
     )
     searched = (
-        Column(f"{name}.searched_{c}", f"1 once it has searched square {c}, else 0", **flag)
+        Column(f"{name}.searched_{c}", f"1 once it has searched square {c}, else 0", low=0, high=1)
         for name in spec.agent_names
         for c in range(n_cells)
     )

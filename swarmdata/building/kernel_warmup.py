@@ -30,7 +30,8 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe
 
 TASKS = ("coop_nav", "formation", "transport", "warehouse", "intersection", "search")
-"""Presets that are played with every sensor and radio, and of which a dataset is made."""
+"""Presets that are played with every sensor and radio, and of which a dataset is made, if one is
+shipped."""
 
 CONTROLLERS = ("scripted", "straight", "random", "idle")
 """Policies without networks."""
@@ -119,8 +120,8 @@ def _jobs() -> list[Job]:
         dict(zip(("name", "policy", "observation", "communication"), play, strict=True))
         for play in (*controllers, *presets, *sensing)
     ]
-    tiers = {task: "medium" if checkpoints(task, "medium") else "scripted" for task in TASKS}
-    datasets = [{"dataset": f"{task}-{tier}-mini"} for task, tier in tiers.items()]
+    trained = (task for task in TASKS if checkpoints(task, "medium"))
+    datasets = [{"dataset": f"{task}-medium-mini"} for task in trained]
     uses: list[dict[str, Any]] = [*plays, *datasets]
     return [Job(" ".join(map(str, use.values())), use) for use in uses]
 

@@ -17,7 +17,6 @@ from swarmdata.behavior_policies.tiers import (
     FAMILY_SPECS,
     LEARNED_FAMILIES,
     TIERS,
-    UNTRAINED_FAMILIES,
     TRAINED_TIERS,
     Checkpoint,
     Index,
@@ -76,8 +75,7 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
     trained: MappingProxyType[str, Recipe],
 ) -> None:
     names = {f"coop_nav-{name}" for name in TIERS if name != "two-conventions"}
-    plain = (*LEARNED_FAMILIES, *UNTRAINED_FAMILIES)
-    names |= {f"{family}-{name}" for family in plain for name in ("random", "scripted")}
+    names |= {f"{family}-{name}" for family in LEARNED_FAMILIES for name in ("random", "scripted")}
     names |= {f"{family}-two-conventions" for family in CONVENTION_FAMILIES}
     names |= {"formation-n8-expert"}
     assert set(trained) == {f"{n}{s}-v1" for n in names for s in ("", "-mini")}

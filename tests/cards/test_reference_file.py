@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS, UNTRAINED_FAMILIES
+from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.registry.published import references
 from swarmdata.rollouts.metrics import metrics_of
@@ -14,7 +14,7 @@ from swarmdata.specs.spaces import DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
 
 
-@pytest.mark.parametrize("family", [f for f in FAMILIES if f not in UNTRAINED_FAMILIES])
+@pytest.mark.parametrize("family", FAMILIES)
 def test_an_outsider_computes_the_score(family: str) -> None:
     """Row 46: the references were in three decimals of Markdown only."""
     content = reference_bytes(FAMILY_SPECS[family])
