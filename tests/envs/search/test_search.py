@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.physics.kinematic import KinematicBackend
-from swarmdata.envs.search.search import Search
+from swarmdata.envs.search.search import Search, search_rules
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
@@ -36,8 +36,8 @@ def test_starts_and_victims_keep_their_distances() -> None:
     ids = np.arange(2**62, 2**62 + n_copies, dtype=np.uint64)
     step = make_env(SPEC, n_copies).reset(ids)
     half, c = np.array(SPEC.half_size), task.columns
-    for state, layout in zip(step.states.astype(np.float64), step.layouts, strict=True):
-        robots = robots_of(state[None], 4)[0]
+    for state, layout in zip(step.states, step.layouts, strict=True):
+        robots = robots_of(state, 4).astype(np.float64)
         victims = state[c.victims : c.rescued].reshape(-1, 2)
         for points, gap in ((robots[:, : Y + 1], SPEC.spawn.start_clearance),
                             (victims, SPEC.spawn.goal_clearance)):  # fmt: skip
@@ -54,11 +54,10 @@ def test_memory_rewards_and_targets_are_those_of_the_docstring() -> None:
          "obstacle_collision"), 0
     )  # fmt: skip
     spec = SPEC.with_updates(rules=rules)
-    task, episode, r = Search(spec), scripted_episode(spec), spec.rules
-    assert isinstance(r, type(SPEC.rules))
-    c, w = task.columns, r.rewards  # type: ignore[union-attr]
+    task, episode = Search(spec), scripted_episode(spec)
+    c, w = task.columns, search_rules(spec).rewards
     states = episode.states.astype(np.float64)
-    places = robots_of(states, 4)
+    places = robots_of(episode.states, 4).astype(np.float64)
     victims = states[0, c.victims : c.rescued].reshape(-1, 2)
     for t in range(len(episode)):
         old, new = states[t], states[t + 1]
@@ -139,7 +138,7 @@ def test_nothing_observed_depends_on_victims_out_of_sight() -> None:
     active = np.ones(30, dtype=np.bool_)
     for states, features in zip((step.states, moved), out, strict=True):
         task.write_features(states, step.layouts, active, features)
-    np.testing.assert_array_equal(*out)
+    np.testing.assert_array_equal(out[0], out[1])
     targets = robots_of(step.states, 4)[..., TX:]
     knows = step.observations[..., names.index("knows")] > 0
     np.testing.assert_allclose(targets[~knows], np.broadcast_to(BASE, targets[~knows].shape))

@@ -198,7 +198,16 @@ def test_quantisation_hides_what_is_within_a_cell(scenes: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["coop_nav", "coop_nav-unassigned", "formation", "transport", "warehouse"]
+    "name",
+    [
+        "coop_nav",
+        "coop_nav-unassigned",
+        "formation",
+        "transport",
+        "warehouse",
+        "intersection",
+        "search",
+    ],
 )
 @pytest.mark.parametrize("kind", ["state", "bearing"])
 def test_what_a_task_adds_hides_it_too(name: str, kind: str) -> None:
