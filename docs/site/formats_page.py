@@ -80,15 +80,13 @@ own rewards, and its resets play the reserved evaluation episodes in order. `swa
 installed there.
 """
 
-WAYS = {(True, True): "both ways", (True, False): "read", (False, True): "write"}
-
 
 def page() -> str:
     """The page as Markdown."""
-    written = [each for each in all_formats() if each.write is not None]
+    written = list(all_formats())
     names = [
-        [f"`{each.name}`", each.title, WAYS[each.read is not None, each.write is not None]]
-        for each in all_formats()
+        [f"`{each.name}`", each.title, "write" if each.read is None else "both ways"]
+        for each in written
     ]
     kept = [
         [title, *(f"`{each.kept[fact]}`" if fact in each.kept else "lost" for each in written)]

@@ -17,7 +17,9 @@ Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to w
 To = Annotated[
     str | None,
     typer.Option(
-        "--to", metavar="FORMAT", help="export: d4rl, d4rl-agents, minari, parquet, torchrl, vault"
+        "--to",
+        metavar="FORMAT",
+        help="export: d4rl, d4rl-agents, minari, numpy, parquet, torchrl, vault",
     ),
 ]
 From = Annotated[

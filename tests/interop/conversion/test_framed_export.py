@@ -15,7 +15,7 @@ from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.conversion.framed_export import in_frame
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.interop.formats import FORMATS, find_format
+from swarmdata.interop.formats import FORMATS
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.perception.frames import in_world
 from swarmdata.registry.presets import preset
@@ -86,7 +86,6 @@ def test_a_policy_sees_and_acts_in_the_exported_frame(tmp_path: Path) -> None:
     [
         pytest.param(name, marks=[pytest.mark.slow] if name in ("torchrl", "vault") else [])
         for name in FORMATS
-        if find_format(name).write is not None
     ],
 )
 @pytest.mark.parametrize("frame", ["world", "target"])
