@@ -108,7 +108,7 @@ def test_every_export_says_its_frame(
         case "parquet":
             assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
             assert f"in the frame `{frame}`" in (path / "README.md").read_text()
-        case "torchrl":
+        case "torchrl" | "numpy":
             assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
         case "vault":
             metadata = json.loads((path / "metadata.json").read_text())
