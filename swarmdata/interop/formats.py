@@ -13,9 +13,11 @@ from swarmdata.registry.components import resolve
 FORMATS = {
     "d4rl": "swarmdata.interop.d4rl.d4rl:FORMAT",
     "d4rl-agents": "swarmdata.interop.d4rl.d4rl_agents:FORMAT",
+    "mcap": "swarmdata.interop.bags.mcap_file:FORMAT",
     "minari": "swarmdata.interop.minari:FORMAT",
     "numpy": "swarmdata.interop.numpy_folders.numpy_folders:FORMAT",
     "parquet": "swarmdata.interop.parquet.parquet:FORMAT",
+    "rosbag2": "swarmdata.interop.bags.rosbag2:FORMAT",
     "torchrl": "swarmdata.interop.torchrl.torchrl:FORMAT",
     "vault": "swarmdata.interop.vault:FORMAT",
 }

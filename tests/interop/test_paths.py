@@ -11,7 +11,14 @@ from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.formats import FORMATS, find_format
 
-NEEDS = {"minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl", "vault": "flashbax.vault"}
+NEEDS = {
+    "mcap": "rosbags",
+    "minari": "minari",
+    "parquet": "pyarrow",
+    "rosbag2": "rosbags",
+    "torchrl": "torchrl",
+    "vault": "flashbax.vault",
+}
 """The library of a format, if it is an extra."""
 
 SLOW = ("torchrl", "vault")
