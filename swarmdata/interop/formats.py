@@ -13,6 +13,7 @@ from swarmdata.registry.components import resolve
 FORMATS = {
     "d4rl": "swarmdata.interop.d4rl.d4rl:FORMAT",
     "d4rl-agents": "swarmdata.interop.d4rl.d4rl_agents:FORMAT",
+    "lerobot": "swarmdata.interop.lerobot:FORMAT",
     "mcap": "swarmdata.interop.bags.mcap_file:FORMAT",
     "minari": "swarmdata.interop.minari:FORMAT",
     "numpy": "swarmdata.interop.numpy_folders.numpy_folders:FORMAT",

@@ -12,6 +12,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.formats import FORMATS, find_format
 
 NEEDS = {
+    "lerobot": "pyarrow",
     "mcap": "rosbags",
     "minari": "minari",
     "parquet": "pyarrow",

@@ -19,7 +19,7 @@ To = Annotated[
     typer.Option(
         "--to",
         metavar="FORMAT",
-        help="export: d4rl, d4rl-agents, mcap, minari, numpy, parquet, rosbag2, torchrl, vault",
+        help="export: d4rl, d4rl-agents, lerobot, mcap, minari, numpy, parquet, rosbag2, torchrl, vault",
     ),
 ]
 From = Annotated[

@@ -94,7 +94,8 @@ def test_every_export_says_its_frame(
     name: str, frame: str, tiny_dataset: Dataset, tmp_path: Path
 ) -> None:
     libraries = {
-        "parquet": "pyarrow", "minari": "minari", "torchrl": "torchrl", "vault": "flashbax.vault",
+        "lerobot": "pyarrow", "minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl",
+        "vault": "flashbax.vault",
     }  # fmt: skip
     pytest.importorskip(libraries.get(name, "h5py"), reason=f"the extra of {name}")
     path = export_dataset(tiny_dataset, tmp_path / tiny_dataset.id, format=name, frame=frame)
@@ -109,6 +110,8 @@ def test_every_export_says_its_frame(
         case "parquet":
             assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
             assert f"in the frame `{frame}`" in (path / "README.md").read_text()
+        case "lerobot":
+            assert json.loads((path / "meta/swarmdata.json").read_text())["frame"] == frame
         case "torchrl" | "numpy":
             assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
         case "vault":
