@@ -19,7 +19,8 @@ To = Annotated[
     typer.Option(
         "--to",
         metavar="FORMAT",
-        help="export: d4rl, d4rl-agents, lerobot, mcap, minari, numpy, parquet, rosbag2, torchrl, vault",
+        help="export: d4rl, d4rl-agents, lerobot, mcap, minari, numpy, parquet, rosbag2, "
+        "torchrl, vault",
     ),
 ]
 From = Annotated[
