@@ -8,10 +8,12 @@ import numpy as np
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.numerics.weighted_terms import weigh_terms
+from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step
@@ -29,11 +31,21 @@ MakeBackend = Callable[[Plan, int], Backend]
 
 
 def make_backend(plan: Plan, n_copies: int) -> Backend:
-    """Returns the fast backend.
+    """Returns the backend of the plan's spec.
 
-    Where Munk2D's functions cannot be called, or its arithmetic is not that of `move`, it is the
-    public one.
+    That of Pymunk is the fast one; where Munk2D's functions cannot be called, or its arithmetic is
+    not that of `move`, the public one.
+
+    Raises:
+        MissingExtraError: the spec asks for MuJoCo, which is not installed.
     """
+    if plan.spec.backend == "kinematic":
+        return KinematicBackend(plan, n_copies)
+    if plan.spec.backend == "mujoco":
+        require_extra("mujoco", "mujoco", "simulating a world with backend mujoco")
+        from swarmdata.envs.physics.mujoco_backend import MujocoBackend  # noqa: PLC0415  (an extra)
+
+        return MujocoBackend(plan, n_copies)
     calls = load_addresses()
     if calls is None or not integrates_exactly():
         return PublicBackend(plan, n_copies)
