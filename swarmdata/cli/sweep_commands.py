@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swarmdata.cli.option_use import refuse, refuse_workers
-from swarmdata.cli.shared_options import Engine, Episodes, Processes, Task
+from swarmdata.cli.shared_options import Backend, Engine, Episodes, Processes, Task
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.robustness.sweep import Sweep
@@ -47,6 +47,7 @@ def sweep(
     values: Values = 5,
     episodes: Episodes = 200,
     task: Task = None,
+    backend: Backend = None,
     workers: Processes = 1,
     engine: Engine = "local",
     points: Listing = False,
@@ -67,7 +68,7 @@ def sweep(
 
     axes = [parse_axis(text, "communication", values) for text in communication or []]
     axes += [parse_axis(text, "observation", values) for text in observation or []]
-    options: dict[str, Any] = {"n_episodes": episodes, "task": task}
+    options: dict[str, Any] = {"n_episodes": episodes, "task": task, "backend": backend}
     if points or point is not None or collect:
         planned = sweeps.plan_sweep(targets, axes, out, **options)
         _do_some(context, planned, axes, points=points, as_json=json, point=point)

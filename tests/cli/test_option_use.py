@@ -28,6 +28,7 @@ from swarmdata.specs.origins import ImportedLogs
 SAMPLES = {
     "--action-bounds": "-2,2",
     "--agents": "a,b",
+    "--backend": "kinematic",
     "--by": "algorithm/task",
     "--communication": "lossy-30",
     "--config": "coop_nav-expert",
@@ -82,6 +83,7 @@ CATALOG = "swarmdata.hub.catalog.catalog"
 EDIT = "swarmdata.building.edit"
 REPAIR = "swarmdata.hub.catalog.repair"
 REGENERATE = "swarmdata.hub.publishing.regenerate"
+TRANSFER = "swarmdata.evaluation.transfer.simulator_transfer"
 SWEEP = "swarmdata.evaluation.robustness.sweep"
 STUDY = "swarmdata.evaluation.study.run_study"
 CELL = SimpleNamespace(name="bc/a", label="bc", data="a", n_updates=3, key="k")
@@ -206,11 +208,24 @@ CASES = (
     Case("sweep expert --out a --observation noise=0..0.2 --points", (), {},
          {**AXES, "--observation": "range=2,1"},
          {"--out": "the points are done in neither folder",
-          "--episodes": "how many there are is not listed", "--task": "neither is the task"}),
+          "--episodes": "how many there are is not listed", "--task": "neither is the task",
+          "--backend": "nor is the simulator"}),
     Case("sweep expert --out a --observation noise=0..0.2 --point b", (f"{SWEEP}:run_point",),
          samples={**AXES, "--observation": "range=2,1"}),
     Case("sweep expert --out a --observation noise=0..0.2 --collect",
          (f"{SWEEP}:collect_sweep",), samples={**AXES, "--observation": "range=2,1"}),
+    Case("transfer idle --task coop_nav --results a --out b.md", (f"{TRANSFER}:plan_transfer",),
+         idle={"--out": "the boundary ends the command before it writes",
+               "--workers": "and before it evaluates", "--engine": "likewise"}),
+    Case("transfer idle --task coop_nav --results a --out b.md",
+         (f"{TRANSFER}:run_transfer",), {f"{TRANSFER}:plan_transfer": "a plan"},
+         idle=dict.fromkeys(("--task", "--results", "--backend", "--episodes"), "the plan is a stub here")
+         | {"--out": "the boundary ends the command before it writes"}),
+    Case("transfer idle --task coop_nav --results a --out b.md", ("swarmdata.store:write_file",),
+         {f"{TRANSFER}:plan_transfer": "a plan", f"{TRANSFER}:run_transfer": (),
+          "swarmdata.evaluation.transfer.transfer_page:transfer_page": "# A page"},
+         samples={"--out": "c.md"},
+         idle=dict.fromkeys(("--task", "--results", "--backend", "--episodes", "--workers", "--engine"), "the plan and its run are stubs here")),
     Case("curves a.csv --out a.png", (f"{RESULTS}.curve_plots:draw_training",
                                       f"{RESULTS}.curve_plots:draw_learning")),
     Case("curves a.csv --out a.png --by task", (f"{RESULTS}.curve_plots:draw_learning",)),

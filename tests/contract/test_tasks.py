@@ -41,6 +41,26 @@ def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
     return spec.with_updates(team=team)
 
 
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("backend", ["mujoco", "kinematic"])
+def test_other_simulators_keep_the_contract(task: str, robot: str, backend: str) -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed")
+    spec = preset(task).with_updates(
+        observation=observation_model("lidar"),
+        communication=communication_model("lossy-30"),
+        backend=backend,
+    )
+    check_task(make_env, with_robot(spec, ROBOTS[robot]), n_steps=12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_keeps_the_contract_in_mujoco(name: str) -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed")
+    check_task(make_env, preset(name).with_updates(backend="mujoco"), n_steps=30)
+
+
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_keeps_the_contract(name: str) -> None:
     check_task(make_env, preset(name), n_steps=30)

@@ -109,6 +109,7 @@ def plan_sweep(
     *,
     n_episodes: int = 200,
     task: str | None = None,
+    backend: str | None = None,
 ) -> Sweep:
     """Finds the teams and checks them, before anything is evaluated; takes what `sweep` takes.
 
@@ -120,7 +121,7 @@ def plan_sweep(
         MissingExtraError: torch for a run is not installed.
     """
     _check_axes(axes)
-    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, task)))
+    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, task, backend)))
 
 
 def run_point(planned: Sweep, name: str) -> bool:
@@ -148,6 +149,7 @@ def sweep(
     *,
     n_episodes: int = 200,
     task: str | None = None,
+    backend: str | None = None,
     engine: str | Executor = LOCAL,
     workers: int = 1,
     progress: bool = True,
@@ -161,6 +163,7 @@ def sweep(
         out: folder; an interrupted sweep of the same teams resumes in it.
         n_episodes: number of reserved seeds, the same at every point.
         task: of tiers and runs, as `find_target` takes it.
+        backend: simulator of all points; None: that of the training.
         engine: where policies are evaluated, as `build` takes it; all processes see `out` and the
             runs.
         workers: processes of the engine `local`; 1: this one.
@@ -171,7 +174,7 @@ def sweep(
         MissingExtraError: matplotlib is not installed.
     """
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
-    planned = plan_sweep(names, axes, out, n_episodes=n_episodes, task=task)
+    planned = plan_sweep(names, axes, out, n_episodes=n_episodes, task=task, backend=backend)
     every = [each for found in planned.points().values() for each in found]
     with updating(out / SUMMARY_FILE, progress):
         run_evaluations(every, engine=engine, workers=workers, progress=progress)
@@ -215,9 +218,11 @@ def _check_axes(axes: Sequence[Axis]) -> None:
         raise SpecError(f"{twice[0]} is swept twice. Put all its values into one axis.")
 
 
-def _teams(names: Sequence[str], axes: Sequence[Axis], task: str | None) -> list[_Team]:
+def _teams(
+    names: Sequence[str], axes: Sequence[Axis], task: str | None, backend: str | None
+) -> list[_Team]:
     """Finds the teams, and checks all of them before any evaluation."""
-    sources = [TargetName.of(name, task) for name in names]
+    sources = [TargetName.of(name, task, backend=backend) for name in names]
     targets = []
     for name, source in zip(names, sources, strict=True):
         targets.append(source.find())
