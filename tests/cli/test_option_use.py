@@ -84,6 +84,9 @@ EDIT = "swarmdata.building.edit"
 REPAIR = "swarmdata.hub.catalog.repair"
 REGENERATE = "swarmdata.hub.publishing.regenerate"
 TRANSFER = "swarmdata.evaluation.transfer.simulator_transfer"
+PAGE = "swarmdata.evaluation.transfer.transfer_page"
+TRANSFER_LINE = "transfer idle --task coop_nav --results a --out b.md"
+PLANNED = ("--task", "--results", "--backend", "--episodes")
 SWEEP = "swarmdata.evaluation.robustness.sweep"
 STUDY = "swarmdata.evaluation.study.run_study"
 CELL = SimpleNamespace(name="bc/a", label="bc", data="a", n_updates=3, key="k")
@@ -214,18 +217,16 @@ CASES = (
          samples={**AXES, "--observation": "range=2,1"}),
     Case("sweep expert --out a --observation noise=0..0.2 --collect",
          (f"{SWEEP}:collect_sweep",), samples={**AXES, "--observation": "range=2,1"}),
-    Case("transfer idle --task coop_nav --results a --out b.md", (f"{TRANSFER}:plan_transfer",),
+    Case(TRANSFER_LINE, (f"{TRANSFER}:plan_transfer",),
          idle={"--out": "the boundary ends the command before it writes",
                "--workers": "and before it evaluates", "--engine": "likewise"}),
-    Case("transfer idle --task coop_nav --results a --out b.md",
-         (f"{TRANSFER}:run_transfer",), {f"{TRANSFER}:plan_transfer": "a plan"},
-         idle=dict.fromkeys(("--task", "--results", "--backend", "--episodes"), "the plan is a stub here")
-         | {"--out": "the boundary ends the command before it writes"}),
-    Case("transfer idle --task coop_nav --results a --out b.md", ("swarmdata.store:write_file",),
+    Case(TRANSFER_LINE, (f"{TRANSFER}:run_transfer",), {f"{TRANSFER}:plan_transfer": "a plan"},
+         idle={**dict.fromkeys(PLANNED, "the plan is a stub here"),
+               "--out": "the boundary ends the command before it writes"}),
+    Case(TRANSFER_LINE, ("swarmdata.store:write_file",),
          {f"{TRANSFER}:plan_transfer": "a plan", f"{TRANSFER}:run_transfer": (),
-          "swarmdata.evaluation.transfer.transfer_page:transfer_page": "# A page"},
-         samples={"--out": "c.md"},
-         idle=dict.fromkeys(("--task", "--results", "--backend", "--episodes", "--workers", "--engine"), "the plan and its run are stubs here")),
+          f"{PAGE}:transfer_page": "# A page"}, {"--out": "c.md"},
+         dict.fromkeys((*PLANNED, "--workers", "--engine"), "all but the file is a stub here")),
     Case("curves a.csv --out a.png", (f"{RESULTS}.curve_plots:draw_training",
                                       f"{RESULTS}.curve_plots:draw_learning")),
     Case("curves a.csv --out a.png --by task", (f"{RESULTS}.curve_plots:draw_learning",)),

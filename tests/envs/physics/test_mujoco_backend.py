@@ -1,4 +1,4 @@
-"""MuJoCo as a simulator: the same commands and events as in Pymunk, repeatable, no deep overlaps."""
+"""MuJoCo as a simulator: commands and events as in Pymunk, repeatable, no deep overlaps."""
 
 from collections.abc import Sequence
 
