@@ -1,15 +1,16 @@
 """A second simulator: robots by the same commands as in Pymunk, contacts by MuJoCo.
 
 In every physics step, `dynamics.drive` gives the force of each robot, as in the other backends,
-and MuJoCo moves all bodies. It does so in steps of at most `mujoco_model.LONGEST_STEP`; where
-nothing can touch for the whole control step, in whole physics steps and without looking for
-contacts. Events are found from positions, by `contacts.update_contacts`, after every step, so a
-collision is defined by the same distances as in Pymunk.
+and MuJoCo moves all bodies. It does so in steps of at most `mujoco_model.LONGEST_STEP`; in free
+motion, as `free_motion` defines it, in one step and without looking for contacts. Events are found
+from positions, by `contacts.update_contacts`, after every step, so a collision is defined by the
+same distances as in Pymunk.
 
 Repeated episodes have the same bits on one machine, with one version of MuJoCo. Other machines and
 versions may give others.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import mujoco
@@ -18,7 +19,7 @@ import numpy as np
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import drive, limits_of
-from swarmdata.envs.physics.free_motion import is_free, write_travel_bounds
+from swarmdata.envs.physics.free_motion import is_free
 from swarmdata.envs.physics.mujoco_model import WorldModel, steps_in
 from swarmdata.errors import SimulationError
 from swarmdata.runtime.kernels import kernel
@@ -36,28 +37,26 @@ class _Copy(NamedTuple):
     forces: Double  # N, [2 N]
     positions: Double  # [2 N + 4 K]
     velocities: Double  # [2 N + 4 K]
-
-
-@kernel
-def _cannot_touch(
-    b: int, robots: Double, limits: Double, radii: Double, half: Double, layouts: Float,
-    slack: Double, time: float,
-) -> bool:  # fmt: skip
-    """Whether nothing can touch in copy `b` for `time` seconds."""
-    travel = np.empty(radii.shape[0])
-    write_travel_bounds(robots[b], limits, time, travel)
-    return is_free(robots[b], 0.0, travel, radii, layouts[b], half, slack[b])
+    warnings: Int  # how many of each kind
 
 
 @kernel
 def _push(
     b: int, k: int, robots: Double, commands: Double, limits: Double, n_substeps: int, dt: float,
-    accelerations: Double, forces: Double,
-) -> None:  # fmt: skip
-    """Writes the forces on robots of 1 kg in physics step `k` of a control step."""
+    accelerations: Double, forces: Double, can_be_free: bool, radii: Double, half: Double,
+    layouts: Float, slack: Double,
+) -> bool:  # fmt: skip
+    """Writes the forces on robots of 1 kg in physics step `k`; returns whether it is free."""
     drive(robots[b], commands[b], limits, n_substeps, dt, k, accelerations)
     for i in range(accelerations.shape[0]):
         forces[2 * i], forces[2 * i + 1] = accelerations[i, 0], accelerations[i, 1]
+    if not can_be_free:
+        return False
+    travel = np.empty(radii.shape[0])  # beyond that by the velocities
+    for i in range(travel.shape[0]):
+        ax, ay = accelerations[i, 0], accelerations[i, 1]
+        travel[i] = math.sqrt(ax * ax + ay * ay) * dt * dt
+    return is_free(robots[b], dt, travel, radii, layouts[b], half, slack[b])
 
 
 @kernel
@@ -74,7 +73,7 @@ def _read(
         first, row = 2 * n + 4 * k, bodies[b, k]
         for c in range(2):
             row[c], row[2 + c] = positions[first + c], velocities[first + c]
-        row[4], row[5] = np.cos(positions[first + 3]), np.sin(positions[first + 3])
+        row[4], row[5] = math.cos(positions[first + 3]), math.sin(positions[first + 3])
         row[6] = velocities[first + 3]
     update_contacts(
         robots[b], radii, layouts[b], half, touching[b], static[b], slack[b], events[b]
@@ -114,7 +113,8 @@ class MujocoBackend:
     def _start(self, b: int) -> _Copy:
         model = self._world.compile(self._layouts[b])
         data = mujoco.MjData(model)
-        copy = _Copy(model, data, model.opt, data.ctrl, data.qpos, data.qvel)
+        numbers = data.warning.number
+        copy = _Copy(model, data, model.opt, data.ctrl, data.qpos, data.qvel, numbers)
         split = 2 * self._robots.shape[1]
         copy.positions[:split] = self._robots[b, :, 0:2].ravel()
         copy.velocities[:split] = self._robots[b, :, 2:4].ravel()
@@ -131,45 +131,39 @@ class MujocoBackend:
             copy = self._copies[b]
             if copy is None:
                 raise RuntimeError(f"copy {b} was stepped before its first reset")
-            is_open = self._can_be_free and _cannot_touch(
-                b, self._robots, self._limits, self._radii, self._half, self._layouts,
-                contacts.slack, self._n_substeps * self._dt,
-            )  # fmt: skip
-            self._advance(b, copy, commands, contacts, events, is_open=is_open)
+            self._advance(b, copy, commands, contacts, events)
             _write(b, self._robots, self._bodies, states)
 
     def _advance(
-        self, b: int, copy: _Copy, commands: Double, contacts: Contacts, events: Counts,
-        *, is_open: bool,
-    ) -> None:  # fmt: skip
+        self, b: int, copy: _Copy, commands: Double, contacts: Contacts, events: Counts
+    ) -> None:
         """Makes one control step of copy `b`."""
-        n_steps = 1 if is_open else self._n_short
-        copy.option.timestep = self._dt / n_steps
-        copy.option.disableflags = NO_CONTACTS if is_open else 0
         for k in range(self._n_substeps):
-            _push(
+            is_open = _push(
                 b, k, self._robots, commands, self._limits, self._n_substeps, self._dt,
-                self._accelerations, copy.forces,
+                self._accelerations, copy.forces, self._can_be_free, self._radii, self._half,
+                self._layouts, contacts.slack,
             )  # fmt: skip
+            n_steps = 1 if is_open else self._n_short
+            copy.option.timestep = self._dt / n_steps
+            copy.option.disableflags = NO_CONTACTS if is_open else 0
             for _ in range(n_steps):
                 mujoco.mj_step(copy.model, copy.data)
                 _read(
                     b, copy.positions, copy.velocities, self._robots, self._bodies, self._radii,
                     self._half, self._layouts, *contacts, events,
                 )  # fmt: skip
-        if not is_open:
-            _check_warnings(copy.data)
+        _check_warnings(copy.warnings)
 
 
-def _check_warnings(data: Any) -> None:
-    """Raises if MuJoCo had to leave out contacts, or started anew after diverging.
+def _check_warnings(numbers: Int) -> None:
+    """Checks that MuJoCo had room for all contacts, and did not start anew after diverging.
 
     Raises:
-        SimulationError: it did.
+        SimulationError: it warned.
     """
-    counts = [warning.number for warning in data.warning]
-    if any(counts):
-        kinds = [str(mujoco.mjtWarning(k)) for k, count in enumerate(counts) if count]
+    if numbers.any():
+        kinds = [mujoco.mjtWarning(k).name for k in np.flatnonzero(numbers).tolist()]
         raise SimulationError(
             f"MuJoCo {mujoco.__version__} warned in a world: {', '.join(kinds)}, expected no "
             "warning; its positions cannot be trusted. Use fewer robots or a shorter physics_dt, "

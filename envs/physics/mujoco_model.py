@@ -24,6 +24,10 @@ from swarmdata.types import Float
 LONGEST_STEP = 0.0125
 """Largest length (s) of MuJoCo's steps near contacts; a physics step has a whole number of them."""
 
+DAMPING_RATIO = 2.0
+"""Of contacts. At MuJoCo's default of 1, the overlap of one step is pushed out so fast that bodies
+bounce."""
+
 GRAVITY = 9.81
 """m/s^2; it acts on payloads only."""
 
@@ -68,7 +72,7 @@ class WorldModel:
         option.impratio = FRICTION_HARDNESS
         self._contact = {
             "friction": (BODY_FRICTION, 0.0, 0.0),
-            "solref": (2.0 * option.timestep, 1.0),  # the hardest that is stable
+            "solref": (2.0 * option.timestep, DAMPING_RATIO),  # the quickest that is stable
             "contype": BODIES,
             "conaffinity": BODIES,
         }
