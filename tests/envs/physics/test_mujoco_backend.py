@@ -183,6 +183,22 @@ def test_an_episode_leaves_no_trace_in_the_next(task: str) -> None:
     assert n_contacts > 0
 
 
+def test_threads_and_batches_give_the_same_bits() -> None:
+    spec = preset("coop_nav").with_updates(backend="mujoco")
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 4, 4, 2))
+    ids = np.arange(4, dtype=np.uint64)
+    one, two, alone = make_env(spec, 4), make_env(spec, 4, n_threads=2), make_env(spec)
+    for env in (one, two):
+        env.reset(ids)
+    alone.reset(ids[2:3])
+    for t in range(40):
+        steps = [env.step(actions[t // 8]) for env in (one, two)]
+        assert all(map(np.array_equal, *steps))
+        single = alone.step(actions[t // 8, 2:3])
+        np.testing.assert_array_equal(single.states[0], steps[0].states[2])
+    two.close()
+
+
 def test_steps_near_contacts_are_short() -> None:
     assert steps_in(0.05) == 4
     assert steps_in(0.0125) == 1
