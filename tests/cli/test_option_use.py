@@ -55,7 +55,11 @@ SAMPLES = {
 }
 """Values that differ from defaults; of other options, numbers and words."""
 
-AXES = {"--communication": "drop=0.1,0.2", "--observation": "noise=0.1,0.2"}
+AXES = {
+    "--body": "max_speed=0.5,0.4",
+    "--communication": "drop=0.1,0.2",
+    "--observation": "noise=0.1,0.2",
+}
 
 
 @dataclass(frozen=True)

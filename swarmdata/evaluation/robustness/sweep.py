@@ -1,4 +1,4 @@
-"""Evaluates trained policies under worse communication and sensing, with everything else fixed.
+"""Evaluates policies under worse communication, sensing or bodies, with everything else fixed.
 
 results/trained/            result files with everything as in training
 results/PART-NAME-VALUE/    result files at one value of an axis
@@ -210,7 +210,7 @@ def _check_axes(axes: Sequence[Axis]) -> None:
     if not axes:
         raise SpecError(
             "there is nothing to sweep. Pass at least one axis, such as --communication "
-            "drop=0..0.8 or --observation noise=0..0.2."
+            "drop=0..0.8, --observation noise=0..0.2 or --body max_acceleration=1.5..0.5."
         )
     swept = [axis.parameter for axis in axes]
     twice = [parameter for parameter in swept if swept.count(parameter) > 1]
@@ -226,7 +226,8 @@ def _teams(
     targets = []
     for name, source in zip(names, sources, strict=True):
         targets.append(source.find())
-        _check_senses(targets[-1], name)
+        if any(axis.part != "body" for axis in axes):
+            _check_senses(targets[-1], name)
     teams = [
         _Team(label, source, target, _axis_specs(axes, name, target))
         for name, label, source, target in zip(

@@ -57,7 +57,7 @@ def test_a_recorded_episode_is_drawn_as_other_robots_would_have_seen_it(
     plain = draw_target("x", tmp_path / "plain.png", 0, None)
 
     with pytest.raises(SpecError, match="drawn as recorded, not simulated in mujoco"):
-        draw_target("x", tmp_path / "x.png", 0, backend="mujoco")
+        draw_target("x", tmp_path / "x.png", 0, None, backend="mujoco")
 
     live = play(with_models(Recorded.task, "lidar", "lossy-40"))
     np.testing.assert_array_equal(seen.observations, live.observations)
