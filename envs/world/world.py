@@ -9,6 +9,7 @@ from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
 from swarmdata.envs.physics.kinematic import KinematicBackend
+from swarmdata.envs.physics.motors import Motors
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
@@ -237,6 +238,7 @@ class World:
         self._backend = backend(plan, n_copies)
         self._n_movables = len(plan.movables)
         self._commands: Double = np.zeros((n_copies, n, 2))
+        self._motors = Motors.of(spec, n_copies)
         self._fixed = (limits_of(spec), self.active, self._commands)
 
     def reset(self, copies: Int, layouts: Float, states: Float) -> None:
@@ -246,6 +248,8 @@ class World:
         bodies: Double = np.empty((len(copies), k, 7))
         begin_worlds(copies, states, *self.contacts, robots, bodies)
         self._backend.reset(copies, layouts, robots, bodies)
+        if self._motors is not None:
+            self._motors.reset(copies)
 
     def begin(self, actions: Float | Double, before: Step, now: Step) -> int:
         """Finds the copies that have not ended, and clips their commands.
@@ -265,4 +269,6 @@ class World:
 
     def advance(self, now: Step) -> None:
         """Advances the copies that `begin` has found; writes the events and states of this step."""
+        if self._motors is not None:
+            self._motors.follow(self.active, now.times, self._commands)
         self._backend.step(self.active, self._commands, self.contacts, now.events, now.states)

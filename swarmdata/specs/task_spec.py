@@ -25,8 +25,10 @@ from swarmdata.specs.quantities import (
     Acceleration,
     Count,
     CountOrNone,
+    Delay,
     Distance,
     Duration,
+    Lag,
     Length,
     Span,
     Speed,
@@ -92,6 +94,15 @@ class Robot(Frozen):
     max_acceleration: Acceleration = 1.5  # m/s^2
     max_turn_rate: TurnRate = 3.0  # rad/s, unicycle only
     sensor_range: Length | None = None  # m, of this robot's sensors, if shorter than the model's
+    command_delay: Delay = 0  # control steps until a command reaches the motors
+    actuator_lag: Lag = 0.0  # s, time constant with which the motors follow it
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out later fields at their defaults: hashes of older specs stay the same."""
+        content: dict[str, Any] = write(self)
+        later = ("command_delay", "actuator_lag")
+        return {key: value for key, value in content.items() if key not in later or value != 0}
 
 
 class Role(Frozen):

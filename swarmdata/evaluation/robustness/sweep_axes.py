@@ -29,7 +29,7 @@ from swarmdata.specs.sensing_models import (
     SensorNoise,
     StateModel,
 )
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 
 Part = Literal["communication", "observation", "body"]
 
@@ -43,7 +43,9 @@ SHORT_NAMES = {
 }
 """Short names of fields of the communication model."""
 
-BODY_FIELDS = ("max_speed", "max_acceleration", "max_turn_rate")
+BODY_FIELDS = (
+    "max_speed", "max_acceleration", "max_turn_rate", "command_delay", "actuator_lag",
+)  # fmt: skip
 """Fields of `task_spec.Robot` that are axes of the body; turn rates are those of unicycles."""
 
 PAYLOAD_FIELDS = {"payload_mass": "mass", "payload_friction": "friction"}
@@ -265,12 +267,10 @@ def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:
     """The number in all these places; None if there is no single one."""
     found = set()
     for place in places:
-        node: Any = spec.model_dump(mode="json")
+        node: Any = spec
         for key in place:
-            if isinstance(node, Mapping):
-                node = node.get(key)  # `goal_steps` and `max_age` may be left out
-            elif node is not None:
-                node = node[key]
+            if node is not None:
+                node = node[key] if isinstance(key, int) else getattr(node, key)
         found.add(node)
     return found.pop() if len(found) == 1 else None
 
@@ -295,9 +295,9 @@ def _types(annotation: Any) -> Iterator[type]:
 
 
 def _is_whole(part: Part, name: str) -> bool:
-    """Whether the models of a part have an integer field of this name; a body has none."""
+    """Whether the models of a part have an integer field of this name."""
     if part == "body":
-        return False
+        return dict(_fields(Robot)).get((name,), False)
     path = tuple(SHORT_NAMES.get(name, name).split("."))
     models = _types(TaskSpec.model_fields[part].annotation)
     return any(dict(_fields(model)).get(path, False) for model in models)

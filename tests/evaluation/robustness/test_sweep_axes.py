@@ -134,7 +134,7 @@ def _is_accepted(spec: TaskSpec, places: tuple[Place, ...], value: float) -> boo
     return True
 
 
-@pytest.mark.parametrize("name", ["max_speed", "max_acceleration", "max_turn_rate"])
+@pytest.mark.parametrize("name", ["max_speed", "max_acceleration", "max_turn_rate", "actuator_lag"])
 def test_an_axis_of_the_body_changes_the_robots_that_have_it(name: str) -> None:
     team = (Role(name="a"), Role(name="b", robot=Robot(dynamics="unicycle")))
     spec = TaskSpec(team=team)
@@ -145,6 +145,15 @@ def test_an_axis_of_the_body_changes_the_robots_that_have_it(name: str) -> None:
         roles = (1,) if name == "max_turn_rate" else (0, 1)
         assert paths == {f"team[{k}].robot.{name}" for k in roles}
         assert paths == {path for path, *_ in differences(spec, offered)}
+
+
+def test_a_delay_of_commands_is_whole() -> None:
+    axis = parse_axis("command_delay=0..4", "body", 3)
+    assert axis.values == (0, 2, 4)
+    found = specs_along_axis(axis, "bc", TaskSpec())
+    assert found.trained == 0
+    assert found.specs[0] == TaskSpec()
+    assert [spec.robots[0].command_delay for spec in found.specs] == [0, 2, 4]
 
 
 def test_a_payload_is_part_of_the_bodies() -> None:
