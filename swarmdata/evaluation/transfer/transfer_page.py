@@ -15,6 +15,9 @@ from swarmdata.types import Double
 
 _MINUS = "\u2212"  # as in all our tables
 
+TITLES = {"pymunk": "Pymunk", "mujoco": "MuJoCo", "kinematic": "a world without contacts"}
+"""Simulators as texts call them."""
+
 
 def transfer_page(teams: Sequence[TeamTransfer]) -> str:
     """Returns the page as Markdown.
@@ -22,7 +25,7 @@ def transfer_page(teams: Sequence[TeamTransfer]) -> str:
     Args:
         teams: at least one, all with the same two simulators and number of episodes.
     """
-    first, second = teams[0].backends
+    first, second = (TITLES[each] for each in teams[0].backends)
     n_episodes = teams[0].metric("return")[0].shape[1]
     sentences = "".join(f"- {sentence}\n" for sentence in _sentences(teams))
     tables = "".join(
@@ -32,7 +35,7 @@ def transfer_page(teams: Sequence[TeamTransfer]) -> str:
     command = (
         f"swarmdata transfer {' '.join(dict.fromkeys(team.label for team in teams))}"
         f"{''.join(f' --task {task}' for task in dict.fromkeys(team.task for team in teams))}"
-        f" --backend {second} --episodes {n_episodes} --results FOLDER --out FILE"
+        f" --backend {teams[0].backends[1]} --episodes {n_episodes} --results FOLDER --out FILE"
     )
     return (
         "# Do policies depend on the simulator?\n\n"
@@ -44,21 +47,22 @@ def transfer_page(teams: Sequence[TeamTransfer]) -> str:
         f"means are for {TARGET_OF_SEVERAL} where a row has several policies, else for "
         f"{TARGET_OF_ONE}; differences are paired by policy and episode. That of a rank "
         "correlation is a bootstrap over policies, which share tasks and tiers, so it tends to be "
-        f"too narrow. Made with {_versions((first, second))}; other versions of {second}, and "
+        f"too narrow. Made with {_versions(teams[0].backends)}; other versions of {second}, and "
         "other machines, may give other digits.\n\n"
         f"    {command}\n\nwrites this page.\n"
     )
 
 
 def _sentences(teams: Sequence[TeamTransfer]) -> list[str]:
-    first, second = teams[0].backends
+    first, second = (TITLES[each] for each in teams[0].backends)
     changes = [_difference(*team.scores()) for team in teams]
     lower = [t for t, c in zip(teams, changes, strict=True) if c.high < 0.0]
     higher = [t for t, c in zip(teams, changes, strict=True) if c.low > 0.0]
     rest = len(teams) - len(lower) - len(higher)
     found = [
-        f"Of {len(teams)} teams, {len(lower)} score clearly lower in {second} than in {first}"
-        f"{_named(lower)}, {len(higher)} clearly higher{_named(higher)}, and {rest} neither."
+        f"In {second}, the score of {len(lower)} of {len(teams)} teams is clearly lower than in "
+        f"{first}{_named(lower)}, that of {len(higher)} clearly higher{_named(higher)}, and that "
+        f"of {rest} neither."
     ]
     largest = max(range(len(teams)), key=lambda k: abs(changes[k].value))
     found.append(
@@ -85,7 +89,7 @@ def _name(team: TeamTransfer) -> str:
 
 
 def _table(teams: Sequence[TeamTransfer]) -> str:
-    first, second = teams[0].backends
+    first, second = (TITLES[each] for each in teams[0].backends)
     head = ["team", "policies"]
     head += [f"score, {each}" for each in (first, second)] + ["change"]
     head += [f"success (%), {each}" for each in (first, second)]
@@ -109,13 +113,14 @@ def _difference(known: Double, new: Double) -> Estimate:
 
 
 def _plain(found: Estimate, decimals: int) -> str:
-    text = f"{found.value:.{decimals}f} [{found.low:.{decimals}f}, {found.high:.{decimals}f}]"
+    value, low, high = (round(each, decimals) + 0.0 for each in found)  # no -0.0
+    text = f"{value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
     return text.replace("-", _MINUS)
 
 
 def _signed(found: Estimate, decimals: int) -> str:
-    text = f"{found.value:+.{decimals}f} [{found.low:.{decimals}f}, {found.high:.{decimals}f}]"
-    return text.replace("-", _MINUS)
+    text = _plain(found, decimals)
+    return text if text.startswith(_MINUS) else f"+{text}"
 
 
 def _versions(backends: Sequence[str]) -> str:
