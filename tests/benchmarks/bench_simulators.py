@@ -18,7 +18,7 @@ from tests.benchmarks.engines import Run, swarm
 from tests.benchmarks.measuring import interleave, table, write_section
 from tests.benchmarks.replays import Replay
 
-TEAMS = {4: "coop_nav", 8: "coop_nav-n8", 16: "coop_nav-n16"}
+TEAMS = {4: "coop_nav", 8: "coop_nav-n8"}
 BACKENDS = ("pymunk", "mujoco")
 ACTIONS = ("random", "scripted")
 N_COPIES = 16
