@@ -111,8 +111,9 @@ class MujocoBackend:
             self._copies[b] = self._start(b)
 
     def _start(self, b: int) -> _Copy:
-        model = self._world.compile(self._layouts[b])
-        data = mujoco.MjData(model)
+        model, used = self._world.compile(self._layouts[b]), self._copies[b]
+        data = mujoco.MjData(model) if used is None else used.data  # all models have its sizes
+        mujoco.mj_resetData(model, data)
         numbers = data.warning.number
         copy = _Copy(model, data, model.opt, data.ctrl, data.qpos, data.qvel, numbers)
         split = 2 * self._robots.shape[1]

@@ -149,10 +149,9 @@ def test_an_axis_of_the_body_changes_the_robots_that_have_it(name: str) -> None:
 
 def test_a_delay_of_commands_is_whole() -> None:
     axis = parse_axis("command_delay=0..4", "body", 3)
-    assert axis.values == (0, 2, 4)
+    assert list(axis.values) == [0, 2, 4]
     found = specs_along_axis(axis, "bc", TaskSpec())
-    assert found.trained == 0
-    assert found.specs[0] == TaskSpec()
+    assert (found.trained, found.specs[0]) == (0, TaskSpec())
     assert [spec.robots[0].command_delay for spec in found.specs] == [0, 2, 4]
 
 
