@@ -1,5 +1,6 @@
 """The executor of a Ray cluster: `ray://HOST:PORT`, or `ray` for processes of this machine."""
 
+import os
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any
@@ -30,7 +31,8 @@ def open_ray(address: str | None) -> Executor:
     """Connects to a cluster, or starts processes on this machine.
 
     Args:
-        address: such as `ray://HOST:PORT`; None: this machine.
+        address: such as `ray://HOST:PORT`; None: that of `RAY_ADDRESS`, as in jobs that Ray runs,
+            or else processes of this machine, started for this.
 
     Raises:
         MissingExtraError: Ray is not installed.
@@ -39,11 +41,13 @@ def open_ray(address: str | None) -> Executor:
     require_extra("ray", "ray", "the engine ray")
     import ray  # noqa: PLC0415  (an extra)
 
+    # without an address, Ray would look for the last cluster of this machine, which may be dead
+    found = address or os.environ.get("RAY_ADDRESS", "local")
     try:
-        ray.init(address, ignore_reinit_error=True, log_to_driver=False, include_dashboard=False)
+        ray.init(found, ignore_reinit_error=True, log_to_driver=False, include_dashboard=False)
     except Exception as error:  # ray.init raises plain ones, too, such as for a slow start
         raise EngineError(
-            f"no Ray cluster answers at {address or 'this machine'} ({error}). Start one with "
+            f"no Ray cluster answers at {found} ({error}). Start one with "
             "`ray start --head`, or use the engine ray without an address. What is finished "
             "is kept: run the same command again to continue."
         ) from error
