@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from functools import partial
 from typing import Any
 
 from swarmdata.errors import EngineError
@@ -13,11 +14,13 @@ class RayExecutor(Executor):
     """Submits to a Ray that has been initialized; one core for each call."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        """Calls a function in a process of the cluster, once."""
+        """Calls a function in a process of the cluster, once; cancelling ends the call there."""
         import ray  # noqa: PLC0415  (an extra)
 
-        remote = ray.remote(num_cpus=1, max_retries=0)(fn)
-        future: Future[Any] = remote.remote(*args, **kwargs).future()
+        call = ray.remote(num_cpus=1, max_retries=0)(fn).remote(*args, **kwargs)
+        future: Future[Any] = Future()
+        future.add_done_callback(lambda ended: ray.cancel(call) if ended.cancelled() else None)
+        call.future().add_done_callback(partial(_hand_over, future))
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -25,6 +28,17 @@ class RayExecutor(Executor):
         import ray  # noqa: PLC0415  (an extra)
 
         ray.shutdown()
+
+
+def _hand_over(future: "Future[Any]", call: "Future[Any]") -> None:
+    """Gives a future the outcome of a call, unless it was cancelled meanwhile."""
+    if not future.set_running_or_notify_cancel():
+        return
+    error = call.exception()
+    if error is None:
+        future.set_result(call.result())
+    else:
+        future.set_exception(error)
 
 
 def open_ray(address: str | None) -> Executor:

@@ -68,6 +68,8 @@ def double(x: float) -> float:
 START_SECONDS = 120
 """For schedulers and their workers, on a busy machine."""
 
+os.environ.setdefault("RAY_agent_register_timeout_ms", str(1000 * START_SECONDS))
+
 Engines = Callable[[], str | Executor]
 
 
