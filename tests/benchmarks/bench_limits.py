@@ -188,8 +188,8 @@ machine the ratios with VMAS and with the physics were higher (*Low-dimensional 
   (0.86 to 0.97) times with 1,024: a thread that has to wait for its core holds up the other.
 - Threads in an evaluation: half of its time is acting and a tenth is stepping. In one run of
   `bench_limits threads` two threads gave 1.74 (1.58 to 1.82) times the steps of 256 copies, and
-  evaluations were 1.02 (0.86 to 1.2) times as fast with the scripted team, 1.28 (1.21 to 1.44) times
-  with an expert. Several processes (`evaluate --workers`) share out policies instead.
+  evaluations were 1.02 (0.86 to 1.2) times as fast with the scripted team, 1.28 (1.21 to 1.44)
+  times with an expert. Several processes (`evaluate --workers`) share out policies instead.
 - Batches: rows of observations come from memory at random, at 8 GB/s on this machine. Those of 256
   transitions take 52 of 99 us, so that 3 times fancy indexing would leave 5 us for all else. Of
   windows, a compiled loop that reads each row once for observations and next observations would
