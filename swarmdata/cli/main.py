@@ -59,7 +59,7 @@ SECTIONS = {
         "card",
     ),
     "Worlds": ("task", "references"),
-    "Learning": ("study", "study-pages", "sweep", "rank", "learning", "curves"),
+    "Learning": ("study", "study-pages", "sweep", "rank", "learning", "curves", "export-policy"),
     "Hub": ("pull", "push", "remote", "catalogue"),
     "Maintenance": ("warm", "registry", "ship"),
 }
@@ -322,6 +322,7 @@ app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
+app.command()(training_commands.export_policy)
 app.command()(ranking_commands.rank)
 app.command()(convert_commands.convert)
 app.command("import")(import_commands.import_command)

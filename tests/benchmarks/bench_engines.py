@@ -68,9 +68,7 @@ SUBJECTS = (
     Subject("executor", _pool, what="`ProcessPoolExecutor` of the user, spawned"),
     Subject("dask", dask_cluster, package="distributed", what="scheduler, 2 workers on loopback"),
     Subject("ray", lambda: nullcontext("ray"), package="ray", what="processes of this machine"),
-    Subject(
-        "ray-client", ray_cluster, package="ray", what="`ray://`, 2 cores on loopback"
-    ),
+    Subject("ray-client", ray_cluster, package="ray", what="`ray://`, 2 cores on loopback"),
     Subject("slurm", _slurm, N_SLURM_JOBS, "submitit", "2 nodes on loopback, a job for each"),
 )
 

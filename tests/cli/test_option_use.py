@@ -158,6 +158,7 @@ CASES = (
     Case("train vdn --task coop_nav --data coop_nav-expert", (f"{RUNS}.train:train_online",)),
     Case("ship coop_nav --out a", ("swarmdata.online_algos.runs.checkpoint_selection:ship",),
          {"swarmdata.online_algos.runs.checkpoint_selection:seeds_of": list}),
+    Case("export-policy run a.onnx", ("swarmdata.interop.exported_policies:export_policy",)),
     Case("learning run --out a", (f"{RESULTS}.online_report:write_online_report",)),
     Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),
          samples={"--by": "td_error"},

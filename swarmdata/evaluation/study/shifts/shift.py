@@ -1,5 +1,6 @@
 """The policies of a finished cell in other conditions: what to evaluate, and what they reach."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from swarmdata.evaluation.study.shifts.shift_table import Shifted
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Source
 
+_LOG = logging.getLogger("swarmdata")
+
 
 @dataclass(frozen=True)
 class Shift:
@@ -30,11 +33,12 @@ class Shift:
     Attributes:
         place: names of the cell and of the condition, without estimates.
         evaluations: one for each policy; none: the policies cannot read what they would be given,
-            or the robots are others.
+            or the robots are others; None: the cell was restored from a study's archive, which has
+            results and no policies.
     """
 
     place: Shifted
-    evaluations: tuple[Evaluation, ...]
+    evaluations: tuple[Evaluation, ...] | None
 
 
 def plan_shift(
@@ -50,6 +54,8 @@ def plan_shift(
         place: names of the conditions, and the number of seeds of the study's block.
     """
     run = cell_run_folder(cell, cell_folder(found.work, cell))
+    if not run.is_dir():
+        return Shift(place, None)
     source = TargetName.of(str(run), **conditions)  # type: ignore[arg-type]  # tasks are names
     try:
         target = source.find()
@@ -66,7 +72,7 @@ def run_shifts(
     workers: int = 1,
     progress: bool = True,
 ) -> None:
-    """Evaluates what is not kept yet.
+    """Evaluates what is not kept yet; a warning names cells without policies.
 
     Args:
         shifts: may be none.
@@ -77,7 +83,12 @@ def run_shifts(
     Raises:
         SwarmdataError: as `run_evaluations` says.
     """
-    every = [each for shift in shifts for each in shift.evaluations]
+    for place in (shift.place for shift in shifts if shift.evaluations is None):
+        _LOG.warning(
+            "%s/%s has no policies in the folder of cells, so it is not evaluated in %s: make it "
+            "again with --cell and --again", place.label, place.dataset, place.used_with,
+        )  # fmt: skip
+    every = [each for shift in shifts for each in shift.evaluations or ()]
     if every:
         run_evaluations(every, engine=engine, workers=workers, progress=progress)
 
@@ -89,6 +100,8 @@ def estimate_shifts(found: Findings, shifts: Sequence[Shift]) -> list[Shifted]:
 
 
 def _estimate(found: Findings, shift: Shift) -> Shifted | None:
+    if shift.evaluations is None:
+        return None
     if not shift.evaluations:
         return shift.place
     kept = [each.result() for each in shift.evaluations]
