@@ -17,7 +17,7 @@ from swarmdata.cli.shared_options import (
     parse_settings,
 )
 
-ONLINE_OPTIONS = ("first_seed", "steps", "start", "recorded", "offline_share")
+ONLINE_OPTIONS = ("first_seed", "steps", "start", "recorded", "offline_share", "threads")
 OFFLINE_OPTIONS = (
     "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
 )  # fmt: skip
@@ -45,6 +45,7 @@ Recorded = Annotated[
 Share = Annotated[float, typer.Option(help="online: part of each batch that --data gives")]
 Device = Annotated[str, typer.Option(help="offline: torch device")]
 CurveEvery = Annotated[int, typer.Option(min=1, help="offline: updates between two evaluations")]
+Threads = Annotated[int, typer.Option(min=1, help="online: threads that step the worlds")]
 Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
 
@@ -73,6 +74,7 @@ def train(
     workers: Processes = 1,
     engine: Engine = "local",
     part: Part = None,
+    threads: Threads = 1,
     device: Device = "cpu",
     compile: Compile = False,
 ) -> None:
@@ -96,7 +98,7 @@ def train(
     if task is not None:
         _trainers().train_online(
             algorithm, task, folder, seeds=range(first_seed, first_seed + seeds), start=start,
-            data=ids, offline_share=offline_share, **shared,
+            data=ids, offline_share=offline_share, n_threads=threads, **shared,
         )  # fmt: skip
     elif data is not None:
         _trainers().train(

@@ -30,7 +30,7 @@ from tests.benchmarks.bench_worlds import (
     record_teams,
     team,
 )
-from tests.benchmarks.busy_thread import measure_threads
+from tests.benchmarks.busy_thread import measure_evaluation, measure_threads
 from tests.benchmarks.engines import Run, mpe2, physics, swarm
 from tests.benchmarks.load_formats import FORMATS, OURS
 from tests.benchmarks.measuring import Rate, pair, table, write_section
@@ -106,10 +106,14 @@ def one_rows() -> Iterator[Row]:
 
 
 def thread_rows() -> Iterator[Row]:
-    """Two threads of one environment: the processor time of the busier one."""
+    """Two threads of one environment, and in evaluations: processor time of the busier one."""
     for n_copies in THREADED_COPIES:
         ratio = measure_threads(team(4), n_copies)
         yield Row(f"steps, 4 robots, {n_copies} copies, 2 threads", "1 thread", ratio, None, 1.9)
+    for name in ("scripted", "expert"):
+        ratio = measure_evaluation(name, team(4), 256)
+        work = f"evaluation of `{name}`, 256 copies, 2 threads"
+        yield Row(work, "1 thread", ratio, None, 1.9)
 
 
 def batch_rows(dataset: Dataset, batch_size: int, length: int | None) -> Iterator[Row]:
@@ -182,6 +186,10 @@ machine the ratios with VMAS and with the physics were higher (*Low-dimensional 
   two processes with half of the copies each, in turns on two cores with a load of 20, two threads
   made 0.62 (0.55 to 0.74) times the steps with 256 copies and 0.91
   (0.86 to 0.97) times with 1,024: a thread that has to wait for its core holds up the other.
+- Threads in an evaluation: half of its time is acting and a tenth is stepping. In one run of
+  `bench_limits threads` two threads gave 1.74 (1.58 to 1.82) times the steps of 256 copies, and
+  evaluations were 1.02 (0.86 to 1.2) times as fast with the scripted team, 1.28 (1.21 to 1.44)
+  times with an expert. Several processes (`evaluate --workers`) share out policies instead.
 - Batches: rows of observations come from memory at random, at 8 GB/s on this machine. Those of 256
   transitions take 52 of 99 us, so that 3 times fancy indexing would leave 5 us for all else. Of
   windows, a compiled loop that reads each row once for observations and next observations would

@@ -1,4 +1,4 @@
-"""How much faster two threads step an environment, by the processor time of the busier one.
+"""How much faster two threads step or evaluate, by the processor time of the busier one.
 
 A busy machine does not run both at once, so its clock says nothing. On an idle one a step takes as
 long as its busier thread works, and the 13 us in which the threads meet. The busier one is the
@@ -9,8 +9,10 @@ import time
 
 import numpy as np
 
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
+from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 from tests.benchmarks.measuring import Rate
@@ -36,6 +38,22 @@ def measure_threads(spec: TaskSpec, n_copies: int, rounds: int = 9) -> Rate:
     for env in envs:
         env.close()
     return Rate.of(ratios[1:])  # the first warms the caches
+
+
+def measure_evaluation(name: str, spec: TaskSpec, n_copies: int, rounds: int = 5) -> Rate:
+    """The same of a whole evaluation by a policy that is shipped: acting, stepping, measuring."""
+    policy, n_episodes = find_target(name, spec.task).policies[0], 2 * n_copies
+
+    def seconds(n_threads: int) -> float:
+        begin = time.thread_time()
+        evaluate(
+            policy, spec, name=name, n_episodes=n_episodes, n_copies=n_copies, n_threads=n_threads,
+            progress=False,
+        )  # fmt: skip
+        return time.thread_time() - begin
+
+    seconds(2)  # warms the caches
+    return Rate.of([seconds(1) / seconds(2) for _ in range(rounds)])
 
 
 def _step(env: VecEnv, actions: Double) -> float:

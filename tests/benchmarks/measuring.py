@@ -41,7 +41,7 @@ and rewrites it. [Benchmarks](benchmarks.md) has the speed.
 MEASUREMENTS = (
     "Contacts", "Contacts in datasets", "Contacts under other physics", "What rewards prefer",
     "Coverage of intervals", "Algorithms beside others", "Memory", "Memory of large datasets",
-    "Engines", "Ten tasks by the clock",
+    "Ten tasks by the clock",
 )  # fmt: skip
 """Sections that are not of speed."""
 

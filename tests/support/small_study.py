@@ -1,4 +1,4 @@
-"""A study of two cells on a tiny dataset, and what its tables say."""
+"""A study of two cells on a tiny dataset, also in another task and under noise, and its tables."""
 
 from concurrent.futures import Executor
 from pathlib import Path
@@ -26,10 +26,19 @@ def study_tables(engine: str | Executor, data: Path, folder: Path) -> dict[str, 
         "seeds": [0, 1],
         "hidden": [8],
         "episodes": 4,
-    }
+        "tasks": {
+            "datasets": [str(data)], "algorithms": ["bc"], "tasks": ["coop_nav-easy"],
+            "episodes": 3,
+        },
+        "sweeps": {
+            "noise": {"dataset": str(data), "vary": "observation", "axis": "noise=0,0.2",
+                      "points": 2, "episodes": 2},
+        },
+    }  # fmt: skip
     options = StudyOptions(folder / "out", folder / "work", 2, engine, progress=False)
     failures, _ = run_study(Study.parse(plan, "the test's study"), options, "the command")
     assert failures == {}
-    tables = sorted((folder / "out").glob("*.csv"))
-    assert tables
-    return {file.name: file.read_bytes() for file in tables if "cost" not in file.name}
+    out = folder / "out"
+    tables = {str(file.relative_to(out)): file for file in sorted(out.rglob("*.csv"))}
+    assert {"results.csv", "tasks.csv", "sweeps/noise/sweep.csv"} <= tables.keys()
+    return {name: file.read_bytes() for name, file in tables.items() if "cost" not in name}

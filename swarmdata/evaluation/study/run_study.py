@@ -32,7 +32,7 @@ class StudyOptions:
         out: folder of tables, figures and text.
         work: folder of cells; None: `runs/study-<name>`.
         workers: processes of the engine `local`.
-        engine: where cells run, as `build` takes it.
+        engine: where cells run and policies are evaluated in other conditions, as `build` takes it.
         only: pattern of the cells to run, such as `bc/*`; sweeps and evaluations in other views
             and tasks are skipped then.
         shifts_only: whether no cell of the grid is run, only sweeps, and finished cells in other
@@ -123,21 +123,30 @@ def _write_pages(
             for sweep in planned
             if (sweep.is_ready(found.work) if measure else sweep.is_measured(found.work))
         ]
-        sections = run_sweeps(ready, found.work, options.out, progress=options.progress)
-    shifts = _used_elsewhere(found, measure=measure)
+        sections = run_sweeps(
+            ready, found.work, options.out, engine=options.engine, workers=options.workers,
+            progress=options.progress,
+        )  # fmt: skip
+    shifts = _used_elsewhere(found, options, measure=measure)
     return write_pages(found, options.out, command, sections, shifts)
 
 
-def _used_elsewhere(found: Findings, *, measure: bool) -> dict[str, list[Shifted]]:
+def _used_elsewhere(
+    found: Findings, options: StudyOptions, *, measure: bool
+) -> dict[str, list[Shifted]]:
     """What policies reach in the other views and tasks of the plan, by the name of the file."""
     # imported late: they need torch
-    from swarmdata.evaluation.study.shifts.other_tasks import find_other_tasks  # noqa: PLC0415  (torch)
-    from swarmdata.evaluation.study.shifts.transfers import find_transfers  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.study.shifts.other_tasks import plan_other_tasks  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.study.shifts.shift import estimate_shifts, run_shifts  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.study.shifts.transfers import plan_transfers  # noqa: PLC0415  (torch)
 
-    rows = {
-        TRANSFER_FILE: find_transfers(found, measure=measure),
-        TASKS_FILE: find_other_tasks(found, measure=measure),
-    }
+    shifts = {TRANSFER_FILE: plan_transfers(found), TASKS_FILE: plan_other_tasks(found)}
+    if measure:
+        run_shifts(
+            [shift for each in shifts.values() for shift in each], engine=options.engine,
+            workers=options.workers, progress=options.progress,
+        )  # fmt: skip
+    rows = {name: estimate_shifts(found, each) for name, each in shifts.items()}
     # where nothing was evaluated yet, it says nothing that some policies do not fit
     return {name: each if any(row.estimates for row in each) else [] for name, each in rows.items()}
 

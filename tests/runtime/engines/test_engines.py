@@ -6,9 +6,10 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,8 @@ def double(x: float) -> float:
 START_SECONDS = 120
 """For schedulers and their workers, on a busy machine."""
 
+os.environ.setdefault("RAY_agent_register_timeout_ms", str(1000 * START_SECONDS))
+
 Engines = Callable[[], str | Executor]
 
 
@@ -75,12 +78,16 @@ def start_dask(command: str, *arguments: str) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(program, stderr=subprocess.DEVNULL)
 
 
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
 @contextmanager
 def dask_cluster() -> Iterator[str]:
     """A scheduler and two workers, which are started again when they are killed."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
+    address = f"127.0.0.1:{free_port()}"
     scheduler = start_dask("dask_scheduler", "--host", address)
     worker = start_dask("dask_worker", f"tcp://{address}", "--nworkers", "2", "--nthreads", "1")
     try:
@@ -110,6 +117,35 @@ def ray_processes() -> Iterator[str]:
     yield "ray"
 
 
+@contextmanager
+def ray_cluster() -> Iterator[str]:
+    """A Ray of two cores that runs already, reached as a client reaches one elsewhere."""
+    port, client_port = free_port(), free_port()
+    program = [
+        sys.executable, "-m", "ray.scripts.scripts", "start", "--head", "--block",
+        "--num-cpus=2", "--node-ip-address=127.0.0.1", f"--port={port}",
+        f"--ray-client-server-port={client_port}", "--include-dashboard=false",
+        "--disable-usage-stats",
+    ]  # fmt: skip
+    head = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait_for_answer(client_port, head)
+        yield f"ray://127.0.0.1:{client_port}"
+    finally:
+        head.terminate()
+        head.wait(START_SECONDS)
+
+
+def wait_for_answer(port: int, server: "subprocess.Popen[bytes]") -> None:
+    """Returns when a server takes connections."""
+    end = time.monotonic() + START_SECONDS
+    while server.poll() is None and time.monotonic() < end:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+            return
+        time.sleep(0.1)
+    raise AssertionError(f"nothing answers at port {port}; the server's status: {server.poll()}")
+
+
 SLOW = pytest.mark.slow
 
 ENGINES = [
@@ -117,9 +153,17 @@ ENGINES = [
     pytest.param(pool, id="executor"),
     pytest.param(dask_cluster, id="dask", marks=SLOW),
     pytest.param(ray_processes, id="ray", marks=SLOW),
+    pytest.param(ray_cluster, id="ray-client", marks=SLOW),
 ]
 
-PACKAGES = {dask_cluster: "distributed", ray_processes: "ray"}
+PACKAGES = {dask_cluster: "distributed", ray_processes: "ray", ray_cluster: "ray"}
+
+
+@pytest.fixture
+def empty_kernel_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """For the processes of engines that are opened after this one."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    return tmp_path / "kernels"
 
 
 @pytest.fixture(params=ENGINES)
@@ -134,7 +178,6 @@ def engine(
     (tmp_path / "engine_kernel.py").write_text(KERNEL)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path.cwd())]))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
     with request.param() as found:
         yield found
 
@@ -202,14 +245,16 @@ def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
         open_engine(name, "a:b", n_workers=1, folder=tmp_path)
 
 
-def test_processes_of_a_node_compile_a_kernel_once(engine: str | Executor, tmp_path: Path) -> None:
+def test_processes_of_a_node_compile_a_kernel_once(
+    empty_kernel_cache: Path, engine: str | Executor, tmp_path: Path
+) -> None:
     names = [f"kernel-{k}" for k in range(4)]
     jobs = [job(tmp_path, name, "compile") for name in names]
     with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
         opened.run(jobs, lambda n: None)
     assert max(int((tmp_path / name).read_text()) for name in names) == 1
-    index = list((tmp_path / "kernels").rglob("*.nbi"))
-    code = list((tmp_path / "kernels").rglob("*.nbc"))
+    index = list(empty_kernel_cache.rglob("*.nbi"))
+    code = list(empty_kernel_cache.rglob("*.nbc"))
     assert (len(index), len(code)) == (1, 1)
 
 

@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import socket
 import subprocess
 import threading
 import time
@@ -16,7 +15,14 @@ import pytest
 from swarmdata.errors import EngineError
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
 from swarmdata.runtime.engines.open_engine import open_engine
-from tests.runtime.engines.test_engines import HANDLER, START_SECONDS, job, start_dask, starts
+from tests.runtime.engines.test_engines import (
+    HANDLER,
+    START_SECONDS,
+    free_port,
+    job,
+    start_dask,
+    starts,
+)
 
 N_JOBS = 4
 
@@ -26,12 +32,6 @@ def handler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "engine_handler.py").write_text(HANDLER)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path.cwd())]))
-
-
-def free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 def begun(folder: Path) -> int:

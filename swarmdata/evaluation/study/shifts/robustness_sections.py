@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from swarmdata.evaluation.study.plan import SweepPlan, View
 from swarmdata.evaluation.study.shifts.sweep_files import SWEEP_FILE, SWEEPS_FOLDER
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.plain_names import without_version
 
 
@@ -86,7 +88,13 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
 
 
 def run_sweeps(
-    planned: Sequence[PlannedSweep], work: Path, out: Path, *, progress: bool = True
+    planned: Sequence[PlannedSweep],
+    work: Path,
+    out: Path,
+    *,
+    engine: str | Executor = LOCAL,
+    workers: int = 1,
+    progress: bool = True,
 ) -> dict[str, str]:
     """Runs the sweeps and puts their tables and figures beside the page.
 
@@ -94,6 +102,8 @@ def run_sweeps(
         planned: sweeps whose cells are done.
         work: folder of the cells; an interrupted sweep resumes there.
         out: folder of the page.
+        engine: where policies are evaluated, as `build` takes it.
+        workers: processes of the engine `local`; 1: this one.
         progress: whether to show a progress bar for each.
 
     Returns:
@@ -105,7 +115,10 @@ def run_sweeps(
         folder = each.folder(work)
         names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
-        (found,) = sweep(names, [axis], folder, n_episodes=plan.episodes, progress=progress)
+        (found,) = sweep(
+            names, [axis], folder, n_episodes=plan.episodes, engine=engine, workers=workers,
+            progress=progress,
+        )  # fmt: skip
         page_folder = out / SWEEPS_FOLDER / each.label
         page_folder.mkdir(parents=True, exist_ok=True)
         picture = f"{axis.part}-{axis.name}.png"

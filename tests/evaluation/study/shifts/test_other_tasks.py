@@ -33,7 +33,7 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
     tasks = ["coop_nav-easy", "coop_nav-n8"]
     plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
     study = make_study(algorithms={"bc": BC, "sets": SETS}, tasks=plan)
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
@@ -60,7 +60,7 @@ def test_unknown_tasks_are_refused_before_the_training(
     data: Path, make_study: Callable[..., Study], tmp_path: Path
 ) -> None:
     plan = {"datasets": [str(data)], "algorithms": ["bc"], "tasks": ["coop_nev"]}
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     with pytest.raises(UnknownNameError, match="coop_nev"):
         run_study(make_study(tasks=plan), options, "x")
     assert not (tmp_path / "work").exists()

@@ -26,7 +26,7 @@ def test_the_best_of_each_family_is_swept(
                       "families": ["cloning"]},
         },
     )  # fmt: skip
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
