@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Generic, Literal, Protocol, Self, TypeVar
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Double, Episode, Int
 
 LONGEST_ID = 96
@@ -55,12 +56,22 @@ class Part(Protocol):
     @property
     def references(self) -> Reference | None: ...
     @property
+    def episodes(self) -> EpisodeTable: ...
+    @property
     def n_steps(self) -> int: ...
     @property
     def moments(self) -> Moments: ...
     def __len__(self) -> int: ...
     def __iter__(self) -> Iterator[Episode]: ...
-    def filter(self, **conditions: Any) -> Self: ...
+    def filter(
+        self,
+        *,
+        success: bool | None = None,
+        min_return: float | None = None,
+        max_return: float | None = None,
+        policy: str | None = None,
+        split: str | None = None,
+    ) -> Self: ...
     def sampler(
         self,
         batch_size: int = 256,
@@ -73,11 +84,8 @@ class Part(Protocol):
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double: ...
 
 
-AnyPart = TypeVar("AnyPart", bound=Part)
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Mixture(Generic[AnyPart]):
+class Mixture:
     """Datasets of one spec, each with the probability that a row of a batch comes from it.
 
     It has what training needs of a `Dataset`: `moments` are those of rows that are drawn so, and
@@ -88,7 +96,7 @@ class Mixture(Generic[AnyPart]):
         weights: probabilities of the parts, which sum to 1.
     """
 
-    parts: tuple[AnyPart, ...]
+    parts: tuple[Part, ...]
     weights: tuple[float, ...]
 
     @property
@@ -173,7 +181,7 @@ class Mixture(Generic[AnyPart]):
         ]
         return np.repeat(shares, [len(part) for part in self.parts])
 
-    def split(self, name: Literal["train", "validation", "test"]) -> "Mixture[AnyPart]":
+    def split(self, name: Literal["train", "validation", "test"]) -> "Mixture":
         """Returns the mixture of one stored split of each part.
 
         Raises:
@@ -182,7 +190,7 @@ class Mixture(Generic[AnyPart]):
         """
         return self.filter(split=name)
 
-    def filter(self, **conditions: Any) -> "Mixture[AnyPart]":
+    def filter(self, **conditions: Any) -> "Mixture":
         """Returns the mixture of the episodes that meet conditions, as `Dataset.filter` takes them.
 
         A part without such episodes is left out; the other weights keep their proportions.
@@ -335,7 +343,7 @@ class MixtureSampler:
         return shared | own
 
 
-def mix(parts: Sequence[AnyPart], weights: Sequence[float] | None = None) -> Mixture[AnyPart]:
+def mix(parts: Sequence[Part], weights: Sequence[float] | None = None) -> Mixture:
     """Mixes datasets of one spec.
 
     Args:

@@ -156,7 +156,7 @@ def load(
     offline: bool | None = None,
     workers: int | None = None,
     progress: bool = True,
-) -> Mixture[Dataset]: ...
+) -> Mixture: ...
 @overload
 def load(
     dataset_id: str | Path,
@@ -177,7 +177,7 @@ def load(
     communication: Source | None = None,
     offline: bool | None = None,
     progress: bool = True,
-) -> Mixture[StreamedDataset]: ...
+) -> Mixture: ...
 def load(
     dataset_id: str | Path | list[str] | list[Path] | tuple[str | Path, ...],
     *,
@@ -191,7 +191,7 @@ def load(
     offline: bool | None = None,
     workers: int | None = None,
     progress: bool = True,
-) -> Dataset | Mixture[Dataset] | StreamedDataset | Mixture[StreamedDataset]:
+) -> Dataset | Mixture | StreamedDataset:
     """Opens a dataset, or a mixture of several: from the cache, a remote, or built from its recipe.
 
     The remotes that are configured are asked in order (`swarmdata remote list`); one that fails, or

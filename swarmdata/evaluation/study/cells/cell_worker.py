@@ -100,17 +100,18 @@ def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> 
 def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> None:
     """Trains on the dataset, and keeps only what the policies need."""
     models = {"observation": cell.observation, "communication": cell.communication}
-    dataset: Dataset | Mixture[Dataset]
+    dataset: Dataset | Mixture
+    learned: Dataset | Mixture
     if cell.parts:
         dataset = learned = open_mixture(cell.parts, **models)
-        digests = [part.digest for part in learned.parts]
-        _check_digest(cell, joint_digest(dict(zip(digests, learned.weights, strict=True))))
+        digests = (part.digest for part in dataset.parts)
+        _check_digest(cell, joint_digest(digests, cell.parts.values()))
     else:
-        dataset = open_dataset(cell.source, cell.n_steps, **models)
-        learned = dataset.with_rewards(**cell.rewards)
-        parents = dataset.recipe.parents
+        dataset = whole = open_dataset(cell.source, cell.n_steps, **models)
+        learned = whole.with_rewards(**cell.rewards)
+        parents = whole.recipe.parents
         is_part = cell.n_steps is not None and parents
-        _check_digest(cell, parents[0].digest if is_part else dataset.digest)
+        _check_digest(cell, parents[0].digest if is_part else whole.digest)
     spec = dataset.task
     write_file(run.parent / DATA_FILE, DatasetFacts.of(dataset).to_json().encode())
 

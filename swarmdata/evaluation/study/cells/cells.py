@@ -173,9 +173,7 @@ def offline_cell(
         config=config,
         source=dataset,
         parts=parts,
-        digest=joint_digest({digest_of(k): v for k, v in parts.items()})
-        if parts
-        else digest_of(dataset),
+        digest=joint_digest(map(digest_of, parts), parts.values()) if parts else digest_of(dataset),
         n_steps=n_steps,
         observation=view.observation,
         communication=view.communication,

@@ -15,7 +15,7 @@ import numpy as np
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.datasets.mixture import Mixture, mix
+from swarmdata.datasets.mixture import Mixture, Part, mix
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.runs.provenance import dataset_key
 from swarmdata.evaluation.study.plan import Size
@@ -48,7 +48,7 @@ class DatasetFacts(Frozen):
     n_train_steps: int | None = None  # joint steps to learn from; None: recorded before it was kept
 
     @classmethod
-    def of(cls, dataset: Dataset | Mixture[Dataset]) -> "DatasetFacts":
+    def of(cls, dataset: Part | Mixture) -> "DatasetFacts":
         """Reads the table of episodes."""
         if isinstance(dataset, Mixture):
             return cls._of_mixture(dataset)
@@ -63,7 +63,7 @@ class DatasetFacts(Frozen):
         )
 
     @classmethod
-    def _of_mixture(cls, mixture: Mixture[Dataset]) -> "DatasetFacts":
+    def _of_mixture(cls, mixture: Mixture) -> "DatasetFacts":
         parts = [cls.of(part) for part in mixture.parts]
 
         def mean(values: Iterable[float]) -> float:
@@ -138,14 +138,16 @@ def digest_of(dataset: str, *, progress: bool = True) -> str:
     return found.digest
 
 
-def joint_digest(parts: Mapping[str, float]) -> str:
+def joint_digest(digests: Iterable[str], weights: Iterable[float]) -> str:
     """Returns the SHA-256 of the digests of a mixture's datasets and of their shares.
 
     Args:
-        parts: weights by digest.
+        digests: of the datasets.
+        weights: of the datasets; only their proportions count.
     """
-    total = sum(parts.values())
-    shares = {digest: weight / total for digest, weight in parts.items()}
+    found = [*weights]
+    total = sum(found)
+    shares = [[digest, w / total] for digest, w in zip(digests, found, strict=True)]
     return hashlib.sha256(json.dumps(shares).encode()).hexdigest()
 
 
@@ -199,7 +201,7 @@ def open_dataset(
 
 def open_mixture(
     parts: Mapping[str, float], *, observation: str | None = None, communication: str | None = None
-) -> Mixture[Dataset]:
+) -> Mixture:
     """Loads the datasets of a mixture, as `open_dataset` does.
 
     Args:
