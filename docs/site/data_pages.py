@@ -82,14 +82,10 @@ def study_index() -> str:
 def format_page(each: Format) -> str:
     """The page of a foreign format."""
     module = import_module(FORMATS[each.name].partition(":")[0])
-    ways = []
-    if each.write is not None:
-        ways.append(f"    swarmdata convert coop_nav-medium-mini out --to {each.name}\n")
+    ways = [f"    swarmdata convert coop_nav-medium-mini out --to {each.name}\n"]
     if each.read is not None:
         ways.append(f"    swarmdata convert data --from {each.name} --id mine-again-v0\n")
     text = f"# {each.title}\n\n{''.join(ways)}\n{markdown_of(module.__doc__ or '')}"
-    if each.write is None:
-        return f"{text}\nIt can be read only.\n"
     rows = [
         [meaning, f"`{each.kept[fact]}`" if fact in each.kept else "lost", each.lost.get(fact, "")]
         for fact, meaning in FACT_TITLES.items()
@@ -101,7 +97,7 @@ def format_page(each: Format) -> str:
 def _format_index() -> str:
     rows = [
         [f"[`{each.name}`]({each.name}.md)", each.title,
-         " and ".join(["read"] * (each.read is not None) + ["written"] * (each.write is not None))]
+         "written" if each.read is None else "read and written"]
         for each in all_formats()
     ]  # fmt: skip
     return (

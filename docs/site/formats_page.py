@@ -80,15 +80,47 @@ own rewards, and its resets play the reserved evaluation episodes in order. `swa
 installed there.
 """
 
-WAYS = {(True, True): "both ways", (True, False): "read", (False, True): "write"}
+BAGS = """
+## Bags of ROS 2
+
+`mcap` writes one file, `rosbag2` a folder as `ros2 bag record` makes it; both need the extra `logs`
+and no ROS. Robots of our tasks log `/<robot>/pose`, `/velocity`, `/goal` and `/command` in metres
+and seconds, and `/scan` where they observe a lidar, as standard messages for viewers and for nodes
+of one's own. Every array of the dataset is a topic too, such as `/team/observations`. Episodes
+follow one another, 10 s apart; `/team/episode` says what each is.
+
+    swarmdata convert coop_nav-medium-mini team.mcap --to mcap --split test
+
+Such a bag can be imported as if robots had logged it
+([bring your own data](bring-your-own-data.md)):
+
+    swarmdata import team.mcap --map team.yaml --id coop_nav-logged-v0
+
+```yaml
+dt: 0.1
+world: world
+each:
+  pose: {topic: "/{robot}/pose"}
+  goal: {topic: "/{robot}/goal"}
+  command:
+    topic: "/{robot}/command"
+    frame: world
+    components:
+      - {column: v, low: -0.6, high: 0.6}
+      - {column: vy, low: -0.6, high: 0.6}
+robots: [robot_0, robot_1, robot_2, robot_3]
+max_gap: 1
+gaps: cut
+```
+"""
 
 
 def page() -> str:
     """The page as Markdown."""
-    written = [each for each in all_formats() if each.write is not None]
+    written = list(all_formats())
     names = [
-        [f"`{each.name}`", each.title, WAYS[each.read is not None, each.write is not None]]
-        for each in all_formats()
+        [f"`{each.name}`", each.title, "write" if each.read is None else "both ways"]
+        for each in written
     ]
     kept = [
         [title, *(f"`{each.kept[fact]}`" if fact in each.kept else "lost" for each in written)]
@@ -103,6 +135,7 @@ def page() -> str:
         + "".join(map(_losses, written))
         + FRAME
         + MINARI
+        + BAGS
         + "\n`pytest tests/interop/test_round_trips.py --update-golden` writes this page.\n"
     )
 

@@ -7,7 +7,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.framed_export import in_frame
 from swarmdata.interop.conversion.user_paths import absolute_path
-from swarmdata.interop.formats import FORMATS, find_format
+from swarmdata.interop.formats import find_format
 from swarmdata.runtime.atomic import remove_leftovers, staged
 
 
@@ -34,18 +34,11 @@ def export_dataset(
     Raises:
         UnknownNameError: there is no such format.
         SpecError: the dataset cannot have such a frame.
-        ConversionError: the format can only be read, `path` exists, the view is empty, or the
-            format cannot hold it.
+        ConversionError: `path` exists, the view is empty, or the format cannot hold it.
         MissingExtraError: the format's library is not installed.
         DiskFullError: no space was left.
     """
     path, found = absolute_path(path), find_format(format)
-    if found.write is None:
-        written = [name for name in sorted(FORMATS) if find_format(name).write is not None]
-        raise ConversionError(
-            f"{found.title} can only be read, got format={format!r}. Formats to write: "
-            f"{', '.join(written)}."
-        )
     remove_leftovers(path.parent, path.name)
     if path.exists():
         raise ConversionError(f"{path} exists already. Delete it or choose another path.")

@@ -13,9 +13,12 @@ from swarmdata.registry.components import resolve
 FORMATS = {
     "d4rl": "swarmdata.interop.d4rl.d4rl:FORMAT",
     "d4rl-agents": "swarmdata.interop.d4rl.d4rl_agents:FORMAT",
+    "lerobot": "swarmdata.interop.lerobot:FORMAT",
+    "mcap": "swarmdata.interop.bags.mcap_file:FORMAT",
     "minari": "swarmdata.interop.minari:FORMAT",
-    "numpy": "swarmdata.interop.numpy_folders:FORMAT",
+    "numpy": "swarmdata.interop.numpy_folders.numpy_folders:FORMAT",
     "parquet": "swarmdata.interop.parquet.parquet:FORMAT",
+    "rosbag2": "swarmdata.interop.bags.rosbag2:FORMAT",
     "torchrl": "swarmdata.interop.torchrl.torchrl:FORMAT",
     "vault": "swarmdata.interop.vault:FORMAT",
 }
@@ -40,7 +43,7 @@ class Format:
         kept: facts that an export keeps, and under which name; see `DATASET_FACTS`.
         lost: facts that an export loses, and why.
         read: opens foreign data; None: the format can only be written.
-        write: writes a view; None: the format can only be read.
+        write: writes a view.
         misplaced: says why the format's own library does not find what is written to a path.
     """
 
@@ -49,7 +52,7 @@ class Format:
     kept: Mapping[str, str]
     lost: Mapping[str, str]
     read: Reader | None
-    write: Writer | None
+    write: Writer
     misplaced: PlaceCheck | None = None
 
 

@@ -4,7 +4,6 @@ import os
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -12,7 +11,15 @@ from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.formats import FORMATS, find_format
 
-NEEDS = {"minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl", "vault": "flashbax.vault"}
+NEEDS = {
+    "lerobot": "pyarrow",
+    "mcap": "rosbags",
+    "minari": "minari",
+    "parquet": "pyarrow",
+    "rosbag2": "rosbags",
+    "torchrl": "torchrl",
+    "vault": "flashbax.vault",
+}
 """The library of a format, if it is an extra."""
 
 SLOW = ("torchrl", "vault")
@@ -20,18 +27,6 @@ SLOW = ("torchrl", "vault")
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in FORMATS]
 
 PLACES = ("{name}", "./{name}", "below/{name}", "../beside/{name}", "{work}/{name}", "~/{name}")
-
-ANSWERS = {"numpy": ("--time-limit", "2", "--final", "repeat")}
-"""What the data of a format leave open."""
-
-
-def write_numpy(folder: Path) -> None:
-    """What others wrote in the one format that is only read: an agent, two episodes."""
-    folder.mkdir(parents=True)
-    for name in ("obs", "next_obs", "acs"):
-        np.save(folder / f"{name}_0.npy", np.zeros((4, 2)))
-    np.save(folder / "rews_0.npy", np.zeros(4))
-    np.save(folder / "dones_0.npy", np.array([0.0, 1.0, 0.0, 1.0]))
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -46,17 +41,14 @@ def test_every_path_is_understood(
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path / "work")
     kind, at = find_format(name), Place(place, tmp_path)
-    if kind.write is None:
-        write_numpy(at.path(ours.id))
-    else:
-        shutil.copytree(ours.path, at.path("source"))
-        out = convert(at.text("source"), at.text(ours.id), "--to", name)
-        assert os.path.normpath(out) == str(at.path(ours.id))
-        assert at.path(ours.id).exists()
+    shutil.copytree(ours.path, at.path("source"))
+    out = convert(at.text("source"), at.text(ours.id), "--to", name)
+    assert os.path.normpath(out) == str(at.path(ours.id))
+    assert at.path(ours.id).exists()
     made = {"source", ours.id}
     if kind.read is not None:
         out = convert(at.text(ours.id), at.text("read"), "--from", name,
-                      "--id", "coop_nav-again-v0", *ANSWERS.get(name, ()))  # fmt: skip
+                      "--id", "coop_nav-again-v0")  # fmt: skip
         assert os.path.normpath(out.splitlines()[0]) == str(at.path("read"))
         assert len(Dataset.open(at.path("read"))) > 0
         made |= {"read", ".read.lock"}

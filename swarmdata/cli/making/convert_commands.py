@@ -17,7 +17,10 @@ Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to w
 To = Annotated[
     str | None,
     typer.Option(
-        "--to", metavar="FORMAT", help="export: d4rl, d4rl-agents, minari, parquet, torchrl, vault"
+        "--to",
+        metavar="FORMAT",
+        help="export: d4rl, d4rl-agents, lerobot, mcap, minari, numpy, parquet, rosbag2, "
+        "torchrl, vault",
     ),
 ]
 From = Annotated[

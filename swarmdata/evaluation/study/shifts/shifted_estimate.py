@@ -1,5 +1,6 @@
 """Evaluates a finished cell's policies in other conditions."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.shifts.shift_table import Shifted
 from swarmdata.numerics.random import block_seeds
 
+_LOG = logging.getLogger("swarmdata")
+
 
 def shifted(
     found: Findings,
@@ -27,6 +30,9 @@ def shifted(
 ) -> Shifted | None:
     """Evaluates the policies of a cell; None if that was not done before and is not wanted now.
 
+    A cell that was restored from a study's archive has results and no policies: it is None, too,
+    and a warning says so where it is wanted.
+
     Args:
         found: what was measured.
         cell: a finished one.
@@ -37,6 +43,13 @@ def shifted(
         measure: whether to evaluate what is not kept.
     """
     run = cell_run_folder(cell, cell_folder(found.work, cell))
+    if not run.is_dir():
+        if measure:
+            _LOG.warning(
+                "%s has no policies in %s, so it is not evaluated in other conditions: make it "
+                "again with --cell and --again", cell.name, found.work,
+            )  # fmt: skip
+        return None
     try:
         target = find_target(str(run), **conditions)  # type: ignore[arg-type]
     except PolicyFitError:

@@ -1,5 +1,6 @@
 """Policies of a study in tasks that they were not trained in: larger teams, other places."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,7 +24,10 @@ def rows_below(page: str, title: str) -> list[list[str]]:
 
 
 def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
-    data: Path, make_study: Callable[..., Study], tmp_path: Path
+    data: Path,
+    make_study: Callable[..., Study],
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
     tasks = ["coop_nav-easy", "coop_nav-n8"]
@@ -47,6 +51,9 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
     again, _ = run_study(study, options, "x")
     assert again == {}
     assert files[0].read_text() == page
+    shutil.rmtree(tmp_path / "work/cells/sets/coop_nav-tiny-v0/sets")  # as an archive leaves it
+    assert run_study(study, options, "x")[0] == {}
+    assert "sets/coop_nav-tiny-v0 has no policies in" in caplog.text
 
 
 def test_unknown_tasks_are_refused_before_the_training(

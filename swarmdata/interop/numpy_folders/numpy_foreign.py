@@ -1,16 +1,12 @@
-"""Folders of NumPy arrays, one file per agent and quantity, as in OMAR and CFCQL. Read only.
+"""Reads NumPy folders that others wrote.
 
-Pan et al. 2022, "Plan Better Amid Conservatism" (OMAR), `utils/buffer.py`, and Shao et al. 2023,
-"Counterfactual Conservative Q Learning" (CFCQL), `continuous/utils/buffer.py`: `obs_<i>.npy`,
-`acs_<i>.npy`, `rews_<i>.npy`, `next_obs_<i>.npy`, `dones_<i>.npy` for each agent i, and with
-MuJoCo also `states_<i>.npy` and `next_states_<i>.npy`. The source is one such folder, or a folder
-of several, such as `seed_0_data` to `seed_4_data`, which become the policies of the dataset.
-`dones` is the only flag, so the user has to give the time limit.
+The source is one such folder, or a folder of several, such as `seed_0_data` to `seed_4_data`, which
+become the policies of the dataset. `dones` is the only flag, so the user has to give the time
+limit.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +19,6 @@ from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.foreign_data import import_without_note
 from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.interop.formats import Format
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import stack_agents
 
@@ -33,8 +28,7 @@ STATE_PREFIXES = ("states", "next_states")
 Agents = Sequence[Mapping[str, NDArray[Any]]]
 
 
-@contextmanager
-def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
+def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
     """Opens a folder, or a folder of folders in the order of their names.
 
     Raises:
@@ -53,7 +47,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
         for folder in folders
     )
     policies = sources if len(folders) > 1 else None
-    yield import_without_note(task, shapes, timelines, choices, policies)
+    return import_without_note(task, shapes, timelines, choices, policies)
 
 
 def _inner(source: Path) -> list[Path]:
@@ -71,7 +65,10 @@ def _agents(folder: Path) -> Agents:
     n_agents = len(list(folder.glob("obs_*.npy")))
     has_states = (folder / "states_0.npy").exists()
     names = (*REQUIRED_PREFIXES, *STATE_PREFIXES) if has_states else REQUIRED_PREFIXES
-    agents = [{name: _map(folder, name, agent) for name in names} for agent in range(n_agents)]
+    agents = [
+        {name: map_array(folder / f"{name}_{agent}.npy") for name in names}
+        for agent in range(n_agents)
+    ]
     rows = {
         f"{name}_{k}": len(values)
         for k, agent in enumerate(agents)
@@ -82,8 +79,12 @@ def _agents(folder: Path) -> Agents:
     return agents
 
 
-def _map(folder: Path, name: str, agent: int) -> NDArray[Any]:
-    path = folder / f"{name}_{agent}.npy"
+def map_array(path: Path) -> NDArray[Any]:
+    """Maps an array of rows of numbers.
+
+    Raises:
+        ConversionError: there is no such file, or it holds something else.
+    """
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     except FileNotFoundError as error:
@@ -133,13 +134,3 @@ def _timeline(folder: Path, agents: Agents) -> Timeline:
 
 def _two(values: NDArray[Any]) -> NDArray[Any]:
     return values.reshape(len(values), -1)
-
-
-FORMAT = Format(
-    "numpy",
-    "NumPy folders (OMAR, CFCQL)",
-    kept={},
-    lost={},
-    read=read,
-    write=None,
-)

@@ -108,5 +108,30 @@ def test_what_does_not_fit_is_refused(ours: Dataset, tmp_path: Path, take_in: Ta
         np.save(wrong / f"dones_{agent}.npy", np.zeros(3 * LENGTH))
     with pytest.raises(ConversionError, match="next_observations of row 4 differs"):
         take_in(wrong, "numpy", episode_length=LENGTH * 3)
-    with pytest.raises(ConversionError, match=r"can only be read, got format='numpy'"):
-        export_dataset(ours, tmp_path / "x", format="numpy")
+
+
+def test_an_export_is_as_others_write_it(ours: Dataset, tmp_path: Path) -> None:
+    """Without our note it is read as theirs is, with the time limit that ended episodes."""
+    path = export_dataset(ours, tmp_path / "out", format="numpy")
+    (path / "swarmdata.json").unlink()
+    lengths = ours.episodes.lengths
+    dones = np.load(path / "dones_1.npy")
+    np.testing.assert_array_equal(np.flatnonzero(dones), np.cumsum(lengths) - 1)
+    assert np.load(path / "obs_0.npy").shape == (lengths.sum(), ours[0].observations.shape[2])
+    dataset = import_dataset(
+        path, tmp_path / "again", format="numpy", id="coop_nav-again-v0",
+        choices=Choices(time_limit=int(lengths.max())),
+    )  # fmt: skip
+    for mine, theirs in zip(dataset, ours, strict=True):
+        np.testing.assert_array_equal(mine.observations, theirs.observations)
+        np.testing.assert_array_equal(mine.rewards, theirs.rewards)
+
+
+def test_changed_exports_are_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
+    path = export_dataset(ours, tmp_path / "out", format="numpy")
+    np.save(path / "rews_1.npy", np.zeros(3, np.float32))
+    with pytest.raises(ConversionError, match="arrays of different lengths"):
+        take_in(path, "numpy")
+    (path / "rews_1.npy").unlink()
+    with pytest.raises(ConversionError, match=r"rews_1\.npy is missing"):
+        take_in(path, "numpy")

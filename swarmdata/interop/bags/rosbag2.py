@@ -1,0 +1,54 @@
+"""A rosbag2 folder, as `ros2 bag record` makes: metadata.yaml and a compressed MCAP file.
+
+`bag_messages` lists its topics. The custom data of metadata.yaml have the dataset's id and digest;
+`swarmdata.json`, with the spec, policies and the table of episodes, and `recipe.yaml` lie in the
+folder. Such a bag can be read again by `swarmdata import`, with a map. Write only.
+"""
+
+from pathlib import Path
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.interop.bags.bag_messages import messages_of, refuse_frame
+from swarmdata.interop.bags.mcap_file import KEPT_NAMES, NOTE_NAME, RECIPE_NAME
+from swarmdata.interop.bags.ros_messages import RosMessages
+from swarmdata.interop.conversion.export_note import note_of
+from swarmdata.interop.formats import Format
+
+METADATA_VERSION = 9
+"""Of metadata.yaml: the newest that `rosbags` writes."""
+
+
+def write(dataset: Dataset, path: Path, frame: str) -> None:
+    """Writes a view as one bag.
+
+    Raises:
+        ConversionError: the data are in another frame than the world's.
+        MissingExtraError: the extra `logs` is not installed.
+    """
+    refuse_frame(frame)
+    messages = RosMessages()
+    from rosbags.rosbag2 import (  # noqa: PLC0415  (an extra)
+        CompressionFormat,
+        CompressionMode,
+        StoragePlugin,
+        Writer,
+    )
+
+    writer = Writer(path, version=METADATA_VERSION, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writer.set_custom_data("swarmdata_id", dataset.id)
+    writer.set_custom_data("swarmdata_digest", dataset.digest)
+    with writer:
+        connections = {}
+        for message in messages_of(dataset):
+            if message.topic not in connections:
+                connections[message.topic] = writer.add_connection(
+                    message.topic, message.kind, typestore=messages.store
+                )
+            data = messages.serialized(message)
+            writer.write(connections[message.topic], message.time, data)
+    (path / NOTE_NAME).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
+    (path / RECIPE_NAME).write_text(dataset.recipe.to_yaml(), encoding="utf-8")
+
+
+FORMAT = Format("rosbag2", "ROS 2 bag", KEPT_NAMES, {}, None, write)

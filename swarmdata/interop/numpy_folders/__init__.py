@@ -1,0 +1,1 @@
+"""NumPy folders, as in OMAR and CFCQL."""
