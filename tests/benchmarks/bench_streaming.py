@@ -1,6 +1,6 @@
 """Streaming from a web server on this machine: speed, and what a window costs in randomness.
 
-    python -m tests.benchmarks.bench_streaming [--steps 500000] [--data coop_nav-medium-replay]
+    python -m tests.benchmarks.bench_streaming [--steps 500000] [--data coop_nav-expert]
 
 Every way of reading runs in a fresh process, with a server in another one. Randomness is computed
 from the episode table of a dataset, without reading any batch. Puts a section into
@@ -216,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measures both, and writes the section."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--steps", type=int, default=500_000)
-    parser.add_argument("--data", default="coop_nav-medium-replay", help="whose order is measured")
+    parser.add_argument("--data", default="coop_nav-expert", help="whose order is measured")
     parser.add_argument("--learn", metavar="DATA", help="also train on it, which takes long")
     parser.add_argument("--only-print", action="store_true", help="leave docs/ alone")
     parser.add_argument("--one", nargs=2, metavar=("WAY", "URL"))
