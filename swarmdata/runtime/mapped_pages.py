@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-READ_BYTES = 128 << 20
+READ_BYTES = 32 << 20
 """Bytes that become resident between two times that pages are given back."""
 
 REGION_BYTES = 2 << 20

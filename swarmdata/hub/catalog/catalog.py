@@ -5,7 +5,7 @@ the package if neither has it, so that everything works without a network.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -233,17 +233,9 @@ def load(
         HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
     """
-    is_one = isinstance(dataset_id, str | Path)
-    if is_one and weights is not None:
-        raise SpecError(
-            f"weights are {list(weights)} with the one dataset {str(dataset_id)!r}, expected a "
-            "list of datasets to mix with them"
-        )
-    if path is not None and not is_one:
-        raise SpecError("path is of one dataset, got it with a list of datasets; leave it out")
+    _check_number(dataset_id, weights, path)
     if stream:
-        refused = {"rewards": rewards, "path": path, "workers": workers}
-        _refuse_streamed({**refused, "verify": None if verify == "fast" else verify})
+        _refuse_streamed(verify, rewards=rewards, path=path, workers=workers)
         open_streamed = partial(
             _open_streamed,
             stream=Stream() if stream is True else stream,
@@ -267,6 +259,22 @@ def load(
     if isinstance(dataset_id, str | Path):
         return open_one(dataset_id, path)
     return mix([open_one(each, None) for each in dataset_id], weights)
+
+
+def _check_number(
+    dataset_id: str | Path | Sequence[str | Path],
+    weights: Sequence[float] | None,
+    path: Path | str | None,
+) -> None:
+    """Refuses what is of several datasets for one, and the other way round."""
+    is_one = isinstance(dataset_id, str | Path)
+    if is_one and weights is not None:
+        raise SpecError(
+            f"weights are {list(weights)} with the one dataset {str(dataset_id)!r}, expected a "
+            "list of datasets to mix with them"
+        )
+    if path is not None and not is_one:
+        raise SpecError("path is of one dataset, got it with a list of datasets; leave it out")
 
 
 def _open(
@@ -306,8 +314,10 @@ def _open(
     return dataset.reobserve(observation, communication, progress=progress)
 
 
-def _refuse_streamed(options: Mapping[str, object]) -> None:
+def _refuse_streamed(verify: Verify, **options: object) -> None:
+    """Refuses what streams do not have; None is left out."""
     given = [name for name, value in options.items() if value is not None]
+    given += [] if verify == "fast" else ["verify"]
     if given:
         raise SpecError(
             f"stream together with {', '.join(given)} cannot be had, expected datasets as they are "
