@@ -15,7 +15,9 @@ from swarmdata.types import Double, EvalResult
 BOOTSTRAP_SEED = 0
 
 
-def summarize(results: Mapping[str, Sequence[EvalResult]]) -> TaskReferences:
+def summarize(
+    results: Mapping[str, Sequence[EvalResult]], backend: str = "pymunk"
+) -> TaskReferences:
     """Returns the reference table of one spec.
 
     A reference of several checkpoints is their mean per episode, so the interval is over episodes
@@ -23,6 +25,7 @@ def summarize(results: Mapping[str, Sequence[EvalResult]]) -> TaskReferences:
 
     Args:
         results: by reference policy, one result per checkpoint; all on the same spec and seeds.
+        backend: simulator of the spec.
 
     Raises:
         SchemaError: no results, or results that cannot be compared.
@@ -35,7 +38,7 @@ def summarize(results: Mapping[str, Sequence[EvalResult]]) -> TaskReferences:
     return TaskReferences(
         spec_hash=flat[0].spec_hash,
         n_episodes=len(flat[0].seeds),
-        made_with=made_with(),
+        made_with=made_with(backend),
         policies={
             name: {
                 metric: interval(np.stack([result.metrics[metric] for result in group]))
@@ -46,9 +49,11 @@ def summarize(results: Mapping[str, Sequence[EvalResult]]) -> TaskReferences:
     )
 
 
-def made_with() -> dict[str, str]:
-    """Versions that a measured number depends on."""
-    packages = ("swarmdata", "numpy", "numba", "pymunk")
+def made_with(backend: str = "pymunk") -> dict[str, str]:
+    """Versions that a number measured in a simulator depends on."""
+    packages = ["swarmdata", "numpy", "numba", "pymunk"]
+    if backend == "mujoco":
+        packages.append("mujoco")
     return {**{name: version(name) for name in packages}, "python": platform.python_version()}
 
 

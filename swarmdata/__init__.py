@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from swarmdata.interfaces import Policy
     from swarmdata.interop.convert import import_dataset
     from swarmdata.interop.export import export_dataset
+    from swarmdata.interop.exported_policies import export_policy
     from swarmdata.interop.logs.import_logs import import_logs
     from swarmdata.interop.torchrl.torchrl_source import register_torchrl
     from swarmdata.record.foreign_rollout import evaluate_parallel
@@ -89,6 +90,7 @@ __all__ = [
     "evaluate",
     "evaluate_parallel",
     "export_dataset",
+    "export_policy",
     "filter_dataset",
     "foreign_evaluation_seeds",
     "generate",
@@ -149,6 +151,7 @@ _HOMES = {
     "foreign_evaluation_seeds": "swarmdata.record.reset_seeds",
     "generate": "swarmdata.evaluation.runs.generated_dataset",
     "import_dataset": "swarmdata.interop.convert",
+    "export_policy": "swarmdata.interop.exported_policies",
     "import_logs": "swarmdata.interop.logs.import_logs",
     "list_datasets": "swarmdata.hub.catalog.catalog",
     "load": "swarmdata.hub.catalog.catalog",

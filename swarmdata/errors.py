@@ -16,6 +16,7 @@ SwarmdataError
 ├── ConversionError (ValueError)        data in another format is ambiguous, broken or does not fit
 ├── ProgramError (OSError)              an external program, such as ffmpeg, is missing or failed
 ├── DivergedError (ArithmeticError)     training produced NaN or infinite values
+├── SimulationError (ArithmeticError)   a simulator could not go on with a world
 ├── BuildError (RuntimeError)           a dataset could not be built
 │   └── RecipeConflictError             the folder holds parts that another recipe built
 ├── StudyError (RuntimeError)           a study, or one of its cells, could not be finished
@@ -128,6 +129,10 @@ class ProgramError(SwarmdataError, OSError):
 
 class DivergedError(SwarmdataError, ArithmeticError):
     """Training produced NaN or infinite values; the last checkpoint is from before that."""
+
+
+class SimulationError(SwarmdataError, ArithmeticError):
+    """A simulator could not go on with a world."""
 
 
 class BuildError(SwarmdataError, RuntimeError):

@@ -87,6 +87,12 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
 def _promise(origin: Origin) -> str:
     """What a rebuild gives."""
     inexact = [source.label for source in origin.policies if source.name == "network"]
+    world = origin.spec.world
+    if world is not None and world.backend == "mujoco":
+        return (
+            "the same digest on this machine with these versions, with any number of workers. "
+            "Other machines and versions of MuJoCo may give another one."
+        )
     if not inexact:
         return "the same digest on any machine, with any number of workers."
     return (

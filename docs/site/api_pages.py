@@ -36,7 +36,7 @@ GROUPS = {
     ),
     "formats": (
         "Other formats",
-        ("export_dataset", "import_dataset", "import_logs", "register_torchrl"),
+        ("export_dataset", "import_dataset", "import_logs", "export_policy", "register_torchrl"),
     ),
     "extending": (
         "Extending",

@@ -8,10 +8,13 @@ import numpy as np
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
+from swarmdata.envs.physics.kinematic import KinematicBackend
+from swarmdata.envs.physics.motors import Motors
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.numerics.weighted_terms import weigh_terms
+from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Counts, Double, Float, Int, Step
@@ -29,11 +32,21 @@ MakeBackend = Callable[[Plan, int], Backend]
 
 
 def make_backend(plan: Plan, n_copies: int) -> Backend:
-    """Returns the fast backend.
+    """Returns the backend of the plan's spec.
 
-    Where Munk2D's functions cannot be called, or its arithmetic is not that of `move`, it is the
-    public one.
+    That of Pymunk is the fast one; where Munk2D's functions cannot be called, or its arithmetic is
+    not that of `move`, the public one.
+
+    Raises:
+        MissingExtraError: the spec asks for MuJoCo, which is not installed.
     """
+    if plan.spec.backend == "kinematic":
+        return KinematicBackend(plan, n_copies)
+    if plan.spec.backend == "mujoco":
+        require_extra("mujoco", "mujoco", "simulating a world with backend mujoco")
+        from swarmdata.envs.physics.mujoco_backend import MujocoBackend  # noqa: PLC0415  (an extra)
+
+        return MujocoBackend(plan, n_copies)
     calls = load_addresses()
     if calls is None or not integrates_exactly():
         return PublicBackend(plan, n_copies)
@@ -225,6 +238,7 @@ class World:
         self._backend = backend(plan, n_copies)
         self._n_movables = len(plan.movables)
         self._commands: Double = np.zeros((n_copies, n, 2))
+        self._motors = Motors.of(spec, n_copies)
         self._fixed = (limits_of(spec), self.active, self._commands)
 
     def reset(self, copies: Int, layouts: Float, states: Float) -> None:
@@ -234,6 +248,8 @@ class World:
         bodies: Double = np.empty((len(copies), k, 7))
         begin_worlds(copies, states, *self.contacts, robots, bodies)
         self._backend.reset(copies, layouts, robots, bodies)
+        if self._motors is not None:
+            self._motors.reset(copies)
 
     def begin(self, actions: Float | Double, before: Step, now: Step) -> int:
         """Finds the copies that have not ended, and clips their commands.
@@ -253,4 +269,6 @@ class World:
 
     def advance(self, now: Step) -> None:
         """Advances the copies that `begin` has found; writes the events and states of this step."""
+        if self._motors is not None:
+            self._motors.follow(self.active, now.times, self._commands)
         self._backend.step(self.active, self._commands, self.contacts, now.events, now.states)

@@ -228,8 +228,10 @@ def _report(subject: Subject, differences: list[Difference], n_replayed: int) ->
         )
         return
     provenance = subject.manifest.provenance
-    packages = {name: provenance[name] for name in made_with() if name in provenance}
-    changed = changed_versions(packages, made_with())
+    world = subject.origin.spec.world
+    here = made_with("pymunk" if world is None else world.backend)
+    packages = {name: provenance[name] for name in here if name in provenance}
+    changed = changed_versions(packages, here)
     versions = f" It was made with other versions: {', '.join(changed)}." if changed else ""
     shown = "; ".join(map(str, differences[:MOST_DIFFERENCES_SHOWN]))
     more = (

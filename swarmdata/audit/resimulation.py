@@ -51,7 +51,7 @@ def replay(dataset: Dataset, n_episodes: int, seed: int = 0) -> tuple[Drift, ...
         CheckpointError: a checkpoint of the recipe has changed.
     """
     chosen = _choose(len(dataset), n_episodes, seed)
-    versions = changed_versions(dataset.stored.manifest.provenance, provenance())
+    versions = changed_versions(dataset.stored.manifest.provenance, provenance(dataset.spec.world))
     drifts = []
     policies = dataset.stored.table.policy[chosen]
     for policy in np.unique(policies).tolist():

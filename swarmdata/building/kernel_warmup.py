@@ -6,6 +6,7 @@ that calls them runs, for a few steps.
 """
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,6 +29,7 @@ from swarmdata.runtime.kernel_progress import PROGRESS
 from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import BACKENDS
 
 TASKS = ("coop_nav", "formation", "transport", "warehouse")
 """Presets that are played with every sensor and radio, and of which a dataset is made."""
@@ -120,13 +122,25 @@ def _jobs() -> list[Job]:
         for play in (*controllers, *presets, *sensing)
     ]
     datasets = [{"dataset": f"{task}-medium-mini"} for task in TASKS]
-    uses: list[dict[str, Any]] = [*plays, *datasets]
+    simulated = [
+        {"name": task, "policy": "random", "backend": backend}
+        for backend in BACKENDS
+        if backend == "kinematic" or (backend == "mujoco" and find_spec("mujoco"))
+        for task in ("coop_nav", "transport")
+    ]
+    uses: list[dict[str, Any]] = [*plays, *simulated, *datasets]
     return [Job(" ".join(map(str, use.values())), use) for use in uses]
 
 
-def _play(name: str, policy: str, observation: str | None, communication: str | None) -> None:
+def _play(
+    name: str,
+    policy: str,
+    observation: str | None = None,
+    communication: str | None = None,
+    backend: str | None = None,
+) -> None:
     """Plays a few steps of a preset, with each of its conventions."""
-    spec = with_models(preset(name), observation, communication)
+    spec = with_models(preset(name), observation, communication, backend)
     env = make_env(spec, N_COPIES)
     for convention in (None, *conventions_of(spec)):
         options = {} if convention is None or policy != "scripted" else {"convention": convention}

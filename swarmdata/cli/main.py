@@ -23,6 +23,7 @@ from swarmdata.cli import (
     study_commands,
     sweep_commands,
     training_commands,
+    transfer_commands,
 )
 from swarmdata.cli.catalogue_commands import catalogue_app
 from swarmdata.cli.making import (
@@ -35,6 +36,7 @@ from swarmdata.cli.making.record_commands import record_app
 from swarmdata.cli.option_use import refuse
 from swarmdata.cli.registry_commands import registry_app
 from swarmdata.cli.shared_options import (
+    Backend,
     Clip,
     Communication,
     Episodes,
@@ -59,7 +61,16 @@ SECTIONS = {
         "card",
     ),
     "Worlds": ("task", "references"),
-    "Learning": ("study", "study-pages", "sweep", "rank", "learning", "curves"),
+    "Learning": (
+        "study",
+        "study-pages",
+        "sweep",
+        "transfer",
+        "rank",
+        "learning",
+        "curves",
+        "export-policy",
+    ),
     "Hub": ("pull", "push", "remote", "catalogue"),
     "Maintenance": ("warm", "registry", "ship"),
 }
@@ -322,6 +333,7 @@ app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
 app.command()(training_commands.learning)
+app.command()(training_commands.export_policy)
 app.command()(ranking_commands.rank)
 app.command()(convert_commands.convert)
 app.command("import")(import_commands.import_command)
@@ -330,6 +342,7 @@ app.command()(result_commands.report)
 app.command()(study_commands.study)
 app.command("study-pages")(study_commands.study_pages)
 app.command()(sweep_commands.sweep)
+app.command()(transfer_commands.transfer)
 
 
 @app.command()
@@ -391,6 +404,7 @@ def references(
     out: Annotated[
         Path | None, typer.Option(help="JSON file to update; default: print the table")
     ] = None,
+    backend: Backend = None,
 ) -> None:
     """Measure the reference policies of tasks.
 
@@ -399,8 +413,9 @@ def references(
     from swarmdata.evaluation.results.target_evaluation import measure_references
 
     for task in tasks:
-        table = measure_references(task, episodes)
-        _put_or_print(out, {Path(task).stem: table.model_dump(mode="json")})
+        table = measure_references(task, episodes, backend=backend)
+        name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
+        _put_or_print(out, {name: table.model_dump(mode="json")})
 
 
 def _put_or_print(path: Path | None, entries: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ import typer
 from swarmdata.cli.option_use import given, refuse, refuse_workers
 from swarmdata.cli.shared_options import (
     Again,
+    Backend,
     Communication,
     Engine,
     Episodes,
@@ -50,6 +51,7 @@ def evaluate(
     again: Again = False,
     observation: Observation = None,
     communication: Communication = None,
+    backend: Backend = None,
     threads: Threads = 1,
     workers: Processes = 1,
     engine: Engine = "local",
@@ -64,7 +66,8 @@ def evaluate(
     _check_options(context, engine, part, has_folder=out is not None, collect=collect)
     from swarmdata.evaluation.results.evaluation_jobs import TargetName, evaluations_of
 
-    sources = [TargetName.of(name, task, observation, communication, label) for name in targets]
+    how = (task, observation, communication, label, backend)
+    sources = [TargetName.of(name, *how) for name in targets]
     found = [(source, source.find()) for source in sources]
     block: SeedBlock = "validation" if validation else "evaluation"
     if out is None:

@@ -52,6 +52,13 @@ Communication = Annotated[
         show_default="that of the task, the dataset or the training",
     ),
 ]
+Backend = Annotated[
+    str | None,
+    typer.Option(
+        help="simulator: pymunk, kinematic (without contacts) or mujoco (an extra)",
+        show_default="that of the task, the dataset or the training",
+    ),
+]
 Clip = Annotated[Path, typer.Option(help="file to write: .gif, .mp4 or .png")]
 
 

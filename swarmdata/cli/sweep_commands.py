@@ -1,4 +1,4 @@
-"""`swarmdata sweep`: trained policies under worse communication and sensing."""
+"""`swarmdata sweep`: policies under worse communication, sensing or bodies."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swarmdata.cli.option_use import refuse, refuse_workers
-from swarmdata.cli.shared_options import Engine, Episodes, Processes, Task
+from swarmdata.cli.shared_options import Backend, Engine, Episodes, Processes, Task
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.robustness.sweep import Sweep
@@ -21,6 +21,12 @@ Communications = Annotated[
 Observations = Annotated[
     list[str] | None,
     typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; may be repeated"),
+]
+Bodies = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar=_AXIS, help="such as max_speed=0.6..0.3 or payload_mass=4,8; may be repeated"
+    ),
 ]
 Values = Annotated[int, typer.Option(min=2, help="number of values from A to B, both included")]
 Listing = Annotated[bool, typer.Option("--points", help="list the points, and which are done")]
@@ -44,9 +50,11 @@ def sweep(
     out: Annotated[Path, typer.Option(help="folder for results, tables and figures")],
     communication: Communications = None,
     observation: Observations = None,
+    body: Bodies = None,
     values: Values = 5,
     episodes: Episodes = 200,
     task: Task = None,
+    backend: Backend = None,
     workers: Processes = 1,
     engine: Engine = "local",
     points: Listing = False,
@@ -54,12 +62,14 @@ def sweep(
     point: OnePoint = None,
     collect: Collect = False,
 ) -> None:
-    """Evaluate policies under worse communication or sensing.
+    """Evaluate policies under worse communication or sensing, or with other bodies.
 
     One parameter changes at a time; everything else is as in training, on the same seeds. An
     interrupted sweep resumes: run the same command again.
     """
-    if not any(".." in text for text in [*(communication or []), *(observation or [])]):
+    if not any(
+        ".." in text for text in [*(communication or ()), *(observation or ()), *(body or ())]
+    ):
         refuse(context, ("values",), "without an axis such as noise=0..0.2")
     refuse_workers(context, engine)
     from swarmdata.evaluation.robustness import sweep as sweeps
@@ -67,7 +77,8 @@ def sweep(
 
     axes = [parse_axis(text, "communication", values) for text in communication or []]
     axes += [parse_axis(text, "observation", values) for text in observation or []]
-    options: dict[str, Any] = {"n_episodes": episodes, "task": task}
+    axes += [parse_axis(text, "body", values) for text in body or []]
+    options: dict[str, Any] = {"n_episodes": episodes, "task": task, "backend": backend}
     if points or point is not None or collect:
         planned = sweeps.plan_sweep(targets, axes, out, **options)
         _do_some(context, planned, axes, points=points, as_json=json, point=point)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from swarmdata.cli.option_use import refuse
-from swarmdata.cli.shared_options import Clip, Communication, Observation
+from swarmdata.cli.shared_options import Backend, Clip, Communication, Observation
 
 NameOrFile = Annotated[
     str, typer.Argument(metavar="NAME_OR_FILE", help="preset, or a YAML or JSON file with a spec")
@@ -91,6 +91,7 @@ def play(
     episode: Annotated[int, typer.Option(min=0, help="index of the evaluation seed")] = 0,
     observation: Observation = None,
     communication: Communication = None,
+    backend: Backend = None,
     size: Annotated[int, typer.Option(min=64, help="pixels of the arena's longer side")] = 384,
     stride: Annotated[int, typer.Option(min=1, help="control steps per animation frame")] = 1,
 ) -> None:
@@ -104,7 +105,7 @@ def play(
     from swarmdata.types import END_REASONS
 
     played = draw_target(
-        policy, out, episode, name, observation, communication, size=size, stride=stride
+        policy, out, episode, name, observation, communication, backend, size=size, stride=stride
     )
     typer.echo(
         f"{out}: {len(played)} steps, ended by {END_REASONS[played.end_reason]}, return "

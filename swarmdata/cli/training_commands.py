@@ -1,4 +1,4 @@
-"""`swarmdata train`, `ship` and `learning`: training runs, shipped checkpoints, online reports."""
+"""`swarmdata train`, `ship`, `learning`, `export-policy`: runs, checkpoints, reports, robots."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -235,3 +235,18 @@ def learning(
     from swarmdata.evaluation.results.online_report import write_online_report
 
     typer.echo(write_online_report(runs, out), nl=False)
+
+
+def export_policy(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="folder of a training run")],
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="to write, such as policy.onnx")],
+    seed: Annotated[int, typer.Option(min=0, help="seed of the training")] = 0,
+) -> None:
+    """Export a policy as ONNX, for robots.
+
+    The file has the frame, the normalization and the network of one robot, and says which features
+    it observes. It runs without swarmdata or torch.
+    """
+    from swarmdata.interop.exported_policies import export_policy as export
+
+    typer.echo(export(str(run), out, seed))

@@ -430,24 +430,32 @@ class Dataset:
 
     @overload
     def make_env(
-        self, n_copies: int = 1, *, n_threads: int = 1, api: Literal["vector"] = "vector"
-    ) -> VecEnv: ...
+        self, n_copies: int = 1, *, n_threads: int = 1, api: Literal["vector"] = "vector",
+        backend: str | None = None,
+    ) -> VecEnv: ...  # fmt: skip
     @overload
-    def make_env(self, n_copies: int = 1, *, api: Literal["pettingzoo"]) -> Any: ...
-    def make_env(self, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector") -> Any:
+    def make_env(
+        self, n_copies: int = 1, *, api: Literal["pettingzoo"], backend: str | None = None
+    ) -> Any: ...
+    def make_env(
+        self, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector",
+        backend: str | None = None,
+    ) -> Any:  # fmt: skip
         """Builds the world that was recorded.
 
         Args:
             n_copies: copies stepped together, E; a PettingZoo environment has one.
             n_threads: threads that step them, as `swarmdata.make_env` takes it.
             api: `vector` for a `VecEnv`, `pettingzoo` for a `ParallelEnv`.
+            backend: simulator, such as `mujoco`; None: that of the recording.
 
         Raises:
-            UnknownNameError: another interface.
+            UnknownNameError: another interface or simulator.
+            MissingExtraError: the simulator is not installed.
             SchemaError: several copies or threads of a PettingZoo environment.
         """
         return make_env(  # type: ignore[call-overload]
-            self.task, n_copies, n_threads=n_threads, api=api
+            with_models(self.task, backend=backend), n_copies, n_threads=n_threads, api=api
         )
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:

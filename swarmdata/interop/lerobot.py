@@ -128,7 +128,8 @@ def _write_frames(part: Part, path: Path, fps: int) -> list[dict[str, Any]]:
     library = arrow()
     file = path / _DATA_PATH.format(**part.place)
     file.parent.mkdir(parents=True, exist_ok=True)
-    writer, rows, frame = None, [], part.first_frame
+    rows: list[dict[str, Any]] = []
+    writer, frame = None, part.first_frame
     lengths = iter(part.view.episodes.lengths.tolist())
     try:
         for _, arrays in step_blocks(part.view):

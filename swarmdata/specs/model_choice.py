@@ -1,35 +1,42 @@
-"""Observation and communication models of a spec: chosen by name, replaced, described."""
+"""Models and simulator of a spec: chosen by name, replaced, described."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.errors import PolicyFitError
+from swarmdata.errors import PolicyFitError, UnknownNameError
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.sensing_models import AnyCommunicationModel, AnyObservationModel
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import BACKENDS, TaskSpec
 
 Source = str | Path | Mapping[str, Any] | Frozen
 """A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""
 
 
 def with_models(
-    spec: TaskSpec, observation: Source | None = None, communication: Source | None = None
+    spec: TaskSpec,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    backend: str | None = None,
 ) -> TaskSpec:
-    """Returns the same task with other models; None keeps that of the spec.
+    """Returns the same task with other models, or in another simulator; None keeps the spec's.
 
     Raises:
-        UnknownNameError: no such model, with the nearest known name.
+        UnknownNameError: no such model or simulator, with the nearest known name.
         SpecError: a value out of its range, or a text or file that is no model.
     """
-    changes: dict[str, AnyObservationModel | AnyCommunicationModel] = {}
+    changes: dict[str, AnyObservationModel | AnyCommunicationModel | str] = {}
     if observation is not None:
         changes["observation"] = observation_model(observation)  # type: ignore[arg-type]
     if communication is not None:
         changes["communication"] = communication_model(communication)  # type: ignore[arg-type]
+    if backend is not None:
+        if backend not in BACKENDS:
+            raise UnknownNameError("backend", backend, BACKENDS)
+        changes["backend"] = backend
     return spec.with_updates(**changes) if changes else spec
 
 

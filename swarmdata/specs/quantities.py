@@ -17,6 +17,8 @@ Length = Annotated[float, _bounded(1e-3, 1e3)]  # m, above 0
 Distance = Annotated[float, _bounded(0.0, 1e3)]  # m, may be 0
 Coordinate = Annotated[float, _bounded(-1e3, 1e3)]  # m, of either sign
 Duration = Annotated[float, _bounded(1e-3, 1e3)]  # s
+Lag = Annotated[float, _bounded(0.0, 1e2)]  # s, a time constant that may be 0
+Delay = Annotated[int, Field(ge=0, le=100)]  # control steps
 Speed = Annotated[float, _bounded(1e-3, 1e2)]  # m/s
 Acceleration = Annotated[float, _bounded(1e-3, 1e3)]  # m/s^2
 TurnRate = Annotated[float, _bounded(1e-3, 1e2)]  # rad/s

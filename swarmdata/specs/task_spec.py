@@ -4,9 +4,16 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from swarmdata.errors import SwarmdataError
 from swarmdata.specs.budget import excesses
@@ -18,8 +25,10 @@ from swarmdata.specs.quantities import (
     Acceleration,
     Count,
     CountOrNone,
+    Delay,
     Distance,
     Duration,
+    Lag,
     Length,
     Span,
     Speed,
@@ -34,6 +43,11 @@ from swarmdata.specs.sensing_models import (
     StateModel,
 )
 from swarmdata.specs.spaces import BoxSpace, Space
+
+Backend = Literal["pymunk", "kinematic", "mujoco"]
+"""What simulates a world: see `swarmdata.envs.physics`."""
+
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 WORLD_VERSION = 1
 """The version of the worlds that this package simulates: their physics and rewards are frozen."""
@@ -80,6 +94,15 @@ class Robot(Frozen):
     max_acceleration: Acceleration = 1.5  # m/s^2
     max_turn_rate: TurnRate = 3.0  # rad/s, unicycle only
     sensor_range: Length | None = None  # m, of this robot's sensors, if shorter than the model's
+    command_delay: Delay = 0  # control steps until a command reaches the motors
+    actuator_lag: Lag = 0.0  # s, time constant with which the motors follow it
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out later fields at their defaults: hashes of older specs stay the same."""
+        content: dict[str, Any] = write(self)
+        later = ("command_delay", "actuator_lag")
+        return {key: value for key, value in content.items() if key not in later or value != 0}
 
 
 class Role(Frozen):
@@ -156,6 +179,7 @@ class TaskSpec(Frozen):
     horizon: Count = 160  # control steps of an episode, at most
     control_dt: Duration = 0.1  # s, between two commands
     physics_dt: Duration = 0.05  # s, of a physics step
+    backend: Backend = "pymunk"  # what simulates it; kinematic: everything passes through all else
     on_collision: Literal["continue", "fail"] = "continue"  # fail: a collision ends the episode
     observation: Annotated[AnyObservationModel, _named(observation_model)] = StateModel()
     """What robots sense."""
@@ -187,6 +211,14 @@ class TaskSpec(Frozen):
         if problems:
             raise ValueError("; ".join(problems))
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out the default of a later field: hashes of older specs stay the same."""
+        content: dict[str, Any] = write(self)
+        if content.get("backend") == "pymunk":
+            del content["backend"]
+        return content
 
     @property
     def world(self) -> "TaskSpec":

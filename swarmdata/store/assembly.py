@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
 from swarmdata.runtime.atomic import new_folder
 from swarmdata.specs.origins import Origin
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     CHECKPOINTS,
@@ -325,7 +326,7 @@ def _write(
             reward_mean=reward_mean,
             reward_std=reward_std,
         ),
-        provenance=provenance(),
+        provenance=provenance(recipe.spec.world),
     )
 
 
@@ -357,9 +358,15 @@ def _attributes(recipe: Origin) -> dict[str, Any]:
     }
 
 
-def provenance() -> dict[str, str]:
-    """Versions and platform that something is made with here; in no digest."""
-    packages = ("swarmdata", "numpy", "numba", "pymunk", "zarr")
+def provenance(world: TaskSpec | None = None) -> dict[str, str]:
+    """Versions and platform that something is made with here; in no digest.
+
+    Args:
+        world: what is simulated, if another simulator than Pymunk may do it.
+    """
+    packages = ["swarmdata", "numpy", "numba", "pymunk", "zarr"]
+    if world is not None and world.backend == "mujoco":
+        packages.append("mujoco")
     return {
         **{name: version(name) for name in packages},
         "python": platform.python_version(),

@@ -1,5 +1,6 @@
 """After a warm-up, nothing is left to compile."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +37,10 @@ def test_nothing_is_left_to_compile(tmp_path: Path) -> None:
     content = find_recipe("coop_nav-expert-mini").model_dump()
     recipe = Recipe.parse({**content, "n_steps": 2000, "part_episodes": 4})
     build(recipe, tmp_path / recipe.id, workers=1, progress=False)
-    for name in ("transport", "warehouse-hard", "formation-circle"):
-        spec = preset(name)
+    specs = [preset(name) for name in ("transport", "warehouse-hard", "formation-circle")]
+    others = ("kinematic", "mujoco") if find_spec("mujoco") else ("kinematic",)
+    specs += [preset("coop_nav").with_updates(backend=backend) for backend in others]
+    for spec in specs:
         seeds = np.arange(2, dtype=np.uint64)
         list(rollout(make_env(spec, 2), make_policy("scripted", spec, noise=0.1), seeds))
 

@@ -28,6 +28,7 @@ from swarmdata.specs.origins import ImportedLogs
 SAMPLES = {
     "--action-bounds": "-2,2",
     "--agents": "a,b",
+    "--backend": "kinematic",
     "--by": "algorithm/task",
     "--communication": "lossy-30",
     "--config": "coop_nav-expert",
@@ -54,7 +55,11 @@ SAMPLES = {
 }
 """Values that differ from defaults; of other options, numbers and words."""
 
-AXES = {"--communication": "drop=0.1,0.2", "--observation": "noise=0.1,0.2"}
+AXES = {
+    "--body": "max_speed=0.5,0.4",
+    "--communication": "drop=0.1,0.2",
+    "--observation": "noise=0.1,0.2",
+}
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,10 @@ CATALOG = "swarmdata.hub.catalog.catalog"
 EDIT = "swarmdata.building.edit"
 REPAIR = "swarmdata.hub.catalog.repair"
 REGENERATE = "swarmdata.hub.publishing.regenerate"
+TRANSFER = "swarmdata.evaluation.transfer.simulator_transfer"
+PAGE = "swarmdata.evaluation.transfer.transfer_page"
+TRANSFER_LINE = "transfer idle --task coop_nav --results a --out b.md"
+PLANNED = ("--task", "--results", "--backend", "--episodes")
 SWEEP = "swarmdata.evaluation.robustness.sweep"
 STUDY = "swarmdata.evaluation.study.run_study"
 CELL = SimpleNamespace(name="bc/a", label="bc", data="a", n_updates=3, key="k")
@@ -158,6 +167,7 @@ CASES = (
     Case("train vdn --task coop_nav --data coop_nav-expert", (f"{RUNS}.train:train_online",)),
     Case("ship coop_nav --out a", ("swarmdata.online_algos.runs.checkpoint_selection:ship",),
          {"swarmdata.online_algos.runs.checkpoint_selection:seeds_of": list}),
+    Case("export-policy run a.onnx", ("swarmdata.interop.exported_policies:export_policy",)),
     Case("learning run --out a", (f"{RESULTS}.online_report:write_online_report",)),
     Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),
          samples={"--by": "td_error"},
@@ -206,11 +216,22 @@ CASES = (
     Case("sweep expert --out a --observation noise=0..0.2 --points", (), {},
          {**AXES, "--observation": "range=2,1"},
          {"--out": "the points are done in neither folder",
-          "--episodes": "how many there are is not listed", "--task": "neither is the task"}),
+          "--episodes": "how many there are is not listed", "--task": "neither is the task",
+          "--backend": "nor is the simulator"}),
     Case("sweep expert --out a --observation noise=0..0.2 --point b", (f"{SWEEP}:run_point",),
          samples={**AXES, "--observation": "range=2,1"}),
     Case("sweep expert --out a --observation noise=0..0.2 --collect",
          (f"{SWEEP}:collect_sweep",), samples={**AXES, "--observation": "range=2,1"}),
+    Case(TRANSFER_LINE, (f"{TRANSFER}:plan_transfer",),
+         idle={"--out": "the boundary ends the command before it writes",
+               "--workers": "and before it evaluates", "--engine": "likewise"}),
+    Case(TRANSFER_LINE, (f"{TRANSFER}:run_transfer",), {f"{TRANSFER}:plan_transfer": "a plan"},
+         idle={**dict.fromkeys(PLANNED, "the plan is a stub here"),
+               "--out": "the boundary ends the command before it writes"}),
+    Case(TRANSFER_LINE, ("swarmdata.store:write_file",),
+         {f"{TRANSFER}:plan_transfer": "a plan", f"{TRANSFER}:run_transfer": (),
+          f"{PAGE}:transfer_page": "# A page"}, {"--out": "c.md"},
+         dict.fromkeys((*PLANNED, "--workers", "--engine"), "all but the file is a stub here")),
     Case("curves a.csv --out a.png", (f"{RESULTS}.curve_plots:draw_training",
                                       f"{RESULTS}.curve_plots:draw_learning")),
     Case("curves a.csv --out a.png --by task", (f"{RESULTS}.curve_plots:draw_learning",)),

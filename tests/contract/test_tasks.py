@@ -32,6 +32,8 @@ ROBOTS: dict[str, dict[str, Any]] = {
     "unicycle-acceleration": {"dynamics": "unicycle", "command": "acceleration"},
 }
 
+LATE = {"command_delay": 2, "actuator_lag": 0.2}
+
 
 def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
     team = [
@@ -39,6 +41,27 @@ def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
         for role in spec.team
     ]
     return spec.with_updates(team=team)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("robot", [*ROBOTS, "late"])
+@pytest.mark.parametrize("backend", ["mujoco", "kinematic", "pymunk"])
+def test_every_simulator_keeps_the_contract(task: str, robot: str, backend: str) -> None:
+    if backend == "mujoco":
+        pytest.importorskip("mujoco", reason="mujoco is not installed")
+    spec = preset(task).with_updates(
+        observation=observation_model("lidar"),
+        communication=communication_model("lossy-30"),
+        backend=backend,
+    )
+    check_task(make_env, with_robot(spec, {**ROBOTS, "late": LATE}[robot]), n_steps=12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_keeps_the_contract_in_mujoco(name: str) -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed")
+    check_task(make_env, preset(name).with_updates(backend="mujoco"), n_steps=30)
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -123,6 +123,14 @@ def test_unknown_names_are_explained(dataset: Dataset) -> None:
         dataset.make_env(api="gym")  # type: ignore[call-overload]
     with pytest.raises(SchemaError, match="n_copies=2"):
         dataset.make_env(2, api="pettingzoo")
+    with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
+        dataset.make_env(backend="mujuco")
+
+
+def test_the_recorded_world_in_another_simulator(dataset: Dataset) -> None:
+    env = dataset.make_env(2, backend="kinematic")
+    assert env.spec == dataset.task.with_updates(backend="kinematic")
+    assert dataset.make_env().spec == dataset.task
 
 
 def test_transitions_are_aligned_and_complete(dataset: Dataset) -> None:

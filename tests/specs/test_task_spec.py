@@ -227,3 +227,19 @@ def test_messages_list_five_names_at_most() -> None:
 def test_wrong_values_are_described_in_our_words(change: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         TaskSpec.parse(change)
+
+
+def test_the_usual_simulator_is_in_no_hash() -> None:
+    """Specs that are older than the field keep their hashes, and so do recipes."""
+    spec = TaskSpec()
+    assert "backend" not in json.loads(spec.to_json())
+    assert TaskSpec.from_text("backend: pymunk") == spec
+    other = spec.with_updates(backend="mujoco")
+    assert json.loads(other.to_json())["backend"] == "mujoco"
+    assert TaskSpec.from_text(other.to_yaml()) == other
+    assert other.hash() != spec.hash()
+    assert with_models(other, backend="pymunk") == spec
+    with pytest.raises(SpecError, match=r"backend: expected 'pymunk', 'kinematic' or 'mujoco'"):
+        TaskSpec.from_text("backend: bullet")
+    with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
+        with_models(spec, backend="mujuco")

@@ -7,6 +7,7 @@ import typer
 
 from swarmdata.cli.option_use import refuse, refuse_all_but, refuse_workers
 from swarmdata.cli.shared_options import (
+    Backend,
     Communication,
     Engine,
     Observation,
@@ -74,6 +75,7 @@ def generate(
     noise: Noise = 0.0,
     observation: Observation = None,
     communication: Communication = None,
+    backend: Backend = None,
     seed: Seed = None,
     tier: Tier = "own",
     workers: Workers = None,
@@ -106,7 +108,7 @@ def generate(
     n_steps = steps or generated_dataset.DEFAULT_STEPS
     made = generated_dataset.generate(
         task or "", read_shares(policy), id=new_id, n_steps=n_steps, noise=noise, tier=tier,
-        observation=observation, communication=communication, seed=seed, out=out,
+        observation=observation, communication=communication, backend=backend, seed=seed, out=out,
         workers=workers, engine=engine, report=typer.echo,
     )  # fmt: skip
     _print_built(made.path)

@@ -11,7 +11,7 @@ from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
 from swarmdata.envs.render import animate, draw, save_png
 from swarmdata.envs.render.video import VIDEO_SUFFIXES
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.results.policy_names import check_no_task, find_target, own_dataset
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import evaluation_seeds
@@ -92,6 +92,7 @@ def draw_target(
     task: str | None,
     observation: Source | None = None,
     communication: Source | None = None,
+    backend: str | None = None,
     *,
     size: int = 384,
     stride: int = 1,
@@ -105,24 +106,30 @@ def draw_target(
         task: of policies, tiers and runs, as `find_target` takes it.
         observation: observation model; a recorded episode is re-observed with it.
         communication: communication model, likewise.
+        backend: simulator of policies, tiers and runs, as `find_target` takes it.
         size: pixels of the arena's longer side.
         stride: control steps per animation frame.
 
     Raises:
         SchemaError: the suffix is unknown, or there is no such episode.
-        SpecError: a task is given with a dataset.
+        SpecError: a task or a simulator is given with a dataset.
     """
     check_clip(out)
     own = None if is_dataset(name) else own_dataset(name)
     if is_dataset(name) or own is not None:
         check_no_task(name, task)
+        if backend is not None:
+            raise SpecError(
+                f"{name} is a dataset, whose episodes are drawn as recorded, not simulated in "
+                f"{backend}; leave the simulator (--backend) out, or name a policy"
+            )
         dataset = load(name if own is None else own)
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
         spec = with_models(dataset.task, observation, communication)
         episode = reobserved_episode(dataset[index], dataset.task, spec)
     else:
-        target = find_target(name, task, observation, communication)
+        target = find_target(name, task, observation, communication, backend)
         spec, seeds = target.spec, evaluation_seeds(index + 1)[index:]
         (episode,) = rollout(make_env(spec), target.policies[0], seeds)
     write_clip(episode, spec, out, size=size, stride=stride)

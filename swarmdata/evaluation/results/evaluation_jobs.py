@@ -33,6 +33,7 @@ class TargetName(Frozen):
     observation: str | dict[str, Any] | None = None
     communication: str | dict[str, Any] | None = None
     label: str | None = None  # None: the target's own
+    backend: str | None = None
 
     @classmethod
     def of(
@@ -42,6 +43,7 @@ class TargetName(Frozen):
         observation: Source | None = None,
         communication: Source | None = None,
         label: str | None = None,
+        backend: str | None = None,
     ) -> Self:
         """Takes what `find_target` takes; paths become absolute."""
         return cls(
@@ -50,11 +52,13 @@ class TargetName(Frozen):
             observation=portable_source(observation),
             communication=portable_source(communication),
             label=label,
+            backend=backend,
         )
 
     def find(self) -> Target:
         """Returns the target; raises as `find_target` and `Target.labelled` do."""
-        found = find_target(self.name, self.task, self.observation, self.communication)
+        models = (self.observation, self.communication, self.backend)
+        found = find_target(self.name, self.task, *models)
         return found if self.label is None else found.labelled(self.label)
 
 

@@ -60,10 +60,11 @@ class Target:
 
 @dataclass(frozen=True)
 class Models:
-    """Models to evaluate with; None keeps the model of the policy's spec."""
+    """Models and simulator to evaluate with; None keeps that of the policy's spec."""
 
     observation: Source | None = None
     communication: Source | None = None
+    backend: str | None = None
 
     def evaluation_spec(self, policy: str, trained: TaskSpec, *, is_fixed: bool) -> TaskSpec:
         """Returns the spec to evaluate a policy in.
@@ -76,7 +77,7 @@ class Models:
         Raises:
             PolicyFitError: the models do not provide the features that it needs.
         """
-        spec = with_models(trained, self.observation, self.communication)
+        spec = with_models(trained, self.observation, self.communication, self.backend)
         if is_fixed and spec != trained:
             features = (features_of(make_task(each)) for each in (trained, spec))
             check_senses(policy, trained, spec, *features)
@@ -88,6 +89,7 @@ def find_target(
     task: str | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
+    backend: str | None = None,
 ) -> Target:
     """Finds the team that a name means.
 
@@ -100,16 +102,17 @@ def find_target(
         observation: observation model, such as `lidar`; None: that of the task, the dataset or the
             training.
         communication: communication model, such as `lossy-30`, likewise.
+        backend: simulator, such as `mujoco`, likewise.
 
     Raises:
-        UnknownNameError: nothing has that name.
+        UnknownNameError: nothing has that name, or there is no such simulator.
         ReplacedDatasetError: it is the id of a dataset that a newer version has replaced.
         PolicyFitError: the task or the models do not provide what a trained policy needs.
         SpecError: the run was trained on a recording of another environment; a task is given with
             a dataset; or the dataset's policies were not recorded with it.
         MissingExtraError: a run folder needs torch.
     """
-    models = Models(observation, communication)
+    models = Models(observation, communication, backend)
     if is_folder(name) and run_folders(Path(name)):
         return _run_target(Path(name), task, models)
     if is_dataset(name):
@@ -216,6 +219,6 @@ def _run_target(folder: Path, task: str | None, models: Models) -> Target:
     world = trained
     if task is not None:
         world = with_models(find_spec(task), trained.observation, trained.communication)
-    spec = with_models(world, models.observation, models.communication)
+    spec = with_models(world, models.observation, models.communication, models.backend)
     policies = fit_policies(str(folder), load_policies(found), trained, spec)
     return Target(spec, policies, found.provenances)

@@ -25,7 +25,7 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
-from swarmdata.specs.model_choice import is_same_world
+from swarmdata.specs.model_choice import is_same_world, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store
 from swarmdata.store.publication import figures_of
@@ -259,12 +259,13 @@ def reference_of(spec: Spec) -> Reference | None:
     """Returns the reference of the score: of the spec, else of the headline spec of its world.
 
     Models change neither rewards nor returns. A policy that observes less is scored on the scale of
-    the headline spec, so that the loss is visible.
+    the headline spec, so that the loss is visible; so is one in another simulator.
     """
     if spec.world is None:
         return None
-    worlds = [known for known in FAMILY_SPECS.values() if is_same_world(known, spec.world)]
-    found = (references_of(each.hash()) for each in (spec, *worlds))
+    usual = with_models(spec.world, backend="pymunk")
+    worlds = [known for known in FAMILY_SPECS.values() if is_same_world(known, usual)]
+    found = (references_of(each.hash()) for each in (spec, usual, *worlds))
     known: TaskReferences | None = next((each for each in found if each is not None), None)
     return None if known is None else known.reference
 

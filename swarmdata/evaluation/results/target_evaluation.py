@@ -18,6 +18,7 @@ from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import TaskReferences
 from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Seeds
 
@@ -105,7 +106,12 @@ def kept_result(spec: TaskSpec, provenance: Provenance, seeds: Seeds, out: Path)
 
 
 def measure_references(
-    task: str, n_episodes: int, names: Sequence[str] = REFERENCE_POLICIES, *, progress: bool = True
+    task: str,
+    n_episodes: int,
+    names: Sequence[str] = REFERENCE_POLICIES,
+    *,
+    backend: str | None = None,
+    progress: bool = True,
 ) -> TaskReferences:
     """Evaluates the reference policies of a task; tiers without checkpoints are left out.
 
@@ -113,6 +119,7 @@ def measure_references(
         task: a preset's name, or a spec file.
         n_episodes: number of reserved seeds, from the first.
         names: of the policies and tiers.
+        backend: simulator; None: that of the task.
         progress: whether to show progress bars.
 
     Raises:
@@ -122,10 +129,10 @@ def measure_references(
     find_spec(task)
     available = [name for name in names if name not in TIERS or sources(task, name)]
     results: dict[str, list[EvalResult]] = {}
-    for target in (find_target(name, task) for name in available):
+    for target in (find_target(name, task, backend=backend) for name in available):
         measured = evaluate_target(target, n_episodes, progress=progress)
         found = [each.evaluation for each in measured]
         results[target.label] = found
         if len(found) > 1:  # besides the mean of the tier, list each policy
             results |= {f"{target.label}-{index}": [each] for index, each in enumerate(found)}
-    return summarize(results)
+    return summarize(results, with_models(find_spec(task), backend=backend).backend)

@@ -1,4 +1,4 @@
-"""Evaluates trained policies under worse communication and sensing, with everything else fixed.
+"""Evaluates policies under worse communication, sensing or bodies, with everything else fixed.
 
 results/trained/            result files with everything as in training
 results/PART-NAME-VALUE/    result files at one value of an axis
@@ -109,6 +109,7 @@ def plan_sweep(
     *,
     n_episodes: int = 200,
     task: str | None = None,
+    backend: str | None = None,
 ) -> Sweep:
     """Finds the teams and checks them, before anything is evaluated; takes what `sweep` takes.
 
@@ -120,7 +121,7 @@ def plan_sweep(
         MissingExtraError: torch for a run is not installed.
     """
     _check_axes(axes)
-    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, task)))
+    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, task, backend)))
 
 
 def run_point(planned: Sweep, name: str) -> bool:
@@ -148,6 +149,7 @@ def sweep(
     *,
     n_episodes: int = 200,
     task: str | None = None,
+    backend: str | None = None,
     engine: str | Executor = LOCAL,
     workers: int = 1,
     progress: bool = True,
@@ -161,6 +163,7 @@ def sweep(
         out: folder; an interrupted sweep of the same teams resumes in it.
         n_episodes: number of reserved seeds, the same at every point.
         task: of tiers and runs, as `find_target` takes it.
+        backend: simulator of all points; None: that of the training.
         engine: where policies are evaluated, as `build` takes it; all processes see `out` and the
             runs.
         workers: processes of the engine `local`; 1: this one.
@@ -171,7 +174,7 @@ def sweep(
         MissingExtraError: matplotlib is not installed.
     """
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
-    planned = plan_sweep(names, axes, out, n_episodes=n_episodes, task=task)
+    planned = plan_sweep(names, axes, out, n_episodes=n_episodes, task=task, backend=backend)
     every = [each for found in planned.points().values() for each in found]
     with updating(out / SUMMARY_FILE, progress):
         run_evaluations(every, engine=engine, workers=workers, progress=progress)
@@ -207,7 +210,7 @@ def _check_axes(axes: Sequence[Axis]) -> None:
     if not axes:
         raise SpecError(
             "there is nothing to sweep. Pass at least one axis, such as --communication "
-            "drop=0..0.8 or --observation noise=0..0.2."
+            "drop=0..0.8, --observation noise=0..0.2 or --body max_acceleration=1.5..0.5."
         )
     swept = [axis.parameter for axis in axes]
     twice = [parameter for parameter in swept if swept.count(parameter) > 1]
@@ -215,13 +218,16 @@ def _check_axes(axes: Sequence[Axis]) -> None:
         raise SpecError(f"{twice[0]} is swept twice. Put all its values into one axis.")
 
 
-def _teams(names: Sequence[str], axes: Sequence[Axis], task: str | None) -> list[_Team]:
+def _teams(
+    names: Sequence[str], axes: Sequence[Axis], task: str | None, backend: str | None
+) -> list[_Team]:
     """Finds the teams, and checks all of them before any evaluation."""
-    sources = [TargetName.of(name, task) for name in names]
+    sources = [TargetName.of(name, task, backend=backend) for name in names]
     targets = []
     for name, source in zip(names, sources, strict=True):
         targets.append(source.find())
-        _check_senses(targets[-1], name)
+        if any(axis.part != "body" for axis in axes):
+            _check_senses(targets[-1], name)
     teams = [
         _Team(label, source, target, _axis_specs(axes, name, target))
         for name, label, source, target in zip(

@@ -1,9 +1,11 @@
-"""Axes of a robustness sweep: a parameter of the communication or observation model, and values.
+"""Axes of a robustness sweep: a parameter of a model or of the robots' bodies, and its values.
 
 An axis is written `drop=0..0.8`, values evenly spaced between two ends, or `drop=0,0.3,0.6`.
 Its name is a field of the communication or observation model, such as `delay` or `noise.velocity`,
 or one of the short names below. Fields that change the number or the unit of the
 features cannot be axes: a policy would misread its observations rather than observe less.
+An axis of the body is a limit of all robots, or what a payload weighs and how it rubs
+(`BODY_FIELDS`, `PAYLOAD_FIELDS`), in any simulator.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,6 +20,7 @@ from swarmdata.registry.components import make_task
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import check_senses, describe
+from swarmdata.specs.rules import TransportRules
 from swarmdata.specs.sensing_models import (
     BearingModel,
     Broadcast,
@@ -26,9 +29,9 @@ from swarmdata.specs.sensing_models import (
     SensorNoise,
     StateModel,
 )
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 
-Part = Literal["communication", "observation"]
+Part = Literal["communication", "observation", "body"]
 
 Place = tuple[str | int, ...]
 """Keys from the top of a spec to one of its values."""
@@ -39,6 +42,21 @@ SHORT_NAMES = {
     "slots": "slots_in_step",
 }
 """Short names of fields of the communication model."""
+
+BODY_FIELDS = (
+    "max_speed", "max_acceleration", "max_turn_rate", "command_delay", "actuator_lag",
+)  # fmt: skip
+"""Fields of `task_spec.Robot` that are axes of the body; turn rates are those of unicycles."""
+
+PAYLOAD_FIELDS = {"payload_mass": "mass", "payload_friction": "friction"}
+"""Axes of the body where robots push a payload, and its fields."""
+
+EXAMPLES: Mapping[Part, str] = {
+    "communication": "drop=0..0.8",
+    "observation": "noise=0..0.2",
+    "body": "max_acceleration=1.5..0.5",
+}
+"""How to write an axis, by its part."""
 
 NOISE_FIELDS = tuple(SensorNoise.model_fields)
 """The fields that the short name `noise` sets, as in the model name `noise-0.05`."""
@@ -132,7 +150,7 @@ def _number(text: str, axis: str, part: Part) -> Fraction:
 def _malformed(text: str, part: Part, problem: str) -> SpecError:
     return SpecError(
         f"--{part} {text}: {problem}. Write NAME=FROM..TO or NAME=A,B,..., such as "
-        f"{'drop=0..0.8' if part == 'communication' else 'noise=0..0.2'}."
+        f"{EXAMPLES[part]}."
     )
 
 
@@ -157,10 +175,9 @@ def specs_along_axis(axis: Axis, policy: str, spec: TaskSpec) -> AxisSpecs:
         )
     known = parameters(spec, axis.part)
     if axis.name not in known:
-        kind = getattr(spec, axis.part).kind
-        raise UnknownNameError(
-            f"{axis.part} ({kind}) parameter", axis.name, known, _FIXED_FIELDS_HINT
-        )
+        kind = spec.task if axis.part == "body" else getattr(spec, axis.part).kind
+        hint = "" if axis.part == "body" else _FIXED_FIELDS_HINT
+        raise UnknownNameError(f"{axis.part} ({kind}) parameter", axis.name, known, hint)
     places = known[axis.name]
     specs = tuple(changed(spec, places, value, axis.option) for value in axis.values)
     features = features_of(make_task(spec))
@@ -192,6 +209,8 @@ def parameters(spec: TaskSpec, part: Part) -> dict[str, tuple[Place, ...]]:
     Fields come from the models themselves. The observation range is the limit of the `state` model;
     for other models it is the range of the robots' sensors, which does not change the unit.
     """
+    if part == "body":
+        return _body_parameters(spec)
     model = getattr(spec, part)
     features = features_of(make_task(spec))
     found: dict[str, tuple[Place, ...]] = {}
@@ -208,6 +227,22 @@ def parameters(spec: TaskSpec, part: Part) -> dict[str, tuple[Place, ...]]:
         found["noise"] = tuple((part, "noise", each) for each in NOISE_FIELDS)
         sensors = tuple(("team", k, "robot", "sensor_range") for k in range(len(spec.team)))
         found["range"] = found["limit"] if isinstance(model, StateModel) else sensors
+    return found
+
+
+def _body_parameters(spec: TaskSpec) -> dict[str, tuple[Place, ...]]:
+    """The places of each limit in every role that has it, and those of a payload."""
+    found: dict[str, tuple[Place, ...]] = {}
+    for name in BODY_FIELDS:
+        roles = [
+            k
+            for k, role in enumerate(spec.team)
+            if name != "max_turn_rate" or role.robot.dynamics == "unicycle"
+        ]
+        if roles:
+            found[name] = tuple(("team", k, "robot", name) for k in roles)
+    if isinstance(spec.rules, TransportRules):
+        found |= {name: (("rules", "payload", key),) for name, key in PAYLOAD_FIELDS.items()}
     return found
 
 
@@ -232,12 +267,10 @@ def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:
     """The number in all these places; None if there is no single one."""
     found = set()
     for place in places:
-        node: Any = spec.model_dump(mode="json")
+        node: Any = spec
         for key in place:
-            if isinstance(node, Mapping):
-                node = node.get(key)  # `goal_steps` and `max_age` may be left out
-            elif node is not None:
-                node = node[key]
+            if node is not None:
+                node = node[key] if isinstance(key, int) else getattr(node, key)
         found.add(node)
     return found.pop() if len(found) == 1 else None
 
@@ -263,6 +296,8 @@ def _types(annotation: Any) -> Iterator[type]:
 
 def _is_whole(part: Part, name: str) -> bool:
     """Whether the models of a part have an integer field of this name."""
+    if part == "body":
+        return dict(_fields(Robot)).get((name,), False)
     path = tuple(SHORT_NAMES.get(name, name).split("."))
     models = _types(TaskSpec.model_fields[part].annotation)
     return any(dict(_fields(model)).get(path, False) for model in models)

@@ -47,6 +47,13 @@ AXIS_LABELS: Mapping[tuple[str, str], str] = {
     ("observation", "limit"): "range of sight (m)",
     ("observation", "dropout"): "share of returns lost",
     ("observation", "delay"): "delay of observations (steps)",
+    ("body", "max_speed"): "largest speed (m/s)",
+    ("body", "max_acceleration"): "largest acceleration (m/s\u00b2)",
+    ("body", "max_turn_rate"): "largest turn rate (rad/s)",
+    ("body", "command_delay"): "delay of commands (steps)",
+    ("body", "actuator_lag"): "time constant of the motors (s)",
+    ("body", "payload_mass"): "mass of the payload (kg)",
+    ("body", "payload_friction"): "friction of the payload (N)",
 }
 """Of the horizontal axis; other parameters are shown by their names."""
 

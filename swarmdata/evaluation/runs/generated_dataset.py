@@ -37,6 +37,7 @@ def generate(
     noise: float = 0.0,
     observation: Source | None = None,
     communication: Source | None = None,
+    backend: str | None = None,
     seed: int | None = None,
     tier: str = DEFAULT_TIER,
     out: Path | str | None = None,
@@ -70,6 +71,7 @@ def generate(
             policies.
         observation: observation model, such as `lidar`; None: that of the task.
         communication: communication model, such as `lossy-30`; None: that of the task.
+        backend: simulator, such as `mujoco`; None: that of the task.
         seed: of the episodes, below 2^32. Datasets with different seeds share no episode. None: a
             number made of the id.
         tier: name of the data's quality, for the card.
@@ -87,7 +89,7 @@ def generate(
         MissingExtraError: a run folder needs torch.
     """
     spec = task if isinstance(task, TaskSpec) else find_spec(str(task))
-    spec = with_models(spec, observation, communication)
+    spec = with_models(spec, observation, communication, backend)
     check_world(spec)
     _check_id(id)
     shares = _shares(policies)

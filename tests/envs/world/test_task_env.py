@@ -11,7 +11,7 @@ from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.envs.world.world import PROXIMITY_RANGE
-from swarmdata.errors import SchemaError
+from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import TASKS, make_env, make_task
 from swarmdata.registry.presets import preset
@@ -197,6 +197,14 @@ def test_without_contacts_a_holonomic_robot_reaches_the_velocity_it_is_told() ->
     velocity = robots_of(step.states, 4)[0, :, VX : VY + 1]
     np.testing.assert_allclose(velocity, np.broadcast_to([0.36, -0.48], (4, 2)), atol=1e-6)
     assert not step.events.any()
+
+
+def test_the_spec_chooses_the_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = TaskEnv(make_task(TaskSpec(backend="kinematic")))
+    assert isinstance(env._blocks[0]._world._backend, KinematicBackend)
+    monkeypatch.setattr("swarmdata.runtime.extras.find_spec", lambda package: None)
+    with pytest.raises(MissingExtraError, match=r"backend mujoco needs .* 'swarmdata\[mujoco\]'"):
+        TaskEnv(make_task(TaskSpec(backend="mujoco")))
 
 
 @pytest.mark.parametrize("backend", [KinematicBackend, PublicBackend])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.results import clips
 from swarmdata.evaluation.results.clips import draw_target, write_clip
 from swarmdata.registry.components import make_env, make_policy
@@ -55,6 +55,9 @@ def test_a_recorded_episode_is_drawn_as_other_robots_would_have_seen_it(
     monkeypatch.setattr(clips, "load", lambda _: Recorded([episode]))
     seen = draw_target("x", tmp_path / "seen.png", 0, None, "lidar", "lossy-40")
     plain = draw_target("x", tmp_path / "plain.png", 0, None)
+
+    with pytest.raises(SpecError, match="drawn as recorded, not simulated in mujoco"):
+        draw_target("x", tmp_path / "x.png", 0, None, backend="mujoco")
 
     live = play(with_models(Recorded.task, "lidar", "lossy-40"))
     np.testing.assert_array_equal(seen.observations, live.observations)

@@ -17,6 +17,7 @@ from swarmdata.evaluation.robustness.sweep_axes import (
 )
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.sensing_models import SensorNoise
@@ -131,6 +132,39 @@ def _is_accepted(spec: TaskSpec, places: tuple[Place, ...], value: float) -> boo
     except SpecError:
         return False
     return True
+
+
+@pytest.mark.parametrize("name", ["max_speed", "max_acceleration", "max_turn_rate", "actuator_lag"])
+def test_an_axis_of_the_body_changes_the_robots_that_have_it(name: str) -> None:
+    team = (Role(name="a"), Role(name="b", robot=Robot(dynamics="unicycle")))
+    spec = TaskSpec(team=team)
+    found = specs_along_axis(parse_axis(f"{name}=0.5,0.25", "body"), "bc", spec)
+    assert found.trained == getattr(Robot(), name)
+    for value, offered in zip((0.5, 0.25), found.specs, strict=True):
+        paths = {path for path, _, there in differences(spec, offered) if there == value}
+        roles = (1,) if name == "max_turn_rate" else (0, 1)
+        assert paths == {f"team[{k}].robot.{name}" for k in roles}
+        assert paths == {path for path, *_ in differences(spec, offered)}
+
+
+def test_a_delay_of_commands_is_whole() -> None:
+    axis = parse_axis("command_delay=0..4", "body", 3)
+    assert list(axis.values) == [0, 2, 4]
+    found = specs_along_axis(axis, "bc", TaskSpec())
+    assert (found.trained, found.specs[0]) == (0, TaskSpec())
+    assert [spec.robots[0].command_delay for spec in found.specs] == [0, 2, 4]
+
+
+def test_a_payload_is_part_of_the_bodies() -> None:
+    spec = preset("transport")
+    axis = parse_axis("payload_mass=2..8", "body", 3)
+    masses = [each.rules.payload.mass for each in specs_along_axis(axis, "bc", spec).specs]  # type: ignore[union-attr]
+    assert masses == [2.0, 5.0, 8.0]
+    assert "max_turn_rate" not in parameters(spec, "body"), "its robots do not turn"
+    with pytest.raises(UnknownNameError, match=r"body \(coop_nav\) parameter 'payload_mass'"):
+        specs_along_axis(axis, "bc", TaskSpec())
+    with pytest.raises(SpecError, match=r"such as max_acceleration=1\.5\.\.0\.5"):
+        parse_axis("max_speed=fast", "body")
 
 
 def test_the_trained_value_is_known() -> None:

@@ -19,6 +19,9 @@ from swarmdata.store import write_file
 
 INDEX_FILE = "README.md"
 
+OTHER_PAGES = ("simulators.md",)
+"""Pages in the folder that other commands write: `swarmdata transfer`."""
+
 QUESTIONS = (
     Question(
         "ingredients",
@@ -128,7 +131,7 @@ def write_answers(studies: Path, out: Path) -> tuple[list[Path], dict[str, str]]
             else:
                 answers[question.stem] = found
                 write_file(out / f"{question.stem}.md", _page(question, found, out).encode())
-    write_file(out / INDEX_FILE, _index(answers).encode())
+    write_file(out / INDEX_FILE, _index(answers, out).encode())
     return [out / INDEX_FILE, *(out / f"{stem}.md" for stem in answers)], left_out
 
 
@@ -148,12 +151,20 @@ def _page(question: Question, answer: Answer, out: Path) -> str:
     )
 
 
-def _index(answers: Mapping[str, Answer]) -> str:
+def _other(path: Path) -> str:
+    """The index's line of a page that another command wrote: its title and first sentence."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    sentence = next(line for line in lines if line.startswith("- "))
+    return f"- [{lines[0].removeprefix('# ')}]({path.name}) {sentence.removeprefix('- ')}\n"
+
+
+def _index(answers: Mapping[str, Answer], out: Path) -> str:
     asked = {question.stem: question for question in QUESTIONS}
     known = "".join(
         f"- [{asked[stem].title}]({stem}.md) {answer.sentences[0]}\n"
         for stem, answer in answers.items()
     )
+    known += "".join(_other(out / name) for name in OTHER_PAGES if (out / name).exists())
     open_questions = [
         f"- {question.title} No study with {question.needs} is finished.\n"
         for stem, question in asked.items()
@@ -162,6 +173,7 @@ def _index(answers: Mapping[str, Answer]) -> str:
     rest = f"\nNot answered yet:\n\n{''.join(open_questions)}" if open_questions else ""
     return (
         "# Results\n\nOne page for each question, computed from the studies in "
-        "[cards/studies](../../cards/studies). `swarmdata study-pages` writes them again.\n\n"
+        "[cards/studies](../../cards/studies) or by a command that the page names. `swarmdata "
+        "study-pages` writes those of studies again.\n\n"
         f"{known}{rest}"
     )

@@ -235,7 +235,9 @@ def _protocol(found: Findings, command: str) -> str:
 
 def _mixtures(found: Findings) -> str:
     """What was mixed, and how it is called in tables; empty: nothing."""
-    names = {cell.source: found.facts[cell.name].id for cell in found.cells if cell.parts}
+    mixed = [cell for cell in found.cells if cell.parts and cell.name in found.facts]
+    as_recorded = [cell for cell in mixed if not (cell.observation or cell.communication)]
+    names = {cell.source: found.facts[cell.name].id for cell in as_recorded}
     mixtures = [
         f"`{names[mixture]}` is the mixture `{mixture}`: "
         + ", ".join(f"{weight:g} of `{short_name(part)}`" for part, weight in parts.items())

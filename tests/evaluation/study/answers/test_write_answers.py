@@ -12,7 +12,11 @@ pytest.importorskip("torch", reason="a study needs the torch extra")
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
 
 from swarmdata.errors import StudyError
-from swarmdata.evaluation.study.answers.write_answers import QUESTIONS, write_answers
+from swarmdata.evaluation.study.answers.write_answers import (
+    OTHER_PAGES,
+    QUESTIONS,
+    write_answers,
+)
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
@@ -39,10 +43,13 @@ ELSEWHERE = {
 
 
 def test_committed_pages_are_what_the_command_writes(tmp_path: Path) -> None:
-    """`swarmdata study-pages` writes them."""
+    """`swarmdata study-pages` writes all but those of other commands, and an index of all."""
     (tmp_path / "cards").mkdir()
     (tmp_path / "cards/studies").symlink_to(ROOT / "cards/studies")
     out, committed = tmp_path / "docs/results", ROOT / "docs/results"
+    out.mkdir(parents=True)
+    for name in OTHER_PAGES:
+        shutil.copy(committed / name, out)
     write_answers(tmp_path / "cards/studies", out)
     written = {file.name for file in out.iterdir() if file.suffix != ".pdf"}  # not committed
     assert written == {file.name for file in committed.iterdir() if file.suffix != ".pdf"}

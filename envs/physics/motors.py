@@ -1,0 +1,80 @@
+"""What is between a command and a robot's motors: a delay, and a lag of first order.
+
+A command takes effect `command_delay` control steps late; until the first one arrives, robots are
+told to stand still (0, 0). The motors' command u then follows the one that has arrived, c:
+
+    u <- u + dt / (lag + dt) (c - u)
+
+the implicit Euler step of lag du/dt = c - u (Hairer, Norsett and Wanner, "Solving Ordinary
+Differential Equations I", 1993, section I.7), with u = 0 at the start. It holds in every simulator,
+since `dynamics.drive` takes u as the command.
+"""
+
+import numpy as np
+
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Double, Int
+
+
+@kernel
+def _follow(
+    active: Bool,
+    times: Int,
+    delays: Int,
+    shares: Double,
+    given: Double,
+    motors: Double,
+    commands: Double,
+) -> None:
+    """Replaces the commands of the active copies by those that reach the motors.
+
+    Args:
+        active: [E].
+        times: control steps taken, this one included, [E].
+        delays: control steps, [N].
+        shares: dt / (lag + dt), [N].
+        given: the last commands, a ring over time, [E, D + 1, N, 2].
+        motors: commands of the motors, read and written, [E, N, 2].
+        commands: read and written, [E, N, 2].
+    """
+    depth = given.shape[1]
+    for b in range(commands.shape[0]):
+        if not active[b]:
+            continue
+        for i in range(commands.shape[1]):
+            sent = times[b] - delays[i]  # 1 in the first step
+            for c in range(2):
+                given[b, times[b] % depth, i, c] = commands[b, i, c]
+                arrived = given[b, sent % depth, i, c] if sent > 0 else 0.0
+                motors[b, i, c] += shares[i] * (arrived - motors[b, i, c])
+                commands[b, i, c] = motors[b, i, c]
+
+
+class Motors:
+    """The motors of E teams."""
+
+    def __init__(self, spec: TaskSpec, n_copies: int) -> None:
+        n, dt = spec.n_agents, spec.control_dt
+        self._delays: Int = np.array([robot.command_delay for robot in spec.robots], np.int64)
+        self._shares: Double = np.array(
+            [dt / (robot.actuator_lag + dt) for robot in spec.robots], np.float64
+        )
+        self._given: Double = np.zeros((n_copies, int(self._delays.max()) + 1, n, 2))
+        self._motors: Double = np.zeros((n_copies, n, 2))
+
+    @staticmethod
+    def of(spec: TaskSpec, n_copies: int) -> "Motors | None":
+        """The motors of a spec's robots; None if all of them follow commands at once."""
+        has_any = any(robot.command_delay or robot.actuator_lag for robot in spec.robots)
+        return Motors(spec, n_copies) if has_any else None
+
+    def reset(self, copies: Int) -> None:
+        """Stops the motors of some copies, [C]."""
+        self._motors[copies] = 0.0
+
+    def follow(self, active: Bool, times: Int, commands: Double) -> None:
+        """Replaces commands [E, N, 2] by those that reach the motors, as `_follow` says."""
+        _follow(
+            active, times, self._delays, self._shares, self._given, self._motors, commands
+        )  # fmt: skip

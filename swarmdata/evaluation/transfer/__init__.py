@@ -1,0 +1,1 @@
+"""Policies of one simulator in another one."""

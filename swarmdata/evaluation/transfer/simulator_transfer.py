@@ -1,0 +1,163 @@
+"""Plays the same policies in two simulators, on the same seeds and layouts.
+
+A task's spec says in which simulator its policies were trained or written; the other one is given.
+Scores of both are on the scale of the first, so that a loss is visible.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.policy_selection.rank_statistics import ranking_quality
+from swarmdata.evaluation.results.evaluation_jobs import (
+    Evaluation,
+    TargetName,
+    collect_evaluations,
+    evaluations_of,
+    run_evaluations,
+)
+from swarmdata.evaluation.results.result_files import Result
+from swarmdata.evaluation.results.result_set import reference_of
+from swarmdata.registry.published import normalized_score
+from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.types import Double
+
+LEAST_RANKED = 3
+"""Policies from which on a rank correlation is computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class TeamTransfer:
+    """A team in two simulators; tables are [K policies, E episodes].
+
+    Attributes:
+        task: as it was asked for.
+        label: of the team.
+        backends: the simulators, that of the task first.
+        known: result of each policy in the first simulator.
+        new: likewise in the second.
+    """
+
+    task: str
+    label: str
+    backends: tuple[str, str]
+    known: tuple[Result, ...]
+    new: tuple[Result, ...]
+
+    def metric(self, name: str) -> tuple[Double, Double]:
+        """A metric of every episode in both simulators."""
+        return _table(self.known, name), _table(self.new, name)
+
+    def scores(self) -> tuple[Double, Double]:
+        """The score of every episode in both simulators, on the scale of the first.
+
+        Raises:
+            SpecError: no references were measured in the task.
+        """
+        reference = reference_of(self.known[0].spec)
+        if reference is None:
+            raise SpecError(
+                f"{self.task} has no score: no references were measured in it, expected a preset "
+                "of cards/references.json. Name one of those with --task."
+            )
+        known, new = self.metric("return")
+        return normalized_score(known, reference), normalized_score(new, reference)
+
+
+def _table(results: Sequence[Result], name: str) -> Double:
+    return np.stack([result.evaluation.metrics[name] for result in results])
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """What there is to evaluate.
+
+    Attributes:
+        backend: the other simulator.
+        teams: task, evaluations in its own simulator, and in the other.
+    """
+
+    backend: str
+    teams: tuple[tuple[str, tuple[Evaluation, ...], tuple[Evaluation, ...]], ...]
+
+
+def plan_transfer(
+    names: Sequence[str],
+    tasks: Sequence[str],
+    results: Path,
+    *,
+    backend: str = "mujoco",
+    n_episodes: int = 200,
+) -> Transfer:
+    """Finds all teams, before anything is evaluated.
+
+    Args:
+        names: policies, tiers and run folders, as `find_target` takes them.
+        tasks: presets or spec files, in which each of them acts.
+        results: folder of result files; an interrupted transfer resumes in it.
+        backend: the other simulator.
+        n_episodes: number of reserved seeds, the same for all.
+
+    Raises:
+        UnknownNameError: no such team, task or simulator.
+        SpecError: a task has that simulator itself.
+        PolicyFitError: a team cannot act in a task.
+    """
+    teams = []
+    for task in tasks:
+        for name in names:
+            pairs = []
+            for simulator in (None, backend):
+                source = TargetName.of(name, task, backend=simulator)
+                found = source.find()
+                pairs.append(tuple(evaluations_of(source, found, n_episodes, results)))
+            known, new = pairs
+            if known[0].spec.backend == new[0].spec.backend:
+                raise SpecError(
+                    f"{task} is simulated by {backend} already, expected another simulator; name "
+                    "another one with --backend"
+                )
+            teams.append((task, known, new))
+    return Transfer(backend, tuple(teams))
+
+
+def run_transfer(
+    planned: Transfer, *, engine: str | Executor = LOCAL, workers: int = 1, progress: bool = True
+) -> list[TeamTransfer]:
+    """Evaluates what is not there yet; takes `engine` and `workers` as `run_evaluations` does.
+
+    Raises:
+        SwarmdataError: as `run_evaluations` says.
+        MissingExtraError: a simulator is not installed.
+    """
+    every = [each for _, known, new in planned.teams for each in (*known, *new)]
+    run_evaluations(every, engine=engine, workers=workers, progress=progress)
+    return [
+        TeamTransfer(
+            task,
+            known[0].provenance.label,
+            (known[0].spec.backend, new[0].spec.backend),
+            tuple(collect_evaluations(known)),
+            tuple(collect_evaluations(new)),
+        )
+        for task, known, new in planned.teams
+    ]
+
+
+def rank_agreement(teams: Sequence[TeamTransfer]) -> Estimate | None:
+    """Spearman's rank correlation of all policies' mean scores in both simulators.
+
+    The interval is a bootstrap over policies (`rank_statistics`); None for fewer than
+    `LEAST_RANKED` policies.
+    """
+    pairs = [team.scores() for team in teams]
+    known = np.concatenate([each.mean(axis=1) for each, _ in pairs])
+    new = np.concatenate([each.mean(axis=1) for _, each in pairs])
+    if len(known) < LEAST_RANKED:
+        return None
+    return ranking_quality(known, new).spearman

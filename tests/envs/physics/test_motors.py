@@ -1,0 +1,77 @@
+"""Motors: commands arrive late, are followed with a lag, and are forgotten at a reset."""
+
+import json
+
+import numpy as np
+
+from swarmdata.envs.physics.motors import Motors
+from swarmdata.registry.components import make_env
+from swarmdata.specs.task_spec import Robot, Role, TaskSpec
+from swarmdata.types import Double
+
+ALL = np.ones(2, np.bool_)
+
+
+def spec_of(*robots: Robot) -> TaskSpec:
+    team = [Role(name=f"r{k}", count=1, robot=robot) for k, robot in enumerate(robots)]
+    return TaskSpec(team=tuple(team))
+
+
+def followed(motors: Motors, given: Double, first: int = 1) -> Double:
+    """What reaches the motors of commands [T, E, N, 2], from step `first` on."""
+    rows = []
+    for t, row in enumerate(given, first):
+        commands = row.copy()
+        motors.follow(ALL, np.full(2, t), commands)
+        rows.append(commands)
+    return np.array(rows)
+
+
+def test_robots_without_either_have_no_motors_and_the_old_hash() -> None:
+    assert Motors.of(TaskSpec(), 4) is None
+    assert {"command_delay", "actuator_lag"}.isdisjoint(json.loads(Robot().to_json()))
+    late = Robot(command_delay=1, actuator_lag=0.1)
+    assert Robot.from_text(late.to_yaml()) == late
+
+
+def test_each_robot_has_its_own_delay() -> None:
+    motors = Motors.of(spec_of(Robot(), Robot(command_delay=1), Robot(command_delay=3)), 2)
+    assert motors is not None
+    given = np.random.default_rng(0).uniform(-1, 1, (8, 2, 3, 2))
+    arrived = followed(motors, given)
+    for i, delay in enumerate((0, 1, 3)):
+        np.testing.assert_array_equal(arrived[delay:, :, i], given[: 8 - delay, :, i])
+        assert not arrived[:delay, :, i].any(), "nothing has arrived yet"
+    motors.reset(np.array([0]))
+    again = followed(motors, given)
+    np.testing.assert_array_equal(again, arrived)
+
+
+def test_a_lag_has_its_time_constant() -> None:
+    motors = Motors.of(spec_of(Robot(actuator_lag=0.4)), 2)
+    assert motors is not None
+    steps = followed(motors, np.ones((40, 2, 1, 2)))[:, 0, 0, 0]
+    np.testing.assert_allclose(1.0 - steps, (0.4 / 0.5) ** np.arange(1, 41), rtol=1e-12)
+
+
+def test_copies_that_have_ended_stay() -> None:
+    motors = Motors.of(spec_of(Robot(actuator_lag=0.4)), 2)
+    assert motors is not None
+    commands = np.ones((2, 1, 2))
+    motors.follow(np.array([True, False]), np.ones(2, np.int64), commands)
+    assert commands[0, 0, 0] < 1.0
+    assert commands[1, 0, 0] == 1.0
+
+
+def test_a_late_robot_drives_the_same_way_later() -> None:
+    empty = {"obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)}
+    spec = TaskSpec.parse({**empty, "team": [{"count": 1}]})
+    late = spec.with_updates(team=[{"count": 1, "robot": {"command_delay": 3}}])
+    paths = []
+    for each in (spec, late):
+        env = make_env(each)
+        start = env.reset(np.array([2], np.uint64)).states[0, :2]
+        command = np.array([[[0.5, 0.2]]])
+        paths.append(np.array([env.step(command).states[0, :2] - start for _ in range(9)]))
+    np.testing.assert_array_equal(paths[1][:3], 0.0)
+    np.testing.assert_allclose(paths[1][3:], paths[0][:6], atol=1e-6)

@@ -1,0 +1,224 @@
+"""MuJoCo as a simulator: commands and events as in Pymunk, repeatable, no deep overlaps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco", reason="mujoco is not installed")
+
+from swarmdata.envs.physics.backend import Contacts, Plan
+from swarmdata.envs.physics.mujoco_backend import MujocoBackend, _check_warnings
+from swarmdata.envs.physics.mujoco_model import LONGEST_STEP, WorldModel, steps_in
+from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.errors import SimulationError
+from swarmdata.numerics.geometry import clearance
+from swarmdata.registry.components import TASKS, make_env, make_task
+from swarmdata.registry.presets import preset
+from swarmdata.specs.rules import Payload
+from swarmdata.specs.state_layout import N_COLUMNS
+from swarmdata.specs.task_spec import Arena, Role, TaskSpec
+from swarmdata.types import Double, Float, Step
+
+RADIUS, SPEED = 0.12, 0.6
+DEEPEST = 0.015
+"""m, of a touch at full speed: MuJoCo stops bodies after they have begun to overlap."""
+
+HALF = np.array([1.0, 1.0])
+NOTHING = np.zeros((0, 8), np.float32)
+BOX = Payload(shape="box", half_length=0.35, half_width=0.25, mass=4.0, friction=2.5)
+DISC = BOX.model_copy(update={"shape": "circle"})
+
+
+class Scene:
+    """Robots at full speed among obstacles, with at most one payload at the origin."""
+
+    def __init__(
+        self,
+        places: Sequence[Sequence[float] | Double],
+        layout: Float = NOTHING,
+        payload: Payload | None = None,
+        size: float = 2.0,
+        speed: Sequence[Sequence[float] | Double] | None = None,
+    ) -> None:
+        n, movables = len(places), () if payload is None else (payload,)
+        spec = TaskSpec(team=(Role(count=n),), arena=Arena(width=size, height=size))
+        plan = Plan(spec, layout[:, 0].astype(np.int64), movables)
+        self.backend = MujocoBackend(plan, 1)
+        robots, bodies = np.zeros((1, n, 6)), np.zeros((1, len(movables), 7))
+        robots[0, :, :2], robots[0, :, 4], bodies[..., 4] = places, 1.0, 1.0
+        if speed is not None:
+            robots[0, :, 2:4] = speed
+        self.contacts = Contacts(
+            np.zeros((1, n, n), np.bool_),
+            np.zeros((1, n, len(layout) + 4), np.bool_),
+            np.zeros((1, n, 3)),
+        )
+        self.states: Float = np.zeros((1, N_COLUMNS * n + 7 * len(movables)), np.float32)
+        self.events = np.zeros((1, n, 4), np.uint8)
+        self.backend.reset(np.arange(1), layout[None], robots, bodies)
+
+    def drive(self, commands: Sequence[Sequence[float] | Double], n_steps: int) -> Double:
+        """The states while robots keep to commands, [n_steps, S]."""
+        rows = []
+        for _ in range(n_steps):
+            held = np.array([commands], dtype=np.float64)
+            self.backend.step(np.ones(1, np.bool_), held, self.contacts, self.events, self.states)
+            rows.append(self.states[0].astype(np.float64))
+        return np.array(rows)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.1])
+def test_two_robots_that_meet_touch_once_and_overlap_little(offset: float) -> None:
+    towards = np.array([1.0, 0.0])
+    start = np.array([0.3, offset / 2])
+    scene = Scene([-start, start], speed=[SPEED * towards, -SPEED * towards])
+    rows = scene.drive([towards, -towards], 12)
+    apart = rows[:, [8, 9]] - rows[:, [0, 1]]
+    gaps = np.hypot(*apart.T) - 2 * RADIUS
+    assert -2 * DEEPEST < gaps.min() < 0.01
+    assert scene.events[0, :, 2].tolist() == [1, 1], "one contact began, and counts for both"
+    assert scene.events[0, :, 3].tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2, 3])
+@pytest.mark.parametrize("angle", [0.0, 0.7, 2.0, 4.0])
+def test_an_obstacle_stops_a_robot(kind: int, angle: float) -> None:
+    turn = 1.1 * angle + 0.3
+    row = [kind, 0, 0, np.cos(turn), np.sin(turn), 0.2, 0.2 if kind != 1 else 0.15, 0.05]
+    layout = np.array([row], np.float32)
+    towards = np.array([np.cos(angle), np.sin(angle)])
+    scene = Scene([-0.6 * towards], layout, speed=[SPEED * towards])
+    rows = scene.drive([towards], 15)
+    gaps = [clearance(x, y, layout, HALF) - RADIUS for x, y in rows[:, :2]]
+    assert -DEEPEST < min(gaps) < 0.005
+    assert scene.events[0, 0, 3] == 1
+
+
+def test_walls_stop_robots() -> None:
+    scene = Scene([[0.5, 0.0], [-0.5, 0.3], [0.2, 0.5], [-0.2, -0.5]])
+    rows = scene.drive([[1, 0], [-1, 0], [0, 1], [0, -1]], 20)
+    for i, (axis, sign) in enumerate([(0, 1), (0, -1), (1, 1), (1, -1)]):
+        gaps = 1.0 - RADIUS - sign * rows[:, 8 * i + axis]
+        assert -DEEPEST < gaps.min() < 0.005
+    assert scene.events[0, :, 3].tolist() == [1, 1, 1, 1]
+
+
+def test_free_robots_drive_as_in_pymunk() -> None:
+    """Only the order of integration differs: positions by less than a step's change of speed."""
+    spec = TaskSpec.parse(
+        {"obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)}
+    )
+    steps = {}
+    for backend in ("pymunk", "mujoco"):
+        env = make_env(spec.with_updates(backend=backend))
+        env.reset(np.array([3], np.uint64))
+        actions = np.zeros((1, 4, 2))
+        actions[0, 0] = 0.6, -0.4
+        steps[backend] = [env.step(actions) for _ in range(5)]
+    assert not steps["pymunk"][-1].events.any()
+    for ours, theirs in zip(steps["mujoco"], steps["pymunk"], strict=True):
+        robots, others = ours.states[0, :32], theirs.states[0, :32]
+        np.testing.assert_allclose(
+            robots.reshape(4, 8)[:, 2:4], others.reshape(4, 8)[:, 2:4], atol=1e-6
+        )
+        np.testing.assert_allclose(robots, others, atol=1.5 * 0.05**2 * 2 * 5)
+
+
+@pytest.mark.parametrize("payload", [BOX, DISC], ids=["box", "disc"])
+def test_one_robot_pushes_in_vain_and_two_move_it(payload: Payload) -> None:
+    side = 0.25 if payload.shape == "box" else 0.35
+    alone = Scene([[0.0, -side - RADIUS - 0.01]], payload=payload, size=12.0).drive([[0, 1]], 80)
+    assert abs(alone[-1, 9]) < 0.01
+    np.testing.assert_allclose(alone[20:, 9], alone[-1, 9], atol=2e-3)  # it hardly creeps
+    x = 0.15
+    y = side if payload.shape == "box" else np.sqrt((side + RADIUS) ** 2 - x**2) - RADIUS
+    places = [[-x, -y - RADIUS - 0.01], [x, -y - RADIUS - 0.01]]
+    inward = -np.array(places) if payload.shape == "circle" else np.array([[0.0, 1.0]] * 2)
+    commands = inward / np.linalg.norm(inward, axis=1, keepdims=True)
+    pair = Scene(places, payload=payload, size=12.0).drive(list(commands), 80)
+    assert pair[-1, 17] > 0.5
+    assert abs(pair[-1, 16]) < 0.01
+
+
+def test_a_payload_accelerates_and_stops_as_force_friction_and_mass_say() -> None:
+    places = [[x, -0.25 - RADIUS] for x in (-0.3, 0.0, 0.3)]
+    scene = Scene(places, payload=BOX, size=12.0)
+    moving = scene.drive([[0, 1]] * 3, 12)[:, -7:]
+    steady = np.diff(moving[2:6, 3]) / 0.1
+    np.testing.assert_allclose(steady, (3 * 1.5 - 2.5) / (3 + 4), rtol=0.1)
+    resting = scene.drive([[0, 0]] * 3, 40)[:, -7:]
+    assert abs(resting[-1, 3]) < 1e-3
+    way, speed = resting[-1, 1] - moving[-1, 1], moving[-1, 3]
+    assert way == pytest.approx(speed**2 / (2 * 2.5 / 4.0), rel=0.2)
+
+
+def test_a_couple_turns_a_box_on_the_spot() -> None:
+    y = 0.25 + RADIUS + 0.01
+    rows = Scene([[-0.33, -y], [0.33, y]], payload=BOX, size=12.0).drive([[0, 1], [0, -1]], 20)
+    assert rows[-1, -2] < -0.2
+    np.testing.assert_allclose(rows[:, -3] ** 2 + rows[:, -2] ** 2, 1.0, atol=1e-6)
+
+
+def play(env: TaskEnv, seed: int, n_steps: int) -> list[Step]:
+    rng = np.random.default_rng(seed)
+    steps = [env.reset(np.array([seed], dtype=np.uint64))]
+    held = rng.uniform(-1.0, 1.0, (1, env.spec.n_agents, env.action_size))
+    for t in range(n_steps):
+        if t % 8 == 0:
+            held = rng.uniform(-1.0, 1.0, held.shape)
+        steps.append(env.step(held))
+    return steps
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_an_episode_leaves_no_trace_in_the_next(task: str) -> None:
+    spec = preset(task).with_updates(backend="mujoco")
+    used = TaskEnv(make_task(spec))
+    n_contacts = sum(int(step.events.sum()) for step in play(used, 0, 60))
+    again, new = play(used, 1, 60), play(TaskEnv(make_task(spec)), 1, 60)
+    n_contacts += sum(int(step.events.sum()) for step in new)
+    for ours, theirs in zip(again, new, strict=True):
+        assert all(map(np.array_equal, ours, theirs))
+    assert n_contacts > 0
+
+
+def test_threads_and_batches_give_the_same_bits() -> None:
+    spec = preset("coop_nav").with_updates(backend="mujoco")
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 4, 4, 2))
+    ids = np.arange(4, dtype=np.uint64)
+    one, two, alone = make_env(spec, 4), make_env(spec, 4, n_threads=2), make_env(spec)
+    for env in (one, two):
+        env.reset(ids)
+    alone.reset(ids[2:3])
+    for t in range(40):
+        steps = [env.step(actions[t // 8]) for env in (one, two)]
+        assert all(map(np.array_equal, *steps))
+        single = alone.step(actions[t // 8, 2:3])
+        np.testing.assert_array_equal(single.states[0], steps[0].states[2])
+    two.close()
+
+
+def test_steps_near_contacts_are_short() -> None:
+    assert steps_in(0.05) == 4
+    assert steps_in(0.0125) == 1
+    assert 0.05 / steps_in(0.05) <= LONGEST_STEP
+    assert steps_in(0.02) == 2
+
+
+def test_a_warning_of_mujoco_is_an_error() -> None:
+    import mujoco
+
+    spec = preset("coop_nav")
+    task = make_task(spec)
+    model = WorldModel(Plan(spec, task.kinds, ()))
+    layouts = np.zeros((1, len(task.kinds), 8), np.float32)
+    task.spawn(
+        np.zeros(1, np.uint64), np.zeros(1, np.int64), layouts, np.zeros((1, 32), np.float32)
+    )
+    data = mujoco.MjData(model.compile(layouts[0]))
+    numbers = data.warning.number
+    _check_warnings(numbers)
+    data.warning[mujoco.mjtWarning.mjWARN_CONTACTFULL].number = 2
+    with pytest.raises(SimulationError, match="mjWARN_CONTACTFULL"):
+        _check_warnings(numbers)
