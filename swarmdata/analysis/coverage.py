@@ -222,8 +222,9 @@ def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
     reads = MappedReads([stored.arrays["states"]])
     copies = []
     for episode in taken.tolist():
-        copies.append(_states(stored, episode).copy())
-        reads.add(copies[-1])
+        rows = _states(stored, episode)
+        copies.append(rows.copy())
+        reads.add(rows)
     reads.release()
     states = np.concatenate(copies)
     spec = task_of(stored.recipe, "coverage")

@@ -332,7 +332,8 @@ class Dataset:
         the task: policies that learn from other rewards are still evaluated on its own, and the
         returns of the view itself have no score.
 
-        The new rewards are held in memory: 4 N bytes per step.
+        The new rewards have 4 N bytes per step; more than 256 MiB are in a file without a name, as
+        those of `reobserve` are.
 
         Args:
             weights: new weights of terms by name, such as `robot_collision=2.0`, or `team_share`;

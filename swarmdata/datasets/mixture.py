@@ -4,23 +4,84 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 
-from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.normalization import Moments
-from swarmdata.datasets.sampling import Sampler, batches_drawn
+from swarmdata.datasets.sampling import batches_drawn
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Double, Episode, Int
 
 LONGEST_ID = 96
 """Characters of a mixture's id, which is part of the names of result files."""
+
+
+class PartSampler(Protocol):
+    """What a mixture needs of the sampler of a part."""
+
+    batch_size: int
+    seed: int
+
+    @property
+    def n_rows(self) -> int: ...  # of the dataset, which an index counts
+    @property
+    def n_episodes(self) -> int: ...  # that are drawn from
+    def dtype(self, name: str) -> np.dtype[Any]: ...  # of an array
+    def pick(self, places: Double, n_before: int) -> Int: ...  # rows at places in [0, 1)
+    def gather(self, index: Int) -> Batch: ...
+    def settings(self) -> dict[str, int]: ...  # what all parts have in common
+    def identity(self) -> dict[str, int]: ...  # the settings and what is the part's own
+
+
+class Part(Protocol):
+    """What a mixture needs of a dataset: `Dataset` and `StreamedDataset` have it."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def digest(self) -> str: ...
+    @property
+    def view(self) -> str | None: ...
+    @property
+    def spec(self) -> Spec: ...
+    @property
+    def task(self) -> TaskSpec: ...
+    @property
+    def references(self) -> Reference | None: ...
+    @property
+    def episodes(self) -> EpisodeTable: ...
+    @property
+    def n_steps(self) -> int: ...
+    @property
+    def moments(self) -> Moments: ...
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[Episode]: ...
+    def filter(
+        self,
+        *,
+        success: bool | None = None,
+        min_return: float | None = None,
+        max_return: float | None = None,
+        policy: str | None = None,
+        split: str | None = None,
+    ) -> Self: ...
+    def sampler(
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
+    ) -> PartSampler: ...
+    def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv: ...
+    def normalized_score(self, returns: Sequence[float] | Double | float) -> Double: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -35,7 +96,7 @@ class Mixture:
         weights: probabilities of the parts, which sum to 1.
     """
 
-    parts: tuple[Dataset, ...]
+    parts: tuple[Part, ...]
     weights: tuple[float, ...]
 
     @property
@@ -170,8 +231,7 @@ class Mixture:
 
     def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv:
         """Builds copies of the world that was recorded, as `Dataset.make_env` does."""
-        env: VecEnv = self.parts[0].make_env(n_copies, n_threads=n_threads)
-        return env
+        return self.parts[0].make_env(n_copies, n_threads=n_threads)
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns the score of team returns, as `Dataset.normalized_score` does."""
@@ -181,19 +241,21 @@ class Mixture:
 class MixtureSampler:
     """Draws rows of several samplers; a batch is a pure function of the seed and its number.
 
-    An index counts the rows of all parts, one after the other.
+    An index counts the rows of all parts, one after the other. The window of a streamed part moves
+    with the rows that are drawn from it, so that each of its transitions is drawn once in a pass on
+    average, as without the other parts.
 
     Args:
         samplers: of the parts, with one seed and batch size.
         weights: probabilities of the parts.
     """
 
-    def __init__(self, samplers: Sequence[Sampler], weights: Sequence[float]) -> None:
-        self._samplers, self._n_drawn = tuple(samplers), 0
+    def __init__(self, samplers: Sequence[PartSampler], weights: Sequence[float]) -> None:
+        self._samplers, self._weights, self._n_drawn = tuple(samplers), tuple(weights), 0
         self._bounds = np.cumsum(weights)[:-1]
-        self._starts = np.cumsum([0, *(len(s.rows.episode) for s in samplers)])
-        n_episodes = (np.count_nonzero(s.rows.positions >= 0) for s in samplers)
-        self._first_episodes = np.cumsum([0, *n_episodes])  # of each part, in the mixture
+        self._starts = np.cumsum([0, *(each.n_rows for each in samplers)])
+        # of each part, in the mixture
+        self._first_episodes = np.cumsum([0, *(each.n_episodes for each in samplers)])
         self.batch_size, self.seed = samplers[0].batch_size, samplers[0].seed
         self._dtypes = {  # of one part images may be bytes, and of another float32
             f"{prefix}{name}": np.result_type(*(each.dtype(name) for each in samplers))
@@ -218,10 +280,8 @@ class MixtureSampler:
         places = uniform(derive(self.seed, 0, numbers))
         index = np.empty(self.batch_size, np.int64)
         for part, sampler in enumerate(self._samplers):
-            own, n = parts == part, len(sampler.rows.valid)
-            # the product rounds up to n in rare cases
-            picks = np.minimum(places[own] * n, n - 1).astype(np.int64)
-            index[own] = self._starts[part] + sampler.rows.valid.take(picks)
+            own, n_before = parts == part, int(first * self._weights[part])  # on average
+            index[own] = self._starts[part] + sampler.pick(places[own], n_before)
         return index
 
     def gather(self, index: Int) -> Batch:
@@ -261,7 +321,7 @@ class MixtureSampler:
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume the stream: plain integers."""
-        return {**self._identity(), "n_drawn": self._n_drawn}
+        return {**self.identity(), "n_drawn": self._n_drawn}
 
     def load_state_dict(self, state: Mapping[str, int]) -> None:
         """Continues where the sampler that returned `state` was.
@@ -269,18 +329,25 @@ class MixtureSampler:
         Raises:
             SchemaError: the state is of a sampler with other settings or other data.
         """
-        self._n_drawn = batches_drawn(state, self._identity())
+        self._n_drawn = batches_drawn(state, self.identity())
 
-    def _identity(self) -> dict[str, int]:
-        counts = {f"n_transitions_{k}": len(s.rows.valid) for k, s in enumerate(self._samplers)}
-        return self._samplers[0].settings() | counts
+    def identity(self) -> dict[str, int]:
+        """Returns what another sampler needs to have in common to resume the stream."""
+        shared = self._samplers[0].settings()
+        own = {
+            f"{name}_{part}": value
+            for part, sampler in enumerate(self._samplers)
+            for name, value in sampler.identity().items()
+            if name not in shared
+        }
+        return shared | own
 
 
-def mix(parts: Sequence[Dataset], weights: Sequence[float] | None = None) -> Mixture:
+def mix(parts: Sequence[Part], weights: Sequence[float] | None = None) -> Mixture:
     """Mixes datasets of one spec.
 
     Args:
-        parts: the datasets.
+        parts: the datasets, all in files or all streamed.
         weights: in proportion to which rows come from each; None: its number of transitions, so
             that all transitions are equally likely.
 

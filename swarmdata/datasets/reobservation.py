@@ -252,9 +252,11 @@ def _joined(episodes: RecordedEpisodes, group: Int, reads: MappedReads) -> Recor
     starts, lengths = episodes.starts[group], episodes.lengths[group]
     states, actions = [], []
     for index, start, length in zip(group.tolist(), starts.tolist(), lengths.tolist(), strict=True):
-        states.append(episodes.states[start + index : start + index + length + 1].copy())
-        actions.append(episodes.actions[start : start + length].copy())
-        reads.add(states[-1], actions[-1])
+        rows = episodes.states[start + index : start + index + length + 1]
+        taken = episodes.actions[start : start + length]
+        states.append(rows.copy())
+        actions.append(taken.copy())
+        reads.add(rows, taken)
     return RecordedEpisodes(
         np.concatenate(states),
         np.concatenate(actions),

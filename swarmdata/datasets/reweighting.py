@@ -8,11 +8,17 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.weighted_terms import weighted_rewards
 from swarmdata.registry.components import make_task, reward_terms
+from swarmdata.runtime.mapped_pages import MappedReads, release_pages
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.rules import Rewards
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.scratch_arrays import new_arrays
+from swarmdata.types import Double, Float
+
+BLOCK_ROWS = 1 << 16
+"""Steps whose rewards are computed together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +73,9 @@ class Reweighting:
 
 
 def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
-    """Computes the rewards of a whole dataset from its terms; 4 N bytes per step in memory.
+    """Computes the rewards of a whole dataset from its terms.
+
+    They have 4 N bytes per step: in memory if they are few, else in a file of `new_arrays`.
 
     Args:
         recorded: the open files, with any observations.
@@ -76,6 +84,7 @@ def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
     Raises:
         SchemaError: the dataset has no terms of rewards.
         SpecError: it was recorded in another environment.
+        DiskFullError: the rewards are many, and no space is left.
     """
     task = task_of(recorded.recipe, "reweighting")
     if "reward_terms" not in recorded.arrays:
@@ -86,15 +95,27 @@ def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
     rules = task.rules.model_copy(update={"rewards": weights})
     terms = reward_terms(make_task(task.with_updates(rules=rules)))
     signed = np.array([term.signed_weight for term in terms])
-    rewards = weighted_rewards(recorded.arrays["reward_terms"], signed, weights.team_share)
-    rewards.setflags(write=False)
+    rewards = _computed(recorded.arrays["reward_terms"], signed, weights.team_share)
     table = recorded.table
-    means = rewards.mean(axis=1, dtype=np.float64)
-    ends = table.starts + table.lengths
+    episodes = zip(table.starts.tolist(), (table.starts + table.lengths).tolist(), strict=True)
     returns = np.array(
-        [means[first:end].sum() for first, end in zip(table.starts, ends, strict=True)]
+        [rewards[first:end].mean(axis=1, dtype=np.float64).sum() for first, end in episodes]
     )
+    release_pages(rewards)
     returns.setflags(write=False)
     arrays = {**recorded.arrays, "rewards": rewards, "episodes/team_return": returns}
     table = replace(table, team_return=returns)
     return Reweighting(replace(recorded, arrays=arrays, table=table), task.rules.rewards, weights)
+
+
+def _computed(terms: Float, weights: Double, team_share: float) -> Float:
+    """The rewards of all steps, [T, N], read-only; terms are [T, N, R]."""
+    rewards = new_arrays({"rewards": (terms.shape[:2], np.dtype(np.float32))})["rewards"]
+    reads = MappedReads((terms, rewards))
+    for first in range(0, len(terms), BLOCK_ROWS):
+        block = slice(first, first + BLOCK_ROWS)
+        rewards[block] = weighted_rewards(terms[block], weights, team_share)
+        reads.add(terms[block], rewards[block])
+    reads.release()
+    rewards.setflags(write=False)
+    return rewards

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.runtime.mapped_pages import MappedReads
+from swarmdata.runtime.mapped_pages import take_rows
 from swarmdata.store import EpisodeTable
-from swarmdata.types import Batch, Bool, Float, Int
+from swarmdata.types import Batch, Bool, Double, Float, Int
 
 COPIED_FIELDS = (
     "observations", "states", "actions", "log_probs", "rewards", "terminations", "truncations",
@@ -105,24 +105,15 @@ def copy_transitions(
         table: all stored episodes.
         selection: stored episodes, [n].
     """
-    n_rows = int(table.lengths[selection].sum())
-    sources = {name: (name, 0) for name in COPIED_FIELDS}
-    sources |= {f"next_{name}": (name, 1) for name in ("observations", "states")}
+    rows = Rows.locate(table, selection)
+    steps, states = rows.valid, rows.valid + rows.episode.take(rows.valid)
+    of_states = ("observations", "states")
     copied = {
-        name: np.empty((n_rows, *arrays[source].shape[1:]), dtype=arrays[source].dtype)
-        for name, (source, _) in sources.items()
+        name: take_rows(arrays[name], states if name in of_states else steps)
+        for name in COPIED_FIELDS
     }
-    reads, first = MappedReads(arrays.values()), 0
-    for episode in selection.tolist():
-        start, length = int(table.starts[episode]), int(table.lengths[episode])
-        for name, (source, later) in sources.items():
-            begin = start + (episode + later if source in ("observations", "states") else 0)
-            rows = arrays[source][begin : begin + length]
-            copied[name][first : first + length] = rows
-            reads.add(rows)
-        first += length
-    reads.release()
-    return copied
+    later = {f"next_{name}": take_rows(arrays[name], states + 1) for name in of_states}
+    return copied | later
 
 
 def gather_windows(
@@ -263,6 +254,16 @@ class Sampler:
             f"horizon={self.horizon}, seed={self.seed}, n_drawn={self._n_drawn})"
         )
 
+    @property
+    def n_rows(self) -> int:
+        """Rows of the dataset, which an index counts."""
+        return len(self.rows.episode)
+
+    @property
+    def n_episodes(self) -> int:
+        """Episodes that are drawn from."""
+        return int(np.count_nonzero(self.rows.positions >= 0))
+
     def dtype(self, name: str) -> np.dtype[Any]:
         """The dtype of a stored array."""
         return self._arrays[name].dtype
@@ -279,11 +280,19 @@ class Sampler:
 
     def _draw_ahead(self, n_batches: int) -> Int:
         """Rows of the next `n_batches` batches; draw number k of a seed is always the same."""
-        first, n_valid = self._n_drawn * self.batch_size, len(self.rows.valid)
+        first = self._n_drawn * self.batch_size
         numbers = np.arange(first, first + n_batches * self.batch_size, dtype=np.uint64)
-        # the product rounds up to n_valid in rare cases
-        picks = np.minimum((uniform(derive(self.seed, 0, numbers)) * n_valid), n_valid - 1)
-        return self.rows.valid.take(picks.astype(np.int64)).reshape(n_batches, self.batch_size)
+        picks = self.pick(uniform(derive(self.seed, 0, numbers)))
+        return picks.reshape(n_batches, self.batch_size)
+
+    def pick(self, places: Double, n_before: int = 0) -> Int:
+        """Returns the rows at places among all transitions.
+
+        Args:
+            places: in [0, 1), any shape.
+            n_before: rows that were drawn before; all are drawn from at any time.
+        """
+        return take_at(self.rows.valid, places)
 
     def gather(self, index: Int) -> Batch:
         """Returns the transitions or windows that start at `index`.
@@ -329,7 +338,7 @@ class Sampler:
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume the stream: plain integers."""
-        return {**self._identity(), "n_drawn": self._n_drawn}
+        return {**self.identity(), "n_drawn": self._n_drawn}
 
     def load_state_dict(self, state: Mapping[str, int]) -> None:
         """Continues where the sampler that returned `state` was.
@@ -337,9 +346,10 @@ class Sampler:
         Raises:
             SchemaError: the state is of a sampler with other settings or other data.
         """
-        self._n_drawn = batches_drawn(state, self._identity())
+        self._n_drawn = batches_drawn(state, self.identity())
 
-    def _identity(self) -> dict[str, int]:
+    def identity(self) -> dict[str, int]:
+        """Returns what another sampler needs to have in common to resume the stream."""
         return self.settings() | {"n_transitions": len(self.rows.valid)}
 
     def settings(self) -> dict[str, int]:
@@ -349,6 +359,12 @@ class Sampler:
             "batch_size": self.batch_size,
             "horizon": self.horizon or 0,
         }
+
+
+def take_at(rows: Int, places: Double) -> Int:
+    """Returns the rows at places in [0, 1), any shape."""
+    # the product rounds up to the number of rows in rare cases
+    return rows.take(np.minimum(places * len(rows), len(rows) - 1).astype(np.int64))
 
 
 def batches_drawn(state: Mapping[str, int], identity: Mapping[str, int]) -> int:

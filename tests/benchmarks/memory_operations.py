@@ -69,7 +69,7 @@ TWO_ROBOTS = SPEC, _shapes(2, 15, 16, 4, 4)
 SIZES = {
     "1M": Size(8_000, 125, *FOUR_ROBOTS),
     "5M": Size(40_000, 125, *FOUR_ROBOTS),
-    "20M": Size(160_000, 125, *TWO_ROBOTS),
+    "20M": Size(160_000, 125, *FOUR_ROBOTS),
     "200k-episodes": Size(200_000, 25, *TWO_ROBOTS),
     "tiny": Size(40, 25, *TWO_ROBOTS),
 }

@@ -14,8 +14,9 @@ from swarmdata.audit.checks import audit
 from swarmdata.audit.findings import Finding
 from swarmdata.building.edit import subsample_dataset
 from swarmdata.cards.sections.measured_content import measure
-from swarmdata.datasets import reobservation
+from swarmdata.datasets import reobservation, reweighting
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.interop.conversion.framed_export import in_frame
 from swarmdata.interop.convert import source_digest
 from swarmdata.interop.export import export_dataset
 from swarmdata.runtime import mapped_pages
@@ -31,7 +32,7 @@ from swarmdata.store.stored_dataset import map_checked
 def tight(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages are given back after each read, and computed arrays are in files."""
     monkeypatch.setattr(mapped_pages, "READ_BYTES", 1)
-    monkeypatch.setattr(mapped_pages, "NEIGHBOR_BYTES", 1)
+    monkeypatch.setattr(mapped_pages, "REGION_BYTES", 64)
     monkeypatch.setattr(verification, "BLOCK_BYTES", 1000)
     monkeypatch.setattr(scratch_arrays, "MEMORY_BYTES", 0)
 
@@ -98,6 +99,35 @@ def test_transitions_are_those_of_the_sampler(tiny: Path) -> None:
     for name in set(copied) - {"log_probs"}:
         assert np.array_equal(copied[name], getattr(batch, name)), name
     assert np.array_equal(copied["log_probs"], batch.log_probs)
+
+
+@pytest.mark.usefixtures("tight")
+def test_other_rewards_do_not_depend_on_blocks(tiny: Path) -> None:
+    data = Dataset.open(tiny)
+    whole = data.with_rewards(robot_collision=2.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reweighting, "BLOCK_ROWS", 7)
+        again = data.with_rewards(robot_collision=2.0)
+    assert isinstance(mapping_of(again.stored.arrays["rewards"]), ScratchMap)
+    for name in ("rewards", "episodes/team_return"):
+        values = again.stored.arrays[name]
+        assert not values.flags.writeable
+        assert values.tobytes() == whole.stored.arrays[name].tobytes(), name
+
+
+def test_a_frame_does_not_depend_on_where_arrays_are(tiny: Path) -> None:
+    data = Dataset.open(tiny).split("train")
+    whole = in_frame(data, "target").stored
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mapped_pages, "READ_BYTES", 1)
+        patch.setattr(scratch_arrays, "MEMORY_BYTES", 0)
+        again = in_frame(data, "target").stored
+    for name in ("observations", "actions"):
+        assert isinstance(mapping_of(again.arrays[name]), ScratchMap)
+        assert again.arrays[name].tobytes() == whole.arrays[name].tobytes(), name
+    starts = data.stored.table.starts
+    others = np.setdiff1d(np.arange(len(starts)), data.selection)
+    assert not again.arrays["actions"][starts[others]].any()
 
 
 @given(states=st.integers(1, 200))

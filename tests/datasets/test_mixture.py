@@ -132,9 +132,8 @@ def test_episodes_are_numbered_through_all_parts(mixture: Mixture) -> None:
 
 
 def test_segments_with_a_burn_in_are_those_of_the_parts(mixture: Mixture) -> None:
-    sampler, first = (
-        each.sampler(64, horizon=4, burn_in=2, seed=1) for each in (mixture, mixture.parts[0])
-    )
+    sampler = mixture.sampler(64, horizon=4, burn_in=2, seed=1)
+    first = mixture.parts[0].sampler(64, horizon=4, burn_in=2, seed=1)
     index = sampler.draw()
     own = index < mixture.parts[0].n_steps
     ours, theirs = sampler.gather(index), first.gather(index[own])

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmdata.runtime import mapped_pages
-from swarmdata.runtime.mapped_pages import MappedReads, mapping_of, release_pages
+from swarmdata.runtime.mapped_pages import MappedReads, mapping_of, release_pages, take_rows
 
 ROWS, COLUMNS = 8192, 256
 
@@ -81,3 +81,20 @@ def test_pages_are_given_back_on_the_way(
     assert most <= 4 << 20
     reads.release()
     assert resident(mapped) == 0
+
+
+def test_rows_are_taken_in_any_order_and_their_pages_given_back(
+    mapped: NDArray[np.float32], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mapped_pages, "READ_BYTES", 4 << 20)
+    rng = np.random.default_rng(0)
+    expected = np.array(mapped)
+    for rows in (
+        np.arange(ROWS),
+        np.arange(5, ROWS, 100),
+        rng.permutation(ROWS),
+        rng.integers(9, size=0),
+    ):
+        assert np.array_equal(take_rows(mapped, rows), expected[rows])
+        assert not len(rows) or resident(mapped) == 0
+    assert np.array_equal(take_rows(expected, np.array([3, 3])), expected[[3, 3]])

@@ -52,10 +52,16 @@ class Provenance(Frozen):
         Weights of rewards are not part of it: whoever learned from other rewards is evaluated on
         those of the task, on the same scale as all others, and is a row beside them.
         """
-        models = {name: value for name, value in self.changes.items() if name != "rewards"}
-        if self.dataset is None or not models:
-            return self.dataset
-        return _with_hash(self.dataset, json.dumps(models, sort_keys=True, separators=(",", ":")))
+        return dataset_key(self.dataset, self.view)
+
+
+def dataset_key(dataset: str | None, view: str | None) -> str | None:
+    """Returns `Provenance.dataset_key` of a dataset's id and its view."""
+    changes = {} if view is None else parse_json(view, "the view")
+    models = {name: value for name, value in changes.items() if name != "rewards"}
+    if dataset is None or not models:
+        return dataset
+    return _with_hash(dataset, json.dumps(models, sort_keys=True, separators=(",", ":")))
 
 
 def file_name(provenance: Provenance, spec_hash: str) -> str:

@@ -25,6 +25,10 @@ Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]
 """Of a dataset: all of it, its published mini (5 %), or a number of joint steps from the start."""
 
 
+Parts = Annotated[dict[str, Positive], Field(min_length=2, max_length=100)]
+"""Of a mixture: weights of datasets, by id or folder."""
+
+
 class Variant(Frozen):
     """One algorithm with its settings: a row of the tables."""
 
@@ -171,7 +175,9 @@ class Study(Frozen):
 
     name: Label  # of its output folder, unless `--out` says otherwise
     title: Text = ""  # of the report
-    datasets: Annotated[Names, Field(min_length=1)]  # ids or folders
+    datasets: Annotated[Names, Field(min_length=1)]  # ids, folders or names of mixtures
+    mixtures: dict[Label, Parts] = Field(default_factory=dict)
+    """Datasets that rows of batches are drawn from in proportion to weights, by name."""
     algorithms: Annotated[dict[Label, Variant], Field(min_length=1), BeforeValidator(_by_label)]
     """Rows of the tables, by label."""
     seeds: Annotated[Seeds, BeforeValidator(_first_seeds)] = (0, 1, 2, 3, 4)
@@ -220,6 +226,20 @@ class Study(Frozen):
             _check_known(f"algorithms.{label}.datasets", variant.datasets, self.datasets)
         for label, sweep in self.sweeps.items():
             _check_known(f"sweeps.{label}.families", sweep.families, self.families)
+        return self
+
+    @model_validator(mode="after")
+    def _mixtures_are_trained_on_as_they_are(self) -> Self:
+        _check_known("mixtures", tuple(self.mixtures), self.datasets)
+        for name in self.mixtures:
+            if self.sizes and name in self.sizes.datasets:
+                raise ValueError(f"sizes.datasets has the mixture {name}, expected single datasets")
+            changed = [k for k, row in self.algorithms.items() if row.rewards and self.has(k, name)]
+            if changed:
+                raise ValueError(
+                    f"{changed[0]} has rewards and learns from the mixture {name}, which a study "
+                    "mixes with the recorded rewards only; name the datasets of that row"
+                )
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ the package if neither has it, so that everything works without a network.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -167,6 +167,17 @@ def load(
     offline: bool | None = None,
     progress: bool = True,
 ) -> StreamedDataset: ...
+@overload
+def load(
+    dataset_id: list[str] | list[Path] | tuple[str | Path, ...],
+    *,
+    stream: Literal[True] | Stream,
+    weights: Sequence[float] | None = None,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    offline: bool | None = None,
+    progress: bool = True,
+) -> Mixture: ...
 def load(
     dataset_id: str | Path | list[str] | list[Path] | tuple[str | Path, ...],
     *,
@@ -195,8 +206,9 @@ def load(
             the folder of a dataset. A list of them is a mixture: their specs have to be equal.
         weights: of a mixture: in proportion to which rows of batches come from each dataset; None:
             its number of steps, so that all transitions are equally likely.
-        stream: whether one dataset is opened without being fetched or built: its chunks are fetched
-            when they are read. A `Stream` also says how much is kept in memory and on the disk.
+        stream: whether datasets are opened without being fetched or built: their chunks are fetched
+            when they are read. A `Stream` also says how much is kept in memory, of each dataset,
+            and on the disk.
         observation: the observation model to compute observations with, such as `lidar`; see
             `Dataset.reobserve`. None: the recorded one.
         communication: the communication model, such as `lossy-30`, in the same way.
@@ -221,11 +233,19 @@ def load(
         HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
     """
+    _check_number(dataset_id, weights, path)
     if stream:
-        refused = {"weights": weights, "rewards": rewards, "path": path, "workers": workers}
-        refused["verify"] = None if verify == "fast" else verify
-        remotes = Remotes(offline=is_offline(offline), progress=progress)
-        return _open_streamed(dataset_id, stream, refused, remotes, observation, communication)
+        _refuse_streamed(verify, rewards=rewards, path=path, workers=workers)
+        open_streamed = partial(
+            _open_streamed,
+            stream=Stream() if stream is True else stream,
+            remotes=Remotes(offline=is_offline(offline), progress=progress),
+            observation=observation,
+            communication=communication,
+        )
+        if isinstance(dataset_id, str | Path):
+            return open_streamed(dataset_id)
+        return mix([open_streamed(each) for each in dataset_id], weights)
     open_one = partial(
         _open,
         observation=observation,
@@ -237,15 +257,24 @@ def load(
         progress=progress,
     )
     if isinstance(dataset_id, str | Path):
-        if weights is not None:
-            raise SpecError(
-                f"weights are {list(weights)} with the one dataset {str(dataset_id)!r}, expected a "
-                "list of datasets to mix with them"
-            )
         return open_one(dataset_id, path)
-    if path is not None:
-        raise SpecError("path is of one dataset, got it with a list of datasets; leave it out")
     return mix([open_one(each, None) for each in dataset_id], weights)
+
+
+def _check_number(
+    dataset_id: str | Path | Sequence[str | Path],
+    weights: Sequence[float] | None,
+    path: Path | str | None,
+) -> None:
+    """Refuses what is of several datasets for one, and the other way round."""
+    is_one = isinstance(dataset_id, str | Path)
+    if is_one and weights is not None:
+        raise SpecError(
+            f"weights are {list(weights)} with the one dataset {str(dataset_id)!r}, expected a "
+            "list of datasets to mix with them"
+        )
+    if path is not None and not is_one:
+        raise SpecError("path is of one dataset, got it with a list of datasets; leave it out")
 
 
 def _open(
@@ -285,21 +314,27 @@ def _open(
     return dataset.reobserve(observation, communication, progress=progress)
 
 
+def _refuse_streamed(verify: Verify, **options: object) -> None:
+    """Refuses what streams do not have; None is left out."""
+    given = [name for name, value in options.items() if value is not None]
+    given += [] if verify == "fast" else ["verify"]
+    if given:
+        raise SpecError(
+            f"stream together with {', '.join(given)} cannot be had, expected datasets as they are "
+            "recorded"
+        )
+
+
 def _open_streamed(
-    dataset_id: str | Path | Sequence[str | Path],
-    stream: Literal[True] | Stream,
-    refused: Mapping[str, object],
+    dataset_id: str | Path,
+    *,
+    stream: Stream,
     remotes: Remotes,
     observation: Source | None,
     communication: Source | None,
 ) -> StreamedDataset:
-    """Opens one dataset without fetching it, as `load` does; `refused` is what must be None."""
-    given = [name for name, value in refused.items() if value is not None]
-    if given or not isinstance(dataset_id, str | Path):
-        what = f"together with {', '.join(given)}" if given else "of several datasets"
-        raise SpecError(f"stream {what} cannot be had, expected one dataset as it is recorded")
-    how = Stream() if stream is True else stream
-    dataset = stream_request(parse_request(dataset_id), remotes, how)
+    """Opens one dataset without fetching it, as `load` does."""
+    dataset = stream_request(parse_request(dataset_id), remotes, stream)
     identity = judge(dataset.blocks.source.manifest)
     if not identity.is_as_named:  # on this machine: of remotes, such are refused
         warnings.warn(

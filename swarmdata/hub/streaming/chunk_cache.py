@@ -1,6 +1,7 @@
 """ChunkCache: chunks of arrays on the local disk, in bounded space."""
 
 import os
+import threading
 from pathlib import Path
 
 from swarmdata.runtime.atomic import TEMPORARY_PREFIX, write_file
@@ -8,12 +9,16 @@ from swarmdata.runtime.atomic import TEMPORARY_PREFIX, write_file
 SUFFIX = ".chunk"
 """Of the files of chunks."""
 
+SCANS = 16
+"""How often all files are looked at while as many bytes are written as the bound allows."""
+
 
 class ChunkCache:
     """Chunks in files of their own; those that were not read for longest are deleted first.
 
     Several processes may share a folder: a file appears whole or not at all, and one that another
-    process deletes is fetched again. Contents are for the caller to check.
+    process deletes is fetched again. Each process looks at the files of the others now and then, so
+    that each may exceed the bound by a part in `SCANS`. Contents are for the caller to check.
 
     Args:
         folder: of the files; the bound holds for all folders of datasets in it.
@@ -22,6 +27,7 @@ class ChunkCache:
 
     def __init__(self, folder: Path, most_bytes: int) -> None:
         self._folder, self._most_bytes = folder, most_bytes
+        self._lock, self._room = threading.Lock(), 0  # bytes to write before the next look
 
     def read(self, key: str) -> bytes | None:
         """The content of a chunk, None where it is not there."""
@@ -47,7 +53,10 @@ class ChunkCache:
         """
         if len(content) > self._most_bytes:
             return
-        self._make_room(self._most_bytes - len(content))
+        with self._lock:
+            self._room -= len(content)
+            if self._room < 0:
+                self._room = self._make_room(len(content))
         path = self._path(key)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, content)
@@ -59,8 +68,12 @@ class ChunkCache:
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}{SUFFIX}"
 
-    def _make_room(self, most_bytes: int) -> None:
-        """Deletes files until the others have at most so many bytes."""
+    def _make_room(self, n_bytes: int) -> int:
+        """Deletes files so that so many bytes can be written.
+
+        Returns:
+            How many bytes may then be written before the files have to be looked at again.
+        """
         found = []
         for folder, inner, names in os.walk(self._folder):  # passes over folders that vanish
             inner[:] = [name for name in inner if not name.startswith(TEMPORARY_PREFIX)]
@@ -71,8 +84,10 @@ class ChunkCache:
                     continue
                 found.append((status.st_mtime_ns, status.st_size, path))
         total = sum(size for _, size, _ in found)
-        for _, size, path in sorted(found):
-            if total <= most_bytes:
-                return
+        limit, room = self._most_bytes - n_bytes, self._most_bytes // SCANS
+        for _, size, path in sorted(found) if total > limit else ():
+            if total <= limit - room:
+                break
             path.unlink(missing_ok=True)
             total -= size
+        return min(room, limit - total)

@@ -33,6 +33,10 @@ class RemoteArrays:
     manifest: Manifest
     cache: ChunkCache
 
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """The dtype of an array."""
+        return np.dtype(self.manifest.plan[name].shard.dtype)
+
     def rows(self, name: str, first: int, last: int) -> NDArray[Any]:
         """Returns the rows of an array from `first` to before `last`, in memory.
 

@@ -265,9 +265,11 @@ class StreamedDataset:
             scale=action_scale(spec) if spec.action_kind == "continuous" else None,
         )
 
-    def make_env(self, n_copies: int = 1, *, backend: str | None = None) -> VecEnv:
+    def make_env(
+        self, n_copies: int = 1, *, n_threads: int = 1, backend: str | None = None
+    ) -> VecEnv:
         """Builds copies of the world that was recorded, in its simulator or in another one."""
-        return make_env(with_models(self.task, backend=backend), n_copies)
+        return make_env(with_models(self.task, backend=backend), n_copies, n_threads=n_threads)
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns the score of team returns, as `Dataset.normalized_score` does.

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import ActionScale
-from swarmdata.datasets.sampling import N_DRAWN_AHEAD, Rows, Sampler, batches_drawn
+from swarmdata.datasets.reobservation import OBSERVED_ARRAYS
+from swarmdata.datasets.sampling import N_DRAWN_AHEAD, Rows, Sampler, batches_drawn, take_at
 from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.store.arrays.layout import ALL_FIELDS
-from swarmdata.types import Batch, Int
+from swarmdata.types import Batch, Double, Int
 
 BATCH_ARRAYS = (
     "observations", "states", "actions", "rewards", "terminations", "truncations", "log_probs",
@@ -161,7 +162,7 @@ class WindowSampler:
         self._n_steps = int(blocks.table.lengths[selection].sum())
         steps = self._n_steps / len(self._live) / (batch_size * (horizon or 1))
         self._turn_batches = max(1, round(steps))
-        self._n_drawn = self._first_ahead = 0
+        self._n_drawn = self._first_ahead = self._turn = 0
         self._ahead = np.empty((0, batch_size), dtype=np.int64)
         self._valid_rows = lru_cache(maxsize=2)(self._find_valid_rows)
         self.batch_size, self.horizon, self.burn_in, self.seed = batch_size, horizon, burn_in, seed
@@ -182,6 +183,21 @@ class WindowSampler:
             f"seed={self.seed}, n_drawn={self._n_drawn})"
         )
 
+    @property
+    def n_rows(self) -> int:
+        """Rows of the dataset, which an index counts."""
+        return self._blocks.source.manifest.n_steps
+
+    @property
+    def n_episodes(self) -> int:
+        """Episodes that are drawn from."""
+        return len(self._selection)
+
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """The dtype of an array."""
+        is_recorded = self._blocks.spec is None or name not in OBSERVED_ARRAYS
+        return np.dtype(self._blocks.source.dtype(name) if is_recorded else np.float32)
+
     def draw(self) -> Int:
         """Returns the stored rows of the next batch, int64 [B], without reading any data."""
         offset = self._n_drawn - self._first_ahead
@@ -198,15 +214,20 @@ class WindowSampler:
         n_batches = min(left, max(1, N_DRAWN_AHEAD // self.batch_size))
         first = self._n_drawn * self.batch_size
         numbers = np.arange(first, first + n_batches * self.batch_size, dtype=np.uint64)
-        valid = self._valid_rows(self._turn)
-        picks = np.minimum(uniform(derive(self.seed, 0, numbers)) * len(valid), len(valid) - 1)
-        return valid.take(picks.astype(np.int64)).reshape(n_batches, self.batch_size)
+        picks = self.pick(uniform(derive(self.seed, 0, numbers)), first)
+        return picks.reshape(n_batches, self.batch_size)
 
-    @property
-    def _turn(self) -> int:
-        """How often the window has moved; one of all blocks never does."""
-        is_whole = self._window == len(self._live)
-        return 0 if is_whole else self._n_drawn // self._turn_batches
+    def pick(self, places: Double, n_before: int) -> Int:
+        """Returns the stored rows at places among the transitions in the window.
+
+        Args:
+            places: in [0, 1), any shape.
+            n_before: rows that were drawn before, by which the window has moved; a window of all
+                blocks never does.
+        """
+        if self._window < len(self._live):
+            self._turn = n_before // (self._turn_batches * self.batch_size)
+        return take_at(self._valid_rows(self._turn), places)
 
     def _block_at(self, position: int) -> int:
         """The block at a place of the endless sequence."""
@@ -235,9 +256,10 @@ class WindowSampler:
             HubError: a chunk could not be fetched.
             ChecksumError: the remote gave wrong bytes, twice.
         """
-        n_steps = self._blocks.source.manifest.n_steps
-        if index.size and not 0 <= index.min() <= index.max() < n_steps:
-            raise IndexError(f"rows {index.min()} to {index.max()}, expected 0 to {n_steps - 1}")
+        if index.size and not 0 <= index.min() <= index.max() < self.n_rows:
+            raise IndexError(
+                f"rows {index.min()} to {index.max()}, expected 0 to {self.n_rows - 1}"
+            )
         block = np.searchsorted(self._blocks.first_steps, index, side="right") - 1
         wanted = np.unique(block).tolist()
         capacity = self._window + 2
@@ -253,7 +275,7 @@ class WindowSampler:
 
     def state_dict(self) -> dict[str, int]:
         """Everything needed to resume the stream: plain integers."""
-        return {**self._identity(), "n_drawn": self._n_drawn}
+        return {**self.identity(), "n_drawn": self._n_drawn}
 
     def load_state_dict(self, state: Mapping[str, int]) -> None:
         """Continues where the sampler that returned `state` was.
@@ -261,9 +283,14 @@ class WindowSampler:
         Raises:
             SchemaError: the state is of a sampler with other settings or other data.
         """
-        self._n_drawn = batches_drawn(state, self._identity())
+        self._n_drawn = batches_drawn(state, self.identity())
         self._ahead = self._ahead[:0]
 
-    def _identity(self) -> dict[str, int]:
+    def settings(self) -> dict[str, int]:
+        """Returns what was chosen about the stream, without the data and the window."""
+        return self._inner.settings()
+
+    def identity(self) -> dict[str, int]:
+        """Returns what another sampler needs to have in common to resume the stream."""
         own = {"window": self._window, "order_seed": self._order_seed}
-        return self._inner.settings() | own | {"n_transitions": self._n_steps}
+        return self.settings() | own | {"n_transitions": self._n_steps}

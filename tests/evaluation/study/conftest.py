@@ -63,6 +63,13 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_tiny(tmp_path_factory.mktemp("study") / "coop_nav-tiny-v0")
 
 
+@pytest.fixture(scope="session")
+def other_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of another tiny dataset of the same task."""
+    folder = tmp_path_factory.mktemp("other") / "coop_nav-other-v0"
+    return make_tiny(folder, id="coop_nav-other-v0", seed=6)
+
+
 @pytest.fixture
 def make_study(data: Path) -> Callable[..., Study]:
     """A study of the tiny dataset; arguments replace its fields."""

@@ -90,6 +90,25 @@ def test_a_study_survives_its_own_yaml(
         ({"sizes": {"datasets": ["x"], "algorithms": ["bc"]}}, "sizes.datasets has 'x'"),
         ({"sizes": {"datasets": [], "algorithms": ["x"]}}, "sizes.algorithms has 'x'"),
         ({"curves": {"datasets": ["x"]}}, "curves.datasets has 'x'"),
+        ({"mixtures": {"m": {"a": 3, "b": 1}}}, "mixtures has 'm', which the study lacks"),
+        ({"mixtures": {"m": {"a": 3}}, "datasets": ["m"]}, "mixtures.m"),
+        ({"mixtures": {"m": {"a": 3, "b": 0}}, "datasets": ["m"]}, "mixtures.m.b"),
+        (
+            {
+                "mixtures": {"m": {"a": 3, "b": 1}},
+                "datasets": ["m"],
+                "sizes": {"datasets": ["m"], "algorithms": ["bc"]},
+            },
+            "sizes.datasets has the mixture m",
+        ),
+        (
+            {
+                "mixtures": {"m": {"a": 3, "b": 1}},
+                "datasets": ["m"],
+                "algorithms": {"bc": {"rewards": "safe"}},
+            },
+            "bc has rewards and learns from the mixture m",
+        ),
         (
             {"losses": {"q": {"column": "q", "label": "q", "datasets": [], "algorithms": ["x"]}}},
             "losses.q.algorithms has 'x', which the study lacks: bc, other",

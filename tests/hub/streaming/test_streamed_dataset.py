@@ -18,25 +18,28 @@ from swarmdata.hub.streaming.open_stream import open_stream
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
 from swarmdata.hub.streaming.window_sampler import WindowSampler
 from swarmdata.store.arrays import layout
-from swarmdata.testing.synthetic import RELEASE_CARD, make_dataset
+from swarmdata.testing.synthetic import RELEASE_CARD, make_dataset, write_release
 from swarmdata.types import Batch
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.static_host import StaticHost
 from tests.support.tiny import flip
 
 ID = "coop_nav-synthetic-v0"
+OTHER_ID = "coop_nav-other-v0"
 LENGTHS = [[30, 10, 70, 40, 20, 55, 5, 60, 25, 35, 80, 15, 45, 50, 65]]
 """605 joint steps."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A published folder with a dataset of 38 chunks in each array over time."""
+    """A published folder with a dataset of 38 chunks in each array over time, and a smaller one."""
     root = tmp_path_factory.mktemp("published")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(layout, "CHUNK_ROWS", 16)
         make_dataset(root / ID, LENGTHS, block=3)
-    (root / ID / "card.md").write_text(RELEASE_CARD)
+        write_release(root / OTHER_ID, LENGTHS[0][:6], OTHER_ID)
+    for name in (ID, OTHER_ID):
+        (root / name / "card.md").write_text(RELEASE_CARD)
     return root
 
 
@@ -119,6 +122,55 @@ def test_a_window_holds_what_is_near_in_the_order_of_a_pass(host: StaticHost) ->
         rows = sampler._find_valid_rows(turn)
         found = np.unique(np.searchsorted(blocks.first_steps, rows, side="right") - 1)
         assert set(found.tolist()) == {order[turn], order[turn + 1]}
+
+
+@pytest.mark.parametrize("sizes", [{}, {"horizon": 7}, {"horizon": 8, "burn_in": 3}])
+def test_streams_are_mixed_as_whole_datasets_are(
+    host: StaticHost, folder: Path, sizes: dict[str, int]
+) -> None:
+    names, weights = (ID, OTHER_ID), [3, 1]
+    streamed = swarmdata.load(
+        [f"{host.url}/{name}" for name in names], stream=Stream(window=100), weights=weights
+    )
+    whole = swarmdata.load([folder / name for name in names], weights=weights)
+    assert (streamed.id, streamed.view, streamed.spec) == (whole.id, whole.view, whole.spec)
+    assert streamed.make_env(2, n_threads=1).spec == whole.spec.world
+    sampler = streamed.split("train").sampler(32, seed=5, **sizes)
+    expected = whole.split("train").sampler(32, seed=5, **sizes)
+    for _ in range(20):
+        assert_same(next(sampler), next(expected))
+
+
+def test_windows_of_mixed_streams_move_with_the_rows_of_their_part(
+    host: StaticHost, folder: Path
+) -> None:
+    names = (ID, OTHER_ID)
+    streamed = swarmdata.load(
+        [f"{host.url}/{name}" for name in names], stream=Stream(window=1), weights=[3, 1]
+    )
+    reader = swarmdata.load([folder / name for name in names], weights=[3, 1]).sampler(16)
+    sampler, drawn = streamed.sampler(16, seed=2), []
+    for _ in range(200):
+        state, index = sampler.state_dict(), sampler.draw()
+        assert_same(sampler.gather(index), reader.gather(index))
+        drawn.append(index)
+    n_first = streamed.parts[0].n_steps
+    shares = np.concatenate(drawn) < n_first
+    assert shares.mean() == pytest.approx(0.75, abs=0.03)
+    first, second = sampler._samplers
+    assert isinstance(first, WindowSampler)
+    assert isinstance(second, WindowSampler)
+    for part, share in ((first, 0.75), (second, 0.25)):
+        n_before = 199 * 16 * share  # rows of the part that were drawn before the last batch
+        assert part._turn == n_before // (16 * part._turn_batches) > 10
+    again = streamed.sampler(16, seed=2)
+    again.load_state_dict(state)
+    np.testing.assert_array_equal(again.draw(), drawn[-1])
+    other = swarmdata.load(
+        [f"{host.url}/{name}" for name in names], stream=Stream(window=3), weights=[3, 1]
+    )
+    with pytest.raises(SchemaError, match="window_0"):
+        other.sampler(16, seed=2).load_state_dict(state)
 
 
 def test_samplers_of_several_seeds_share_a_window(host: StaticHost, whole: Dataset) -> None:
@@ -265,8 +317,8 @@ def test_what_a_stream_cannot_have_is_refused(folder: Path) -> None:
     for arguments in ({"verify": "full"}, {"workers": 2}, {"rewards": "safe"}):
         with pytest.raises(SpecError, match=f"stream together with {next(iter(arguments))}"):
             swarmdata.load(folder / ID, stream=True, **arguments)
-    with pytest.raises(SpecError, match="several datasets"):
-        swarmdata.load([folder / ID], stream=True)  # type: ignore[call-overload]
+    with pytest.raises(SpecError, match="with the one dataset"):
+        swarmdata.load(folder / ID, stream=True, weights=[1.0])  # type: ignore[call-overload]
     with pytest.raises(SpecError, match="window of at least 1"):
         Stream(window=0)
     with pytest.raises(HubError, match="not on this machine, and no remote has it"):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluation.results.policy_names import Target, find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
@@ -26,7 +27,12 @@ from swarmdata.evaluation.study.cells.cell_folder import (
     is_done,
 )
 from swarmdata.evaluation.study.cells.cells import Cell
-from swarmdata.evaluation.study.cells.study_data import DatasetFacts, open_dataset
+from swarmdata.evaluation.study.cells.study_data import (
+    DatasetFacts,
+    joint_digest,
+    open_dataset,
+    open_mixture,
+)
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
 from swarmdata.learn.training.overrides import from_json
@@ -94,8 +100,18 @@ def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> 
 def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> None:
     """Trains on the dataset, and keeps only what the policies need."""
     models = {"observation": cell.observation, "communication": cell.communication}
-    dataset = open_dataset(cell.source, cell.n_steps, **models)
-    _check_digest(cell, dataset)
+    dataset: Dataset | Mixture
+    learned: Dataset | Mixture
+    if cell.parts:
+        dataset = learned = open_mixture(cell.parts, **models)
+        digests = (part.digest for part in dataset.parts)
+        _check_digest(cell, joint_digest(digests, cell.parts.values()))
+    else:
+        dataset = whole = open_dataset(cell.source, cell.n_steps, **models)
+        learned = whole.with_rewards(**cell.rewards)
+        parents = whole.recipe.parents
+        is_part = cell.n_steps is not None and parents
+        _check_digest(cell, parents[0].digest if is_part else whole.digest)
     spec = dataset.task
     write_file(run.parent / DATA_FILE, DatasetFacts.of(dataset).to_json().encode())
 
@@ -105,7 +121,7 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
 
     train_seeds(
         cell.algorithm,
-        dataset.with_rewards(**cell.rewards).split("train"),
+        learned.split("train"),
         run,
         seeds=cell.seeds,
         config=_config(OFFLINE_ALGORITHMS, cell),
@@ -119,10 +135,7 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
     compact(run)
 
 
-def _check_digest(cell: Cell, dataset: Dataset) -> None:
-    parents = dataset.recipe.parents
-    is_part = cell.n_steps is not None and parents
-    digest = parents[0].digest if is_part else dataset.digest
+def _check_digest(cell: Cell, digest: str) -> None:
     if digest != cell.digest:
         raise SchemaError(
             f"{cell.source} has digest {digest[:12]}, the study expects {cell.digest[:12]}: it was "

@@ -15,6 +15,7 @@ from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.cells.study_data import (
     changed_rewards,
     dataset_of_size,
+    joint_digest,
     short_count,
     short_name,
 )
@@ -29,8 +30,9 @@ from swarmdata.specs.frozen import Frozen
 
 ONLINE_FAMILY = "online"
 
-FIELDS_OUTSIDE_KEY = {"family", "source", "run"}
-"""Fields that affect neither training nor evaluation: the name of the family, paths of files."""
+FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run"}
+"""Fields that affect neither training nor evaluation, as the name of the family does not, or that
+`digest` covers, as it does paths of files."""
 
 AS_RECORDED = View()
 """Models of the dataset itself."""
@@ -48,9 +50,10 @@ class Cell(Frozen):
     family: str
     algorithm: str
     config: dict[str, Any]  # with all defaults; empty for a finished run, which `digest` covers
-    source: str = ""  # dataset to load, or task to train in
+    source: str = ""  # dataset to load, name of a mixture, or task to train in
+    parts: dict[str, float] = Field(default_factory=dict)  # of a mixture: weights of datasets
     run: str = ""  # folder of a finished run
-    digest: str  # of the dataset, or of the run's configuration and policies
+    digest: str  # of the dataset, of parts with weights, or of a run's configuration and policies
     n_steps: int | None = None  # uses only the first episodes of the dataset
     observation: str | None = None  # model for training and evaluation; None: as recorded
     communication: str | None = None
@@ -158,6 +161,7 @@ def offline_cell(
     for model in (view.observation, view.communication):
         data += "" if model is None else f"~{model}"
     curves = study.curves
+    parts = study.mixtures.get(dataset, {})
     is_drawn = curves is not None and (not curves.datasets or dataset in curves.datasets)
     every = max(1, config["n_updates"] // curves.points) if curves and is_drawn else None
     return Cell(
@@ -168,7 +172,8 @@ def offline_cell(
         algorithm=variant.algorithm,
         config=config,
         source=dataset,
-        digest=digest_of(dataset),
+        parts=parts,
+        digest=joint_digest(map(digest_of, parts), parts.values()) if parts else digest_of(dataset),
         n_steps=n_steps,
         observation=view.observation,
         communication=view.communication,

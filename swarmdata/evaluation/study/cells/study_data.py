@@ -4,7 +4,10 @@ The first episodes are written as an edited dataset, so that a run on them recor
 computes normalization statistics from them alone.
 """
 
+import hashlib
+import json
 import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +15,9 @@ import numpy as np
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import Mixture, Part, mix
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.evaluation.runs.provenance import dataset_key
 from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
@@ -31,7 +36,8 @@ FULL, MINI = "full", "mini"
 class DatasetFacts(Frozen):
     """What the episodes of a dataset achieved: the row that every algorithm is compared with.
 
-    Returns are of the recorded rewards, whatever rewards an algorithm learns from.
+    Returns are of the recorded rewards, whatever rewards an algorithm learns from. Means of a
+    mixture are those of its datasets, weighted as the mixture weighs them.
     """
 
     id: str
@@ -42,8 +48,10 @@ class DatasetFacts(Frozen):
     n_train_steps: int | None = None  # joint steps to learn from; None: recorded before it was kept
 
     @classmethod
-    def of(cls, dataset: Dataset) -> "DatasetFacts":
+    def of(cls, dataset: Part | Mixture) -> "DatasetFacts":
         """Reads the table of episodes."""
+        if isinstance(dataset, Mixture):
+            return cls._of_mixture(dataset)
         table = dataset.episodes
         return cls(
             id=dataset.id,
@@ -52,6 +60,28 @@ class DatasetFacts(Frozen):
             obstacle_collisions=float(table.obstacle_collisions.mean()),
             figures=figures_of(table),
             n_train_steps=int(dataset.split("train").episodes.lengths.sum()),
+        )
+
+    @classmethod
+    def _of_mixture(cls, mixture: Mixture) -> "DatasetFacts":
+        parts = [cls.of(part) for part in mixture.parts]
+
+        def mean(values: Iterable[float]) -> float:
+            return float(np.dot(mixture.weights, list(values)))
+
+        return cls(
+            id=str(dataset_key(mixture.id, mixture.view)),
+            digest=mixture.digest,
+            robot_collisions=mean(each.robot_collisions for each in parts),
+            obstacle_collisions=mean(each.obstacle_collisions for each in parts),
+            figures=Figures(
+                n_steps=mixture.n_steps,
+                n_episodes=len(mixture),
+                mean_return=mean(each.figures.mean_return for each in parts),
+                success=mean(each.figures.success for each in parts),
+                clean_success=mean(each.figures.clean_success for each in parts),
+            ),
+            n_train_steps=mixture.split("train").n_steps,
         )
 
     @property
@@ -108,6 +138,19 @@ def digest_of(dataset: str, *, progress: bool = True) -> str:
     return found.digest
 
 
+def joint_digest(digests: Iterable[str], weights: Iterable[float]) -> str:
+    """Returns the SHA-256 of the digests of a mixture's datasets and of their shares.
+
+    Args:
+        digests: of the datasets.
+        weights: of the datasets; only their proportions count.
+    """
+    found = [*weights]
+    total = sum(found)
+    shares = [[digest, w / total] for digest, w in zip(digests, found, strict=True)]
+    return hashlib.sha256(json.dumps(shares).encode()).hexdigest()
+
+
 def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
     """Returns the weights in which chosen rewards differ from those of a dataset, by name.
 
@@ -154,6 +197,23 @@ def open_dataset(
     if n_steps is not None:
         found = _first_episodes(found, n_steps)
     return found.reobserve(observation, communication, progress=False)
+
+
+def open_mixture(
+    parts: Mapping[str, float], *, observation: str | None = None, communication: str | None = None
+) -> Mixture:
+    """Loads the datasets of a mixture, as `open_dataset` does.
+
+    Args:
+        parts: weights by id or folder.
+        observation: observation model to re-observe them with; None keeps the recorded one.
+        communication: communication model, likewise.
+
+    Raises:
+        SchemaError: they were recorded with different specs.
+    """
+    models = {"observation": observation, "communication": communication}
+    return mix([open_dataset(part, **models) for part in parts], list(parts.values()))
 
 
 def _first_episodes(dataset: Dataset, n_steps: int) -> Dataset:

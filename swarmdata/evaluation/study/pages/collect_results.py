@@ -191,5 +191,6 @@ def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
 
 def _with_data(case: Case, facts: Mapping[str, DatasetFacts]) -> Case:
     """The case with the figures of its dataset's episodes, as a cell has recorded them."""
-    known = facts.get(str(case.dataset).partition("@")[0])  # a view has the same episodes
+    key = str(case.dataset)  # a view has the same episodes; mixtures have facts of their own
+    known = facts.get(key, facts.get(key.partition("@")[0]))
     return case if known is None else replace(case, data=known.figures)

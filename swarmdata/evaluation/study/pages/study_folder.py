@@ -9,6 +9,7 @@ from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
+from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.cell_archive import (
     ARCHIVE_FILE,
@@ -222,7 +223,7 @@ def _protocol(found: Findings, command: str) -> str:
         f"Numbers are means over seeds and episodes with 95 % intervals for {target_of(n_seeds)} "
         "(Student's t, with the variance between seeds and that which all seeds share on an "
         "episode); differences between algorithms are paired by episode. The mean of the data is "
-        f"that of its own episodes, with action noise. {_rewards(found)}"
+        f"that of its own episodes, with action noise. {_mixtures(found)}{_rewards(found)}"
         f"{len(found.cells)} cells were run with swarmdata {', '.join(versions)} in {cpu} of "
         f"processor time and {duration(total)} of wall-clock time, one thread per process, on "
         f"{', '.join(machines)}.\n\n"
@@ -230,6 +231,20 @@ def _protocol(found: Findings, command: str) -> str:
         "Lengths of training (an epoch is as many joint transitions as the training split has):\n\n"
         f"{training_table(found)}\n{_links()}"
     )
+
+
+def _mixtures(found: Findings) -> str:
+    """What was mixed, and how it is called in tables; empty: nothing."""
+    mixed = [cell for cell in found.cells if cell.parts and cell.name in found.facts]
+    as_recorded = [cell for cell in mixed if not (cell.observation or cell.communication)]
+    names = {cell.source: found.facts[cell.name].id for cell in as_recorded}
+    mixtures = [
+        f"`{names[mixture]}` is the mixture `{mixture}`: "
+        + ", ".join(f"{weight:g} of `{short_name(part)}`" for part, weight in parts.items())
+        for mixture, parts in found.study.mixtures.items()
+        if mixture in names
+    ]
+    return f"Rows of batches are drawn by weight: {'; '.join(mixtures)}. " if mixtures else ""
 
 
 def _rewards(found: Findings) -> str:

@@ -3,10 +3,12 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_costs import Cost
@@ -81,6 +83,33 @@ def test_a_cell_learns_from_its_rewards_and_is_measured_by_the_tasks(
     assert find_conflict(found["other"], tmp_path / "other") is None
     weaker = found["other"].model_copy(update={"rewards": {"time": 9.0}})
     assert "rewards" in str(find_conflict(weaker, tmp_path / "other"))
+
+
+def test_a_cell_learns_from_a_mixture(
+    make_study: Make, data: Path, other_data: Path, tmp_path: Path
+) -> None:
+    def mixed(*weights: float, **changes: Any) -> Cell:
+        parts = dict(zip((str(data), str(other_data)), weights, strict=True))
+        return cell_of(make_study(datasets=["both"], mixtures={"both": parts}, **changes))
+
+    cell = mixed(3, 1)
+    assert (cell.data, cell.name) == ("both", "bc/both")
+    assert mixed(6, 2).key == cell.key != mixed(1, 3).key
+    run_cell(cell, tmp_path / "c")
+    result = load_result(next((tmp_path / "c" / RESULTS_FOLDER).glob("*.json")))
+    used = result.provenance.changes["mixture"]
+    assert [(part["id"], part["weight"]) for part in used] == [
+        ("coop_nav-tiny-v0", 0.75), ("coop_nav-other-v0", 0.25)
+    ]  # fmt: skip
+    facts = DatasetFacts.from_file(tmp_path / "c" / DATA_FILE)
+    assert facts.id == result.provenance.dataset_key
+    parts = [DatasetFacts.of(Dataset.open(path)) for path in (data, other_data)]
+    expected = 0.75 * parts[0].figures.mean_return + 0.25 * parts[1].figures.mean_return
+    assert facts.figures.mean_return == pytest.approx(expected)
+    assert facts.train_steps == sum(each.train_steps for each in parts)
+    again = mixed(3, 1).model_copy(update={"digest": "0" * 64})
+    with pytest.raises(SchemaError, match=r"both has digest .*, the study expects 000000000000"):
+        run_cell(again, tmp_path / "d")
 
 
 class KilledError(BaseException):

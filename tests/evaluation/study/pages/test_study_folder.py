@@ -70,6 +70,33 @@ def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) 
     assert Study.from_file(tmp_path / "out" / "study.yaml") == study
 
 
+def test_a_mixture_is_a_dataset_of_its_own(
+    data: Path, other_data: Path, make_study: Callable[..., Study], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    parts = {str(data): 3, str(other_data): 1}
+    views = {"recorded": {}, "lidar": {"observation": "lidar-8"}}
+    study = make_study(
+        datasets=[str(data), "both"],
+        mixtures={"both": parts},
+        algorithms={"bc": BC},
+        information={"datasets": ["both"], "algorithms": ["bc"], "views": views},
+    )
+    failures, files = run_study(
+        study, StudyOptions(tmp_path / "out", tmp_path / "work", progress=False), "swarmdata study"
+    )
+    assert failures == {}
+    found = {run["dataset"]: run for run in rows(tmp_path / "out" / "data.csv")}
+    mixed = [name for name in found if "+" in name]
+    assert len(mixed) == len(set(mixed)) == 2  # as recorded, and observed again
+    assert found[mixed[0]]["return"] == found[mixed[1]]["return"]
+    grid = next(name for name in mixed if f"`{name}` is the mixture `both`" in files[0].read_text())
+    assert "3 of `coop_nav-tiny-v0`, 1 of `coop_nav-other-v0`" in files[0].read_text()
+    runs = rows(tmp_path / "out" / "results.csv")
+    assert {run["dataset"] for run in runs} >= {grid, "coop_nav-tiny-v0"}
+    assert {run["n_steps"] for run in runs if run["dataset"] == grid} == {found[grid]["n_steps"]}
+
+
 def _check_tables(folder: Path) -> None:
     """One row a run, with the means of its file; a card shows them."""
     runs = rows(folder / "out" / "results.csv")
