@@ -59,7 +59,7 @@ class DatasetFacts(Frozen):
             robot_collisions=float(table.robot_collisions.mean()),
             obstacle_collisions=float(table.obstacle_collisions.mean()),
             figures=figures_of(table),
-            n_train_steps=int(dataset.split("train").episodes.lengths.sum()),
+            n_train_steps=int(dataset.filter(split="train").episodes.lengths.sum()),
         )
 
     @classmethod
@@ -212,8 +212,10 @@ def open_mixture(
     Raises:
         SchemaError: they were recorded with different specs.
     """
-    models = {"observation": observation, "communication": communication}
-    return mix([open_dataset(part, **models) for part in parts], list(parts.values()))
+    opened = [
+        open_dataset(part, observation=observation, communication=communication) for part in parts
+    ]
+    return mix(opened, list(parts.values()))
 
 
 def _first_episodes(dataset: Dataset, n_steps: int) -> Dataset:
