@@ -13,6 +13,8 @@ SAFE_FACTORS: dict[str, dict[str, float]] = {
     "formation": {"proximity": 5.0},
     "transport": {"proximity": 5.0},
     "warehouse": {"proximity": 5.0},
+    "intersection": {"proximity": 5.0},
+    "search": {"proximity": 5.0},
 }
 """Factors on weights that `safe` gives, for each kind of task.
 
@@ -23,7 +25,8 @@ with these factors and solves fewer episodes, clean ones too: .45 with recorded 
 these. In shorter trials, collisions times 3 left as many clean episodes and a third fewer solved.
 
 The factors of `formation`, `transport` and `warehouse` are those of `coop_nav`. On their minis,
-they changed nothing clearly in 1,500 updates of 2 seeds (`cards/studies/safe-tasks`).
+they changed nothing clearly in 1,500 updates of 2 seeds (`cards/studies/safe-tasks`). Those of
+`intersection` and `search` are the same and were not tried.
 """
 
 

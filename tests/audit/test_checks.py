@@ -444,7 +444,7 @@ def test_other_versions_are_named(
     folder = forge(clean, late_rewards)
     assert "other versions" not in messages(look(folder), "replay")
     here = {"pymunk": "9.9", "numpy": read_manifest(folder).provenance["numpy"]}
-    monkeypatch.setattr("swarmdata.audit.replay_checks.made_with", lambda: here)
+    monkeypatch.setattr("swarmdata.audit.replay_checks.made_with", lambda _: here)
     assert "other versions: pymunk 9.9 instead of" in messages(look(folder), "replay")
 
 

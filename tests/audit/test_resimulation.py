@@ -62,7 +62,7 @@ def test_a_world_that_has_changed_is_named(
         return [dataclasses.replace(first, **{field: changed}), *rest]
 
     monkeypatch.setattr(resimulation, "_simulate", drifted)
-    monkeypatch.setattr(resimulation, "provenance", lambda: {"pymunk": "9.9.9"})
+    monkeypatch.setattr(resimulation, "provenance", lambda _: {"pymunk": "9.9.9"})
     drifts = replay(dataset, 4)
     assert len(drifts) == len({dataset.episodes.policy[each.episode] for each in drifts})
     assert drifts[0].problem.startswith(problem)

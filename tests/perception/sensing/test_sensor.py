@@ -203,7 +203,7 @@ def test_without_velocities_rows_of_other_copies_stay_as_they_are(scenes: Any) -
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["coop_nav-unassigned", *TASKS])
 def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> None:
-    spec = with_models(preset(name), f"{kind}+goal-for-0")
+    spec = with_models(preset(name), f"{kind}+goal-for-0", "none")
     step = make_env(spec, 2).reset(np.arange(2, dtype=np.uint64))
     task, states = make_task(spec), step.states.copy()
     robots_of(states, spec.n_agents)[..., TX : TY + 1] *= -0.5

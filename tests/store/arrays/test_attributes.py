@@ -85,7 +85,7 @@ def check(env: VecEnv) -> None:
             assert len({column["name"] for column in columns}) == len(columns), name
             assert all(column["name"] and column["meaning"] for column in columns), name
             assert {column["frame"] for column in columns} <= {"", *FRAME_MEANINGS}, name
-            assert {column["unit"] for column in columns} <= {"", "m", "m/s", "rad/s"}, name
+            assert {column["unit"] for column in columns} <= {"", "m", "m/s", "rad/s", "s"}, name
 
 
 @pytest.mark.parametrize("name", preset_names())
