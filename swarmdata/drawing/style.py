@@ -27,7 +27,6 @@ DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
 
 FAMILY_COLORS = {
     "cloning": COLORS[0],
-    "MADDPG+BC": COLORS[1],
     "actor-critic": COLORS[1],
     "in-sample": COLORS[2],
     "conservative": COLORS[3],
