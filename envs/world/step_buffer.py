@@ -53,10 +53,10 @@ class StepMaker:
         sent, delivered, ages = before.sent, before.delivered, before.ages
         if self._has_channel:
             sent, delivered, ages = sent.copy(), delivered.copy(), ages.copy()
-        return Step._make((  # in half the time of `Step(...)`
+        return Step(
             observations, states, rewards, terms, terminations, truncations, successes, events,
             before.seeds, times, before.layouts, sent, delivered, ages,
-        ))  # fmt: skip
+        )  # fmt: skip
 
 
 @kernel
