@@ -18,7 +18,7 @@ kernels take the result and unpack it in compiled code, where that is a few load
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numba
 import numpy as np
@@ -32,7 +32,7 @@ from swarmdata.types import Int
 _SCALARS = {bool: types.boolean, int: types.int64, float: types.float64}
 
 
-def bundle_type(bundle: type[NamedTuple]) -> types.NamedTuple:
+def bundle_type(bundle: type[tuple[Any, ...]]) -> types.NamedTuple:
     """Returns numba's type of a NamedTuple, from its annotations.
 
     Args:
@@ -123,7 +123,9 @@ def _read(context: Any, words: _Words, kind: types.Type) -> Any:
         return context.cast(builder, word, types.int64, kind)
     array = context.make_array(kind)(context, builder)
     shape = [words.read() for _ in range(kind.ndim)]
-    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    size = context.get_constant(
+        types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    )
     strides = [size]
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))

@@ -59,6 +59,7 @@ class Sensor:
         spec, scene = task.spec, Scene.of(task)
         model = spec.observation
         self._task, self._sense = task, _sense(model, scene)
+        self._robots = range(spec.n_agents)
         kind, extra = self._sense.features, task.features
         frame = (*kind, *extra)
         self._n_sensed, self._size = len(kind), len(frame)
@@ -155,20 +156,22 @@ class Sensor:
 
     def _write_frame(self, step: Step, active: Bool, frame: Float) -> Float:
         """Does so with all features, as sensed."""
-        robots, added = range(frame.shape[1]), frame[..., self._n_sensed :]
+        has_added = self._n_sensed < self._size
         if self._measured is None:
             truth = World(step.states, step.layouts, step.states, step.layouts)
-            self._sense.sense(truth, robots, active, frame)
-            if self._n_sensed < self._size:
+            self._sense.sense(truth, self._robots, active, frame)
+            if has_added:
+                added = frame[..., self._n_sensed :]
                 self._task.write_features(step.states, step.layouts, active, added)
             return step.states
         known = self._measured.localise(step, active)
-        for i in robots:
+        for i in self._robots:
             world = self._measured.measured_by(i, step, active)
-            self._sense.sense(world, robots[i : i + 1], active, frame)
-            if self._n_sensed < self._size:  # the task writes all robots, for one robot's world
+            self._sense.sense(world, self._robots[i : i + 1], active, frame)
+            if has_added:  # the task writes all robots, for one robot's world
                 self._task.write_features(world.states, world.layouts, active, self._added)
-                np.copyto(added[:, i], self._added[:, i], where=active[:, None])
+                added = frame[:, i, self._n_sensed :]
+                np.copyto(added, self._added[:, i], where=active[:, None])
         return known
 
 
