@@ -92,7 +92,8 @@ def record_jax(
     seed = default_seed(id) if seed is None else seed
     world = _world_of(env, horizon, solved)
     player = _Player(world, policy, horizon)
-    player.find_horizon([SeedStream(seed, set()).draw() for _ in range(n_copies)])
+    first = SeedStream(seed, set())
+    player.find_horizon([first.draw() for _ in range(n_copies)])
     spec = _spec_of(env, world, task, options, player)
     recording = make_recording(spec, id, policies, metadata, seed, splits or Splits())
     folder = RecordingFolder(Path(path), limits)

@@ -120,7 +120,8 @@ def main(
     buffer = OfflineToOnlineReplayBuffer(
         recorded, online_capacity=200_000, offline_fraction=0.5, batch_size=BATCH
     )
-    sizes = (env.full_observation_spec["agents", "observation"], env.action_spec)
+    keys = ("agents", "observation"), ("agents", "action")
+    sizes = (env.full_observation_spec[keys[0]], env.full_action_spec[keys[1]])
     learner = Learner(*(size.shape[-1] for size in sizes))
     for _ in range(n_offline):
         learner.update(buffer.sample())  # the online half is empty: all of it is recorded
