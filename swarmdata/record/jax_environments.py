@@ -295,7 +295,7 @@ class _Player:
             )
         T = int(np.argmax(ended[:, N])) + 1
         success = bool(is_solved[T - 1])
-        is_cut = T == horizon and not success
+        is_cut = not success and horizon == T
         gone = np.logical_or.accumulate(ended[:T, :N], axis=0)
         gone[-1] = True
         acted = np.concatenate([np.ones((1, N), np.bool_), ~gone[:-1]])

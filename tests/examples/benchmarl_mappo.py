@@ -4,8 +4,8 @@
     python tests/examples/benchmarl_mappo.py --speed
 
 The first writes BenchMARL's files to FOLDER and prints the success rate; the second prints how many
-joint steps TorchRL collects in a CPU second from `swarmdata.make_torchrl_env` and from one PettingZoo
-environment. It needs BenchMARL 1.5, which runs on TorchRL 0.11.
+joint steps TorchRL collects in a CPU second from `swarmdata.make_torchrl_env`, and from one
+PettingZoo environment. It needs BenchMARL 1.5, which runs on TorchRL 0.11.
 """
 
 import sys

@@ -147,7 +147,9 @@ class _Fit:
         named = [str(command.components[k].commands) for k in columns]
         motion = np.stack([measured[name] for name in named], axis=1)[known]
         values = signals.commands.values[:, columns]
-        moving = (np.ptp(values, axis=0) > 0) & (np.ptp(motion, axis=0) > 0 if len(motion) else False)
+        moving = (np.ptp(values, axis=0) > 0) & (
+            np.ptp(motion, axis=0) > 0 if len(motion) else False
+        )
         if not np.any(moving):
             return None
         return cls(

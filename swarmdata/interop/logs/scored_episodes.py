@@ -174,7 +174,9 @@ def team_motion(
         places.append(interpolate(each.positions, grid, gap)[0])
         between.append(interpolate(each.positions, fine, gap)[0].reshape(-1, P, 2))
         is_unicycle = robot.dynamics == "unicycle"
-        headings.append(track.headings if is_unicycle else np.broadcast_to([1.0, 0.0], (len(grid), 2)))
+        headings.append(
+            track.headings if is_unicycle else np.broadcast_to([1.0, 0.0], (len(grid), 2))
+        )
     return TeamMotion(
         places=np.stack(places, axis=1),
         between=np.stack(between, axis=2),

@@ -137,11 +137,11 @@ class CommandSignal(Signal):
             return self
         if self.differences:
             raise ValueError("clock_offset: estimate needs logged commands, not differences")
-        if not any(each.commands for each in self.components):
-            known = ", ".join(get_args(Motion))
+        known = BODY_DIFFERENCES if self.frame == "body" else WORLD_DIFFERENCES
+        if not any(each.commands in known for each in self.components):
             raise ValueError(
-                f"clock_offset: estimate needs to know what is commanded: say `motion` ({known}) "
-                "of a component"
+                "clock_offset: estimate needs to know what is commanded: say `motion` of a "
+                f"component, in the frame {self.frame} one of {', '.join(known)}"
             )
         return self
 

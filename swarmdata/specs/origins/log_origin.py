@@ -20,7 +20,7 @@ class LogFile(Frozen):
 
 
 class EstimatedClock(Frozen):
-    """By how much a robot's commands were shifted, since their clock was another than the poses'."""
+    """By how much a robot's commands were shifted: their clock was another than that of poses."""
 
     robot: Name
     offset: float  # s, added to the times of its commands

@@ -28,7 +28,12 @@ def drive(seconds: float, seed: int, noise: float = 0.0, hold: float = 0.7) -> t
     ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1) * commands[:, :1] / RATE
     places = np.append(np.zeros((1, 2)), np.cumsum(ahead[:-1], axis=0), axis=0)
     places += rng.normal(0, noise, places.shape)
-    poses = {"t": t, "x": places[:, 0], "y": places[:, 1], "yaw": yaw + rng.normal(0, noise, len(t))}
+    poses = {
+        "t": t,
+        "x": places[:, 0],
+        "y": places[:, 1],
+        "yaw": yaw + rng.normal(0, noise, len(t)),
+    }
     return poses, {"t": t, "v": commands[:, 0], "omega": commands[:, 1]}
 
 
@@ -79,7 +84,9 @@ def test_known_offsets_are_found(tmp_path: Path, noise: float) -> None:
         assert clock.uncertainty < DT / 5
         assert clock.explained > 0.7
     assert "The clock of bert's commands was estimated" in dataset.card
-    again = remake_logs(logs, tmp_path / "again", ImportedLogs.from_file(dataset.path / "recipe.json"))
+    again = remake_logs(
+        logs, tmp_path / "again", ImportedLogs.from_file(dataset.path / "recipe.json")
+    )
     assert again.digest == dataset.digest
 
 

@@ -44,7 +44,9 @@ def write_logs(folder: Path, spec: swarmdata.TaskSpec, episodes: list[Episode]) 
     """What each robot would have logged, at the steps of the world, with pauses in between."""
     paths = []
     for k, robot in enumerate(spec.robots):
-        rows: dict[str, list[float]] = {name: [] for name in ("t", "x", "y", "yaw", "gx", "gy", "a", "b", "run")}
+        rows: dict[str, list[float]] = {
+            name: [] for name in ("t", "x", "y", "yaw", "gx", "gy", "a", "b", "run")
+        }
         now, second = 0, robot.max_speed if robot.dynamics == "holonomic" else robot.max_turn_rate
         for run, episode in enumerate(episodes):
             states = robots_of(episode.states, N)[:, k].astype(np.float64)
@@ -116,9 +118,7 @@ def test_the_log_of_a_world_is_scored_as_the_world_scored_it(tmp_path: Path, dyn
         assert logged.reward_terms is not None
         assert world.reward_terms is not None
         own = [0, 1, 2, -1]  # progress, time, success and proximity need positions alone
-        assert_allclose(
-            logged.reward_terms[..., own], world.reward_terms[1:][..., own], atol=1e-5
-        )
+        assert_allclose(logged.reward_terms[..., own], world.reward_terms[1:][..., own], atol=1e-5)
         alike = (logged.events == world.events[1:]).all(axis=2)
         assert_allclose(logged.rewards[alike], world.rewards[1:][alike], atol=1e-4)
         same.append(alike.mean())
@@ -131,7 +131,9 @@ def test_the_same_logs_give_it_again_and_it_is_observed_anew(tmp_path: Path) -> 
     spec = task()
     logs = write_logs(tmp_path, spec, recorded(spec, "straight", 3))
     dataset = make(tmp_path, logs, spec)
-    again = remake_logs(logs, tmp_path / "again", ImportedLogs.from_file(dataset.path / "recipe.json"))
+    again = remake_logs(
+        logs, tmp_path / "again", ImportedLogs.from_file(dataset.path / "recipe.json")
+    )
     assert again.digest == dataset.digest
     view = swarmdata.load(str(dataset.path), observation="lidar", communication="lossy-30")
     assert view[0].observations.shape[0] == len(dataset[0]) + 1
@@ -156,9 +158,7 @@ def test_an_episode_ends_where_the_task_does(tmp_path: Path) -> None:
 
 
 def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
-    spec = task(
-        rules={"task": "coop_nav"}, obstacles={**NO_OBSTACLES, "circles": 1, "boxes": 1}
-    )
+    spec = task(rules={"task": "coop_nav"}, obstacles={**NO_OBSTACLES, "circles": 1, "boxes": 1})
     obstacles = [
         {"shape": "circle", "x": 0.0, "y": 0.0, "half_length": 0.3},
         {"shape": "box", "x": 1.0, "y": 1.0, "heading": 0.3, "half_length": 0.2, "half_width": 0.1},
@@ -172,7 +172,10 @@ def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
         layout_of(task(), LogMap.parse(map_of(obstacles=obstacles[:1])))
     world = LoggedWorld(swarmdata.make_task(spec))
     robots = np.zeros((2, N, 6))
-    robots[..., :2] = [[[1.5, -1.5], [-1.5, -1.5], [0.5, 0]], [[1.5, -1.5], [-1.5, -1.5], [0.41, 0]]]
+    robots[..., :2] = [
+        [[1.5, -1.5], [-1.5, -1.5], [0.5, 0]],
+        [[1.5, -1.5], [-1.5, -1.5], [0.41, 0]],
+    ]
     places = np.stack([robots[:1, :, :2], robots[1:, :, :2]], axis=1)
     world.begin(LoggedMotion(places, robots, np.zeros((N, 2)), layout))
     world.env.reset(np.zeros(1, np.uint64))
@@ -209,9 +212,17 @@ def test_what_cannot_be_known_is_refused(
 def test_other_tasks_and_ids_are_refused(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "r0.csv", {"t": [0.0]})
     with pytest.raises(SpecError, match="only coop_nav's states are robots and goals"):
-        import_logs(path, tmp_path / "x", log_map=LogMap.parse(map_of()), id="formation-a-v0", task="formation")
+        import_logs(
+            path,
+            tmp_path / "x",
+            log_map=LogMap.parse(map_of()),
+            id="formation-a-v0",
+            task="formation",
+        )
     with pytest.raises(SpecError, match="has to begin with coop_nav-"):
-        import_logs(path, tmp_path / "x", log_map=LogMap.parse(map_of()), id="hall-a-v0", task="coop_nav")
+        import_logs(
+            path, tmp_path / "x", log_map=LogMap.parse(map_of()), id="hall-a-v0", task="coop_nav"
+        )
 
 
 def test_logs_that_do_not_fit_are_refused(tmp_path: Path) -> None:
