@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("benchmarl", reason="BenchMARL 1.5 with TorchRL 0.11, which has its own venv")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.filterwarnings("default"),  # BenchMARL, TorchRL and Hydra have their own
-]
+pytestmark = pytest.mark.filterwarnings("default")  # BenchMARL, TorchRL and Hydra have their own
 
 
+@pytest.mark.slow
 def test_two_iterations_are_trained_and_scored(tmp_path: Path) -> None:
     from tests.examples import benchmarl_mappo as example
 

@@ -103,7 +103,7 @@ class TorchRLWorld(EnvBase):
             "done": step.ended,
             "success": step.successes,
         }
-        shown = {
+        shown: dict[tuple[str, ...], NDArray[Any]] = {
             (GROUP, "observation"): step.observations,
             (GROUP, "events"): step.events,
             ("state",): step.states,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_array_equal
 
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.logs import import_logs, remake_logs
@@ -91,13 +91,17 @@ def test_known_offsets_are_found(tmp_path: Path, noise: float) -> None:
 
 
 def test_the_offset_is_added_to_the_times_of_commands(tmp_path: Path) -> None:
-    logs = write(tmp_path)
-    found = make(tmp_path, logs)
-    straight = clock_map(command={"clock_offset": OFFSETS["bert"]}, robots=["bert"])
-    given = import_logs(logs[2:], tmp_path / "given", log_map=straight, id=ID)
-    ours, theirs = found[3].actions[:, 1], given[3].actions[:, 0]
-    assert (np.abs(ours - theirs) < 1e-6).mean() > 0.9, "but where a command changes just then"
-    assert_allclose(found[3].observations[:, 1], given[3].observations[:, 0], atol=1e-6)
+    logs = write(tmp_path)[2:]
+    found = make(tmp_path, logs, clock_map(robots=["bert"]))
+    (clock,) = found.recipe.clocks
+    straight = clock_map(command={"clock_offset": clock.offset}, robots=["bert"])
+    given = import_logs(logs, tmp_path / "given", log_map=straight, id=ID)
+    unmoved = clock_map(command={"clock_offset": 0.0}, robots=["bert"])
+    plain = import_logs(logs, tmp_path / "plain", log_map=unmoved, id=ID)
+    assert_array_equal(found[3].actions, given[3].actions)
+    assert_array_equal(found[3].observations, given[3].observations)
+    assert plain[3].actions.shape == given[3].actions.shape
+    assert (plain[3].actions != given[3].actions).any()
 
 
 def constant(commands: dict[str, Any]) -> dict[str, Any]:
