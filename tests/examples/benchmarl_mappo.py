@@ -20,6 +20,7 @@ from benchmarl.environments.common import TaskClass
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models.mlp import MlpConfig
 from tensordict import TensorDict
+from torchrl.data import Composite
 from torchrl.envs import EnvBase, PettingZooWrapper
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
@@ -54,13 +55,15 @@ class SwarmdataTask(TaskClass):
         return {GROUP: list(swarmdata.preset(self.name).agent_names)}
 
     def observation_spec(self, env: EnvBase) -> Any:
-        return env.full_observation_spec_unbatched.clone().select((GROUP, "observation"))
+        robots = env.full_observation_spec_unbatched[GROUP].clone()
+        seen = Composite({"observation": robots["observation"]}, shape=robots.shape)
+        return Composite({GROUP: seen})
 
     def info_spec(self, env: EnvBase) -> None:
         return None
 
     def state_spec(self, env: EnvBase) -> Any:
-        return env.full_observation_spec_unbatched.clone().select("state")
+        return Composite({"state": env.full_observation_spec_unbatched["state"].clone()})
 
     def action_spec(self, env: EnvBase) -> Any:
         return env.full_action_spec_unbatched
