@@ -412,7 +412,7 @@ class Dataset:
 
     def replay_buffer(
         self,
-        batch_size: int = 256,
+        batch_size: int | None = 256,
         *,
         slice_length: int | None = None,
         keys: Sequence[tuple[str, ...] | str] | None = None,
@@ -423,7 +423,7 @@ class Dataset:
         ("next", "agents", "reward"); actions are as they were recorded.
 
         Args:
-            batch_size: number of transitions of a sample.
+            batch_size: number of transitions of a sample; None: `sample` is told it each time.
             slice_length: samples consist of so many consecutive steps of one episode, a divisor of
                 `batch_size`; None: single transitions.
             keys: to sample, such as those that an environment's transitions have too; None: all.

@@ -116,7 +116,7 @@ def main(
     spec = view.spec
     assert isinstance(spec, swarmdata.TaskSpec), f"{dataset} has no world to learn in"
     env = swarmdata.make_torchrl_env(spec, 32, seed=0)
-    recorded = view.replay_buffer(BATCH, keys=KEYS)
+    recorded = view.replay_buffer(None, keys=KEYS)
     buffer = OfflineToOnlineReplayBuffer(
         recorded, online_capacity=200_000, offline_fraction=0.5, batch_size=BATCH
     )

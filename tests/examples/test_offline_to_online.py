@@ -26,7 +26,7 @@ def test_half_of_a_batch_is_recorded(tiny: Path) -> None:
     dataset = swarmdata.load(str(tiny))
     assert isinstance(dataset.spec, swarmdata.TaskSpec)
     env = swarmdata.make_torchrl_env(dataset.spec, 2, seed=0)
-    recorded = dataset.replay_buffer(10, keys=example.KEYS)
+    recorded = dataset.replay_buffer(None, keys=example.KEYS)
     buffer = OfflineToOnlineReplayBuffer(recorded, online_capacity=100, batch_size=10)
     learner = example.Learner(env.observation_spec["agents", "observation"].shape[-1], 2)
     new = example.collect(env, learner, 20)

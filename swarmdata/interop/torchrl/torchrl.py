@@ -175,7 +175,7 @@ def _like_theirs(name: str, values: NDArray[Any], discrete: bool) -> NDArray[Any
 
 def replay_buffer(
     source: "Dataset | Path | str",
-    batch_size: int,
+    batch_size: int | None,
     slice_length: int | None = None,
     keys: Sequence[Key | str] | None = None,
 ) -> Any:
@@ -183,7 +183,7 @@ def replay_buffer(
 
     Args:
         source: a view of a dataset; or a folder of one that was converted to this format.
-        batch_size: number of transitions of a sample.
+        batch_size: number of transitions of a sample; None: `sample` is told it each time.
         slice_length: samples consist of so many consecutive steps of one episode; a divisor of
             `batch_size`. None: single transitions.
         keys: of the transitions that are kept, such as those of an environment whose transitions
