@@ -296,11 +296,7 @@ class _Player:
         T = int(np.argmax(ended[:, N])) + 1
         success = bool(is_solved[T - 1])
         is_cut = not success and horizon == T
-        gone = np.logical_or.accumulate(ended[:T, :N], axis=0)
-        gone[-1] = True
-        acted = np.concatenate([np.ones((1, N), np.bool_), ~gone[:-1]])
-        stops = acted & gone
-        cut = stops & (is_cut & (np.arange(T) == T - 1))[:, None]
+        acted, terminated, cut = _leaving(ended[:T, :N], is_cut)
         seen = np.concatenate([acted, np.zeros((1, N), np.bool_)])
         seen[1:] |= acted  # an agent also observes the state in which it stops acting
         unsolved = "ended" if self._world.solved is None else "failure"
@@ -321,9 +317,25 @@ class _Player:
             policy=0,
             end_reason=END_REASONS.index(reason),
             alive=np.concatenate([acted, np.zeros((1, N), np.bool_)]),
-            agent_terminations=stops & ~cut,
+            agent_terminations=terminated,
             agent_truncations=cut,
         )
+
+
+def _leaving(ended: Bool, is_cut: bool) -> tuple[Bool, Bool, Bool]:
+    """Which agents act, are terminated and are truncated in each step of an episode, [T, N].
+
+    Args:
+        ended: the flags of its steps, [T, N].
+        is_cut: whether the last step truncates those that are left.
+    """
+    T, N = ended.shape
+    gone = np.logical_or.accumulate(ended, axis=0)
+    gone[-1] = True
+    acted = np.concatenate([np.ones((1, N), np.bool_), ~gone[:-1]])
+    stops = acted & gone
+    cut = stops & (is_cut & (np.arange(T) == T - 1))[:, None]
+    return acted, stops & ~cut, cut
 
 
 def _numbers(state: Any) -> dict[str, Any]:

@@ -123,7 +123,9 @@ def _read(context: Any, words: _Words, kind: types.Type) -> Any:
         return context.cast(builder, word, types.int64, kind)
     array = context.make_array(kind)(context, builder)
     shape = [words.read() for _ in range(kind.ndim)]
-    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    size = context.get_constant(
+        types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    )
     strides = [size]
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
