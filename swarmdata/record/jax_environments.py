@@ -128,11 +128,11 @@ def _world_of(env: Any, horizon: int | None, solved: Callable[[Any], Any] | None
             f"{env} is neither an environment of JaxMARL (it has no step_env) nor of CAMAR (it has "
             "no map_generator), or is wrapped; pass the environment itself"
         )
-    most = getattr(env, "max_steps", None)
-    if most is None and horizon is None:
+    most: int | None = getattr(env, "max_steps", None)
+    n_steps = horizon if most is None or horizon is not None else most + 1
+    if n_steps is None:
         raise SpecError(f"{env} has no max_steps; pass the most steps of an episode as `horizon`")
-    n_steps = int(most) + 1 if horizon is None else horizon
-    return (_jaxmarl if is_jaxmarl else _camar)(env, n_steps, solved)
+    return (_jaxmarl if is_jaxmarl else _camar)(env, int(n_steps), solved)
 
 
 def _jaxmarl(env: Any, n_steps: int, solved: Callable[[Any], Any] | None) -> _World:

@@ -186,8 +186,8 @@ def replay_buffer(
         batch_size: number of transitions of a sample; None: `sample` is told it each time.
         slice_length: samples consist of so many consecutive steps of one episode; a divisor of
             `batch_size`. None: single transitions.
-        keys: of the transitions that are kept, such as those of an environment whose transitions
-            are to be sampled along. None: all.
+        keys: of samples, such as those of an environment whose transitions are to be sampled
+            along. None: all, and `index`.
 
     Raises:
         MissingExtraError: TorchRL is not installed.
@@ -197,6 +197,7 @@ def replay_buffer(
     try:
         from torchrl.data import (  # noqa: PLC0415  (an extra)
             RandomSampler,
+            ReplayBuffer,
             SliceSampler,
             TensorDictReplayBuffer,
             TensorStorage,
@@ -215,9 +216,8 @@ def replay_buffer(
     sampler = RandomSampler()
     if slice_length is not None:
         sampler = SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)
-    return TensorDictReplayBuffer(
-        storage=TensorStorage(rows), sampler=sampler, batch_size=batch_size
-    )
+    kind = TensorDictReplayBuffer if keys is None else ReplayBuffer  # the first adds `index`
+    return kind(storage=TensorStorage(rows), sampler=sampler, batch_size=batch_size)
 
 
 def _select(rows: Any, keys: Sequence[Key]) -> Any:
