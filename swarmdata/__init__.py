@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from swarmdata.interop.export import export_dataset
     from swarmdata.interop.exported_policies import export_policy
     from swarmdata.interop.logs.import_logs import import_logs
-    from swarmdata.interop.torchrl.torchrl_source import register_torchrl
+    from swarmdata.interop.torchrl.torchrl_source import make_torchrl_env, register_torchrl
     from swarmdata.record.foreign_rollout import evaluate_parallel
+    from swarmdata.record.jax_environments import record_jax
     from swarmdata.record.recorder import Recorder
     from swarmdata.record.recording_folder import recover
     from swarmdata.record.reset_seeds import foreign_evaluation_seeds
@@ -101,9 +102,11 @@ __all__ = [
     "make_env",
     "make_policy",
     "make_task",
+    "make_torchrl_env",
     "preset",
     "preset_names",
     "read_results",
+    "record_jax",
     "record_vmas",
     "recover",
     "register_algorithm",
@@ -158,9 +161,11 @@ _HOMES = {
     "make_env": "swarmdata.registry.components",
     "make_policy": "swarmdata.registry.components",
     "make_task": "swarmdata.registry.components",
+    "make_torchrl_env": "swarmdata.interop.torchrl.torchrl_source",
     "preset": "swarmdata.registry.presets",
     "preset_names": "swarmdata.registry.presets",
     "read_results": "swarmdata.evaluation.results.result_set",
+    "record_jax": "swarmdata.record.jax_environments",
     "record_vmas": "swarmdata.record.vmas",
     "recover": "swarmdata.record.recording_folder",
     "register_algorithm": "swarmdata.registry.components",

@@ -31,12 +31,13 @@ GROUPS = {
     ),
     "recording": (
         "Recording other environments",
-        ("Recorder", "recover", "record_vmas", "RecordedSpec", "evaluate_parallel",
+        ("Recorder", "recover", "record_vmas", "record_jax", "RecordedSpec", "evaluate_parallel",
          "foreign_evaluation_seeds"),
     ),
     "formats": (
         "Other formats",
-        ("export_dataset", "import_dataset", "import_logs", "export_policy", "register_torchrl"),
+        ("export_dataset", "import_dataset", "import_logs", "export_policy", "register_torchrl",
+         "make_torchrl_env"),
     ),
     "extending": (
         "Extending",

@@ -410,23 +410,30 @@ class Dataset:
             scale=scale,
         )
 
-    def replay_buffer(self, batch_size: int = 256, *, slice_length: int | None = None) -> Any:
+    def replay_buffer(
+        self,
+        batch_size: int | None = 256,
+        *,
+        slice_length: int | None = None,
+        keys: Sequence[tuple[str, ...] | str] | None = None,
+    ) -> Any:
         """Returns a TorchRL replay buffer of this view's transitions, in memory.
 
         Keys are those of TorchRL's multi-agent environments, such as ("agents", "observation") and
         ("next", "agents", "reward"); actions are as they were recorded.
 
         Args:
-            batch_size: number of transitions of a sample.
+            batch_size: number of transitions of a sample; None: `sample` is told it each time.
             slice_length: samples consist of so many consecutive steps of one episode, a divisor of
                 `batch_size`; None: single transitions.
+            keys: to sample, such as those that an environment's transitions have too; None: all.
 
         Raises:
             MissingExtraError: TorchRL is not installed.
-            SchemaError: the view has no episodes.
+            SchemaError: the view has no episodes, or the transitions lack a key.
         """
         torchrl = import_module("swarmdata.interop.torchrl.torchrl")
-        return torchrl.replay_buffer(self, batch_size, slice_length)
+        return torchrl.replay_buffer(self, batch_size, slice_length, keys)
 
     @overload
     def make_env(

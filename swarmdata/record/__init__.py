@@ -1,11 +1,12 @@
-"""Recording of PettingZoo `ParallelEnv`s and VMAS environments as datasets.
+"""Recording of PettingZoo `ParallelEnv`s, VMAS and JAX environments as datasets.
 
 `Recorder` records what passes through it, `recover` finishes the recording of a killed process,
-`record_vmas` plays a policy in all copies of a VMAS environment, and `evaluate_parallel` plays a
-trained policy in the environment that was recorded.
+`record_vmas` and `record_jax` play a policy in all copies of an environment of VMAS, JaxMARL or
+CAMAR, and `evaluate_parallel` plays a trained policy in the environment that was recorded.
 """
 
 from swarmdata.record.foreign_rollout import evaluate_parallel, policy_actions, step_of
+from swarmdata.record.jax_environments import record_jax
 from swarmdata.record.recorder import Recorder, UnfinishedEpisodeWarning
 from swarmdata.record.recording_folder import Limits, recover
 from swarmdata.record.reset_seeds import foreign_evaluation_seeds
@@ -18,6 +19,7 @@ __all__ = [
     "evaluate_parallel",
     "foreign_evaluation_seeds",
     "policy_actions",
+    "record_jax",
     "record_vmas",
     "recover",
     "step_of",

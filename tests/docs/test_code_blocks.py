@@ -38,6 +38,7 @@ COMMAND = re.compile(r"^    swarmdata ((?:.*\\\n)*.*)", re.MULTILINE)
 NEEDS = {
     "docs/extending.md": "torch",
     "docs/recording.md": "mpe2",
+    "docs/torchrl.md": "torchrl",
     "docs/tutorials/another-environment.md": "mpe2",
     "docs/tutorials/own-task.md": "torch",
     "docs/tutorials/results.md": "torch",

@@ -28,6 +28,15 @@ NewId = Annotated[
     str | None,
     typer.Option("--id", metavar="ID", help="of the new dataset, such as hall-monday-v0"),
 ]
+TaskOption = Annotated[
+    str | None,
+    typer.Option(
+        "--task",
+        metavar="FILE",
+        help="a spec of coop_nav, or the name of a preset, that observes and scores the logged "
+        "poses; default: none, and rewards are those of the map",
+    ),
+]
 Out = Annotated[Path | None, typer.Option(help="folder of the dataset; default: in the cache")]
 Seed = Annotated[int, typer.Option(min=0, help="seed of the splits")]
 
@@ -37,6 +46,7 @@ def import_command(
     logs: Logs,
     log_map: Map,
     id_: NewId = None,
+    task: TaskOption = None,
     out: Out = None,
     seed: Seed = 0,
     note: Notes = None,
@@ -52,7 +62,7 @@ def import_command(
 
     found = read_map(log_map)
     if isinstance(found, ImportedLogs):
-        refuse(context, ("id_", "seed", "note"), f"with {log_map}, which has decided it")
+        refuse(context, ("id_", "task", "seed", "note"), f"with {log_map}, which has decided it")
     elif id_ is None:
         raise typer.BadParameter("required with a map", param_hint="--id")
     name = found.id if isinstance(found, ImportedLogs) else str(id_)
@@ -61,6 +71,8 @@ def import_command(
         made = remake_logs(logs, folder, found)
     else:
         notes = read_notes(note or [])
-        made = import_logs(logs, folder, log_map=found, id=name, seed=seed, metadata=notes)
+        made = import_logs(
+            logs, folder, log_map=found, id=name, task=task, seed=seed, metadata=notes
+        )
     counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
     typer.echo(f"{made.path}\n{counts}, digest {made.digest}")

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,23 +11,32 @@ from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.convert import write_parts
+from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import EpisodeMaker, find_windows, most_steps
 from swarmdata.interop.logs.map_files import read_map
 from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
 from swarmdata.interop.logs.resampling import make_grid
-from swarmdata.interop.logs.robot_signals import SignalReader, topics_of
+from swarmdata.interop.logs.robot_signals import RobotSignals, SignalReader, topics_of
 from swarmdata.interop.logs.robot_tracks import RobotTrack, make_track, span_of
+from swarmdata.interop.logs.scored_episodes import (
+    EpisodeScorer,
+    check_task,
+    layout_of,
+    team_motion,
+)
+from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import ImportedLogs, LogMap, RecordedSpec
+from swarmdata.specs.origins import EstimatedClock, ImportedLogs, LogMap, RecordedSpec
 from swarmdata.specs.origins.log_map import StaticTransform
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.spaces import width
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble
 from swarmdata.store.scratch import remove_scratch, scratch_folder
-from swarmdata.types import Episode
+from swarmdata.types import Episode, Int
 
 IMPORT_VERSION = "1"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
@@ -38,11 +48,15 @@ def import_logs(
     *,
     log_map: LogMap | Path | str,
     id: str,
+    task: TaskSpec | Path | str | None = None,
     splits: Splits | None = None,
     seed: int = 0,
     metadata: Mapping[str, str] | None = None,
 ) -> Dataset:
     """Makes a dataset of logs of robots: tables (CSV, Parquet) and bags (ROS 1, ROS 2, MCAP).
+
+    With a task, the dataset is one of this task: its functions compute observations, messages,
+    rewards, events and ends from the logged poses, and `load` observes it through other models.
 
     The resampled log is held in memory. A killed import leaves nothing at `out`; run it again.
 
@@ -51,41 +65,50 @@ def import_logs(
         out: where the dataset appears once it is complete.
         log_map: which columns and topics are poses, commands and observations, or its YAML
             file, or the name of a map that the package has, such as `mrclam`.
-        id: id of the dataset, such as `hall-monday-v0`; its first part names the environment.
+        id: id of the dataset, such as `hall-monday-v0`; its first part names the environment, or
+            the task.
+        task: a spec of `coop_nav` with these robots, its file, or the name of a preset; None: the
+            logs have no task.
         splits: how many episodes are held out.
         seed: seed of the splits.
         metadata: information for readers, such as the author and license.
 
     Raises:
         DatasetNotFoundError: there is no log at a path.
-        SpecError: the map is malformed.
-        ConversionError: the logs and the map do not fit together, or nothing is left.
+        SpecError: the map is malformed, or does not say what the task needs.
+        ConversionError: the logs and the map do not fit together, or nothing is left, or logs do
+            not determine an offset of clocks.
         MissingExtraError: the logs' format needs a library that is not installed.
         BuildError: something else is at `out`, or no episode falls into the train split.
     """
     if not isinstance(log_map, LogMap):
-        found = read_map(log_map)
-        if isinstance(found, ImportedLogs):
+        given = read_map(log_map)
+        if isinstance(given, ImportedLogs):
             raise SpecError(
-                f"{log_map} is the recipe of {found.id}, expected a map; `swarmdata import --map` "
+                f"{log_map} is the recipe of {given.id}, expected a map; `swarmdata import --map` "
                 "or `remake_logs` makes that dataset again"
             )
-        log_map = found
+        log_map = given
+    if task is not None and not isinstance(task, TaskSpec):
+        task = find_spec(str(task))
+    if task is not None and not id.startswith(f"{task.task}-"):
+        raise SpecError(f"id {id!r} of a dataset of the task has to begin with {task.task}-")
     paths = [Path(each).expanduser().absolute() for each in _listed(logs)]
     open_logs = OpenLogs(paths, log_map, topics_of(log_map))
-    episodes, tracks, notes = _read(open_logs, log_map)
+    found = _read(open_logs, log_map, task)
     content = {
         "id": id,
-        "spec": _spec(tracks, log_map, id.partition("-")[0]),
+        "spec": task or _spec(found.tracks, log_map, id.partition("-")[0]),
         "policies": ({"label": log_map.policy, "name": "external"},),
         "seed": seed,
         "splits": splits or Splits(),
         "files": open_logs.files(),
         "log_map": log_map,
-        "metadata": {**notes, **(metadata or {})},
+        "clocks": found.clocks,
+        "metadata": {**found.notes, **(metadata or {})},
     }
     origin = ImportedLogs.parse(content, f"the import of {', '.join(open_logs.paths)}")
-    return _store(Path(out).expanduser().absolute(), origin, episodes)
+    return _store(Path(out).expanduser().absolute(), origin, found.episodes)
 
 
 def remake_logs(
@@ -112,45 +135,100 @@ def remake_logs(
             f"{origin.id} was made of other logs: {', '.join(wrong)} differ in digest, are missing "
             f"or are new. Expected {', '.join(theirs)}, as recipe.json lists them."
         )
-    episodes, tracks, _ = _read(open_logs, origin.log_map)
-    spec = _spec(tracks, origin.log_map, origin.spec.task)
+    task = origin.spec.world
+    read = _read(open_logs, origin.log_map, task, origin.clocks)
+    spec = task or _spec(read.tracks, origin.log_map, origin.spec.task)
     if different := [path for path, *_ in differences(spec, origin.spec)]:
         raise ConversionError(
             f"{origin.id} has another {different[0]} than these logs give now: it was made with "
             "other rules of import. Install the version of swarmdata on its card."
         )
-    return _store(Path(out).expanduser().absolute(), origin, episodes)
+    return _store(Path(out).expanduser().absolute(), origin, read.episodes)
 
 
 def _listed(logs: Sequence[Path | str] | Path | str) -> list[Path | str]:
     return [logs] if isinstance(logs, Path | str) else list(logs)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Contents:
+    """What was read of logs."""
+
+    episodes: list[Episode]
+    tracks: list[RobotTrack]
+    clocks: tuple[EstimatedClock, ...]
+    notes: dict[str, str]  # what was done to the logs, for the card
+
+
 def _read(
-    logs: OpenLogs, log_map: LogMap
-) -> tuple[list[Episode], list[RobotTrack], dict[str, str]]:
-    """The episodes of the logs, the robots' tracks, and what was done to them, for the card."""
+    logs: OpenLogs,
+    log_map: LogMap,
+    task: TaskSpec | None,
+    clocks: Sequence[EstimatedClock] | None = None,
+) -> _Contents:
+    """Reads the episodes of the logs.
+
+    Args:
+        logs: the logs.
+        log_map: what they hold.
+        task: that scores them, if any.
+        clocks: offsets that an earlier import has estimated; None: estimated here.
+    """
+    if task is not None:
+        check_task(task, log_map)
     reader = SignalReader(logs, PlanarFrames(log_map.world, _transforms(logs, log_map)))
-    signals = [reader.robot(robot) for robot in log_map.robots]
+    signals, clocks = align_commands(
+        [reader.robot(robot) for robot in log_map.robots], log_map, clocks
+    )
     marker = log_map.episodes.marker
     markers = None if marker is None else reader.marker(marker)
     logs.check_all_used()
     grid = make_grid(*span_of(signals), log_map.dt)
     tracks = [make_track(each, log_map, grid) for each in signals]
-    windows, n_short = find_windows(tracks, markers, grid, log_map)
-    if not windows:
+    cuts = log_map if task is None else _within_horizon(log_map, task)
+    windows, n_short = find_windows(tracks, markers, grid, cuts)
+    counts = Counter(reader.counts)
+    counts["steps_of_short_episodes"] = n_short
+    counts["clipped_commands"] = sum(track.n_clipped for track in tracks)
+    if task is None:
+        maker = EpisodeMaker(tracks, windows)
+        episodes = [maker.make(number) for number in range(len(windows))]
+        counts["absent_robot_steps"] = maker.n_absent
+    else:
+        scorer = _scorer(task, log_map, signals, tracks, grid)
+        episodes = scorer.episodes(windows)
+        counts += scorer.counts
+    if not episodes:
         raise ConversionError(
             f"no episode of at least {log_map.episodes.min_steps} steps is in the logs. "
             + "; ".join(_coverage(track) for track in tracks)
             + f". A pose or command is unknown where samples are more than {log_map.max_gap:g} s "
             "apart (`max_gap`)."
         )
-    maker = EpisodeMaker(tracks, windows)
-    episodes = [maker.make(number) for number in range(len(windows))]
-    counts = Counter(reader.counts)
-    counts["steps_of_short_episodes"] = n_short
-    counts["absent_robot_steps"] = maker.n_absent
-    counts["clipped_commands"] = sum(track.n_clipped for track in tracks)
+    return _Contents(episodes, tracks, clocks, _notes(logs, log_map, counts))
+
+
+def _within_horizon(log_map: LogMap, task: TaskSpec) -> LogMap:
+    """The map with episodes no longer than the task's, whose first pose is left out."""
+    longest = (task.horizon + 1) * log_map.dt
+    length = min(log_map.episodes.length or longest, longest)
+    cuts = log_map.episodes.model_copy(update={"length": length})
+    return log_map.model_copy(update={"episodes": cuts})
+
+
+def _scorer(
+    task: TaskSpec,
+    log_map: LogMap,
+    signals: Sequence[RobotSignals],
+    tracks: Sequence[RobotTrack],
+    grid: Int,
+) -> EpisodeScorer:
+    motion = team_motion(task, log_map, signals, tracks, grid)
+    return EpisodeScorer(task, layout_of(task, log_map), motion, log_map)
+
+
+def _notes(logs: OpenLogs, log_map: LogMap, counts: Mapping[str, int]) -> dict[str, str]:
+    """What was done to the logs, for the card."""
     notes = {"seeds": "numbers of the episodes"}
     notes |= {name: f"{n:,}" for name, n in sorted(counts.items()) if n}
     guessed = [robot.name for robot in log_map.robots if robot.command.differences]
@@ -159,7 +237,7 @@ def _read(
         "unread_topics": logs.unread_topics(),
         "ignored": [*log_map.ignore, *log_map.ignore_logs],
     }
-    return episodes, tracks, notes | {k: ", ".join(names) for k, names in lists.items() if names}
+    return notes | {k: ", ".join(names) for k, names in lists.items() if names}
 
 
 def _transforms(logs: OpenLogs, log_map: LogMap) -> list[StaticTransform]:

@@ -121,7 +121,9 @@ class SignalReader:
 
     def _commands(self, robot: LoggedRobot, command: CommandSignal) -> Samples:
         rows = _Rows(self._logs, robot, command, f"command of {robot.name}")
-        return self._samples(rows, [rows.quantity(each) for each in command.components])
+        samples = self._samples(rows, [rows.quantity(each) for each in command.components])
+        offset = command.clock_offset
+        return samples if offset == "estimate" else samples.shifted(nanoseconds(offset))
 
     def _goals(self, robot: LoggedRobot, goal: GoalSignal) -> Samples:
         rows = _Rows(self._logs, robot, goal, f"goal of {robot.name}")

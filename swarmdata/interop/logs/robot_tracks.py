@@ -41,6 +41,7 @@ class RobotTrack:
     is_commanded: Bool  # [K] whether they are known
     rewards: Float  # [K] of the step from each time on
     goals: Double  # [K, 2] m; NaN where unknown
+    headings: Double  # [K, 2] cosine and sine
     n_clipped: int  # commands outside their bounds
 
 
@@ -83,6 +84,7 @@ def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
         is_commanded=is_commanded,
         rewards=_rewards(signals, grid),
         goals=goals,
+        headings=pose[:, 2:],
         n_clipped=n_clipped,
     )
 

@@ -11,7 +11,7 @@ ids. `Dataset.replay_buffer` makes a buffer without files; `torchrl_source` is f
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -174,24 +174,30 @@ def _like_theirs(name: str, values: NDArray[Any], discrete: bool) -> NDArray[Any
 
 
 def replay_buffer(
-    source: "Dataset | Path | str", batch_size: int, slice_length: int | None = None
+    source: "Dataset | Path | str",
+    batch_size: int | None,
+    slice_length: int | None = None,
+    keys: Sequence[Key | str] | None = None,
 ) -> Any:
     """Makes a TorchRL replay buffer of a dataset in memory, or of a converted folder uncopied.
 
     Args:
         source: a view of a dataset; or a folder of one that was converted to this format.
-        batch_size: number of transitions of a sample.
+        batch_size: number of transitions of a sample; None: `sample` is told it each time.
         slice_length: samples consist of so many consecutive steps of one episode; a divisor of
             `batch_size`. None: single transitions.
+        keys: of samples, such as those of an environment whose transitions are to be sampled
+            along. None: all, and `index`.
 
     Raises:
         MissingExtraError: TorchRL is not installed.
-        SchemaError: the view has no episodes.
+        SchemaError: the view has no episodes, or the transitions lack a key.
     """
     tensordict = _library()
     try:
         from torchrl.data import (  # noqa: PLC0415  (an extra)
             RandomSampler,
+            ReplayBuffer,
             SliceSampler,
             TensorDictReplayBuffer,
             TensorStorage,
@@ -204,12 +210,24 @@ def replay_buffer(
         rows = transitions_of(source)
     else:
         rows = tensordict.TensorDict.load_memmap(str(source))
+    if keys is not None:
+        wanted = [(key,) if isinstance(key, str) else tuple(key) for key in keys]
+        rows = _select(rows, wanted if slice_length is None else [*wanted, _TRAJECTORY_KEY])
     sampler = RandomSampler()
     if slice_length is not None:
         sampler = SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)
-    return TensorDictReplayBuffer(
-        storage=TensorStorage(rows), sampler=sampler, batch_size=batch_size
-    )
+    kind = TensorDictReplayBuffer if keys is None else ReplayBuffer  # the first adds `index`
+    return kind(storage=TensorStorage(rows), sampler=sampler, batch_size=batch_size)
+
+
+def _select(rows: Any, keys: Sequence[Key]) -> Any:
+    """The transitions with these keys alone."""
+    stored = leaf_keys(rows)
+    if lacking := [key for key in keys if key not in stored]:
+        raise SchemaError(
+            f"the transitions have no keys {lacking}; they have {sorted(stored)}. Ask for these."
+        )
+    return rows.select(*keys)
 
 
 @contextmanager

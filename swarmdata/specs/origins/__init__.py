@@ -6,7 +6,7 @@ add a row to `ORIGIN_KINDS`. Everything else asks the protocol: the store, cards
 
 from swarmdata.specs.origins.edit_origin import Edit, EpisodeNumber, Parent
 from swarmdata.specs.origins.log_map import LogMap
-from swarmdata.specs.origins.log_origin import ImportedLogs, LogFile
+from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs, LogFile
 from swarmdata.specs.origins.origin_kinds import ORIGIN_KINDS, Origin, parse_origin, task_of
 from swarmdata.specs.origins.recorded_spec import MAX_COLUMNS, RecordedAgent, RecordedSpec
 from swarmdata.specs.origins.recording_origin import Id, Recording
@@ -19,6 +19,7 @@ __all__ = [
     "AnySpec",
     "Edit",
     "EpisodeNumber",
+    "EstimatedClock",
     "Id",
     "ImportedLogs",
     "LogFile",

@@ -2,12 +2,19 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Label, Name, Text, repeated
+from swarmdata.specs.quantities import Length
 
 UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("length", 1.0), "cm": ("length", 1e-2), "mm": ("length", 1e-3), "km": ("length", 1e3),
@@ -27,7 +34,12 @@ Unit = Literal[
 BODY_DIFFERENCES, WORLD_DIFFERENCES = ("v", "vy", "omega"), ("vx", "vy", "omega")
 """Commands that finite differences of poses give, in the robot's frame and in the world's."""
 
+Motion = Literal["v", "vx", "vy", "omega"]
+"""Forward speed, speed along an axis, sideways where that is the robot's, and turn rate."""
+
 Finite = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+
+ClockOffset = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 def _column_alone(value: Any) -> Any:
@@ -83,6 +95,18 @@ class CommandComponent(ColumnOf):
 
     low: Finite  # least value, in SI units
     high: Finite  # greatest value, likewise
+    motion: Motion | None = None  # what it commands; none: what its column is named after, if that
+
+    @property
+    def commands(self) -> Motion | None:
+        """What it commands; None where neither the map nor the column's name says it."""
+        names: tuple[Motion, ...] = get_args(Motion)
+        return self.motion or next((name for name in names if name == self.column), None)
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out a later field at its default: hashes of older maps stay the same."""
+        return _without(write(self), motion=None)
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:
@@ -99,6 +123,27 @@ class CommandSignal(Signal):
     frame: Literal["body", "world"] = "body"  # of the components
     differences: bool = False  # computed of the poses, because no commands were logged
     outside: Literal["refuse", "clip"] = "refuse"  # commands beyond their bounds
+    clock_offset: ClockOffset | Literal["estimate"] = 0.0
+    """s, added to their times beside the robot's; `estimate`: found by the motion that follows."""
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out a later field at its default: hashes of older maps stay the same."""
+        return _without(write(self), clock_offset=0.0)
+
+    @model_validator(mode="after")
+    def _check_clock(self) -> Self:
+        if self.clock_offset != "estimate":
+            return self
+        if self.differences:
+            raise ValueError("clock_offset: estimate needs logged commands, not differences")
+        known = BODY_DIFFERENCES if self.frame == "body" else WORLD_DIFFERENCES
+        if not any(each.commands in known for each in self.components):
+            raise ValueError(
+                "clock_offset: estimate needs to know what is commanded: say `motion` of a "
+                f"component, in the frame {self.frame} one of {', '.join(known)}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_differences(self) -> Self:
@@ -156,7 +201,7 @@ class LoggedRobot(LogSource):
     """One robot; `{robot}` in any text is its name. What it says of logs holds for its signals."""
 
     name: Name  # unique in the team
-    clock_offset: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0  # s, added to its times
+    clock_offset: ClockOffset = 0.0  # s, added to its times
     pose: PoseSignal = PoseSignal()  # where it was
     command: CommandSignal  # what it was told to do
     goal: GoalSignal | None = None  # where it should go, if that was logged
@@ -208,6 +253,23 @@ class EpisodeCuts(Frozen):
     ends: Literal["truncation", "termination"] = "truncation"  # at markers and changes of goals
 
 
+class LoggedObstacle(Frozen):
+    """An obstacle that stood in the arena all the time, in the frame `world`."""
+
+    shape: Literal["circle", "box"]  # a disc, or a rectangle
+    x: Finite  # m, of its centre
+    y: Finite  # m, likewise
+    heading: Finite = 0.0  # rad, of a box's length, counter-clockwise from the x axis
+    half_length: Length  # m, of a box; the radius of a circle
+    half_width: Length | None = None  # m, of a box
+
+    @model_validator(mode="after")
+    def _check_width(self) -> Self:
+        if (self.shape == "box") != (self.half_width is not None):
+            raise ValueError("half_width: a box needs it, a circle has half_length alone")
+        return self
+
+
 class LogMap(Frozen):
     """Which topics and columns of logs are the poses, commands and observations of robots."""
 
@@ -223,6 +285,13 @@ class LogMap(Frozen):
     tables: dict[Text, TableForm] = Field(default_factory=dict)  # by file name, `*` for any text
     ignore: tuple[Text, ...] = ()  # columns that are left out, by name, `*` for any text
     ignore_logs: tuple[Text, ...] = ()  # files of a folder that are left out, likewise
+    clock_search: Positive = 5.0  # s; offsets to be estimated are no greater
+    obstacles: tuple[LoggedObstacle, ...] = ()  # for a task that scores the logs
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out later fields at their defaults: hashes of older maps stay the same."""
+        return _without(write(self), clock_search=5.0, obstacles=())
 
     @model_validator(mode="before")
     @classmethod
@@ -252,6 +321,15 @@ class LogMap(Frozen):
         if self.episodes.goal_change and not any(robot.goal for robot in self.robots):
             raise ValueError("episodes.goal_change needs the goal of a robot, and there is none")
         return self
+
+
+def _without(content: dict[str, Any], **defaults: Any) -> dict[str, Any]:
+    """The content without these fields where they have their defaults."""
+    return {
+        key: value
+        for key, value in content.items()
+        if key not in defaults or (value != defaults[key] and value != [])
+    }
 
 
 def _named(value: Any, name: str) -> Any:

@@ -1,14 +1,14 @@
 """ImportedLogs, a dataset made of the logs of robots."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.origins.spec_kinds import AnySpec
-from swarmdata.specs.plain_names import Label, Sha256, Text
+from swarmdata.specs.plain_names import Label, Name, Sha256, Text
 from swarmdata.specs.recipe import Policies, SplitRule, Splits
 
 
@@ -17,6 +17,15 @@ class LogFile(Frozen):
 
     name: Text
     sha256: Sha256
+
+
+class EstimatedClock(Frozen):
+    """By how much a robot's commands were shifted: their clock was another than that of poses."""
+
+    robot: Name
+    offset: float  # s, added to the times of its commands
+    uncertainty: Annotated[float, Field(ge=0)]  # s, standard error of the offset
+    explained: Annotated[float, Field(le=1)]  # share of the motion's variance that commands explain
 
 
 class ImportedLogs(Frozen):
@@ -31,7 +40,14 @@ class ImportedLogs(Frozen):
     splits: Splits = Splits()
     files: Annotated[tuple[LogFile, ...], Field(min_length=1)]
     log_map: LogMap
+    clocks: tuple[EstimatedClock, ...] = ()  # that the map asked to estimate
     metadata: dict[Text, Text] = Field(default_factory=dict)  # of the author and of the import
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out a later field at its default: hashes of older origins stay the same."""
+        content: dict[str, Any] = write(self)
+        return {key: value for key, value in content.items() if key != "clocks" or value}
 
     @property
     def recipe(self) -> None:
@@ -91,5 +107,16 @@ class ImportedLogs(Frozen):
             text += (
                 f"**The actions of {', '.join(guessed)} are no commands**: none were logged, and "
                 "they are finite differences of the poses. "
+            )
+        for clock in self.clocks:
+            text += (
+                f"The clock of {clock.robot}'s commands was estimated by the motion that follows: "
+                f"{clock.offset:.3f} ± {clock.uncertainty:.3f} s were added to their times. "
+            )
+        if self.spec.world is not None:
+            return text + (
+                "Rewards, events and ends were computed from the logged poses by the functions of "
+                "the task. Contacts are overlaps of the logged positions, and velocities are "
+                "differences of positions. "
             )
         return text + "Gaps are masked: where a robot's pose or command is not known, it is absent."

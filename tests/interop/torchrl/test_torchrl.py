@@ -213,3 +213,13 @@ def test_other_folders_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
     with pytest.raises(ConversionError, match="not a memory-mapped TensorDict"):
         import_dataset(tmp_path / "x", tmp_path / "out", format="torchrl", id="tag-b-v0")
+
+
+def test_a_buffer_of_some_keys(ours: Dataset) -> None:
+    keys = (("agents", "action"), "state")
+    buffer = ours.replay_buffer(8, keys=keys)
+    assert set(buffer.sample().keys(True, True)) == {("agents", "action"), "state"}
+    slices = ours.replay_buffer(8, slice_length=2, keys=keys).sample()
+    assert ("collector", "traj_ids") in slices.keys(True, True)
+    with pytest.raises(SchemaError, match="have no keys"):
+        ours.replay_buffer(8, keys=(("agents", "speed"),))

@@ -1,0 +1,304 @@
+"""Episodes of a task from logs: observed, rewarded and ended by the task's own functions.
+
+States need the poses of all robots, their goals and the obstacles. What the logs and the map do not
+say is refused, not guessed. Velocities are differences to the pose one step earlier, so the first
+pose of an episode is left out: it only gives the velocity of the second.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.errors import ConversionError, SpecError
+from swarmdata.interop.logs.episode_windows import Window
+from swarmdata.interop.logs.logged_world import LoggedMotion, LoggedWorld
+from swarmdata.interop.logs.resampling import interpolate, nanoseconds
+from swarmdata.interop.logs.robot_signals import RobotSignals
+from swarmdata.interop.logs.robot_tracks import RobotTrack
+from swarmdata.numerics.geometry import BOX, CIRCLE
+from swarmdata.registry.components import make_task
+from swarmdata.registry.replaced_worlds import check_world
+from swarmdata.specs.origins.log_map import LoggedRobot, LogMap, Motion
+from swarmdata.specs.rules import NavigationRules
+from swarmdata.specs.task_spec import Robot, TaskSpec
+from swarmdata.types import (
+    END_REASONS,
+    STATE_FIELDS,
+    STEP_FIELDS,
+    Bool,
+    Double,
+    Episode,
+    Float,
+    Int,
+    Step,
+)
+
+COMMANDS: dict[str, tuple[Motion, Motion]] = {
+    "unicycle": ("v", "omega"),
+    "holonomic": ("vx", "vy"),
+}
+"""What the two numbers of an action command, by the dynamics of a robot."""
+
+SHAPES = ("circle", "box", "corner", "pocket")
+"""Names of the shape codes of `geometry`."""
+
+SAME_GOAL = 1e-6
+"""Greatest change of a goal (m) that is none: rounding in the log."""
+
+LONGEST_ACTION = 1.0 + 1e-4
+"""Greatest command, as a multiple of the robot's maximum, that is within it up to rounding."""
+
+
+def check_task(spec: TaskSpec, log_map: LogMap) -> None:
+    """Checks that the logs of a map can have what a task needs.
+
+    Raises:
+        SpecError: something that the task needs cannot be known, or would be left out.
+    """
+    check_world(spec)
+    if problem := next(_problems(spec, log_map), None):
+        raise SpecError(f"the logs cannot be scored by {spec.task}: {problem}")
+
+
+def _problems(spec: TaskSpec, log_map: LogMap) -> Iterator[str]:
+    rules = spec.rules
+    if not isinstance(rules, NavigationRules):
+        yield "only coop_nav's states are robots and goals alone; leave out `--task`"
+        return
+    if len(log_map.robots) != spec.n_agents:
+        yield (
+            f"the map has {len(log_map.robots)} robots and the task {spec.n_agents}; their order "
+            "is the same"
+        )
+    if abs(log_map.dt - spec.control_dt) > 1e-9:
+        yield f"dt is {log_map.dt:g} s in the map and control_dt {spec.control_dt:g} s in the task"
+    if log_map.gaps != "cut":
+        yield "in a task no robot is ever absent, so the map has to say `gaps: cut`"
+    if spec.action_size != 2:
+        yield "its actions hold messages, which were not logged; choose another payload"
+    for robot, kind in zip(log_map.robots, spec.robots, strict=False):
+        yield from _robot_problems(robot, kind)
+    missing = [robot.name for robot in log_map.robots if robot.goal is None]
+    if missing:
+        yield f"the map has no `goal` of {', '.join(missing)}"
+
+
+def _robot_problems(robot: LoggedRobot, kind: Robot) -> Iterator[str]:
+    unused = [name for name in ("scan", "features", "reward") if getattr(robot, name)]
+    if unused:
+        yield (
+            f"the map has {', '.join(unused)} of {robot.name}, which the task computes itself; "
+            "name their columns in `ignore`"
+        )
+    if kind.command != "velocity":
+        yield "its robots take accelerations, which are no commands of logs; say command: velocity"
+    wanted = COMMANDS[kind.dynamics]
+    got = tuple(each.commands for each in robot.command.components)
+    if got != wanted:
+        yield (
+            f"the commands of {robot.name} are {', '.join(map(str, got))}, expected "
+            f"{', '.join(wanted)} for a {kind.dynamics} robot; say `motion` of the components"
+        )
+    frame = "body" if kind.dynamics == "unicycle" else "world"
+    if robot.command.frame != frame:
+        yield (
+            f"the commands of {robot.name} are in the frame {robot.command.frame}, expected "
+            f"{frame} for a {kind.dynamics} robot"
+        )
+
+
+def layout_of(spec: TaskSpec, log_map: LogMap) -> Float:
+    """The obstacles, in the order of the task's shapes, [M, 8].
+
+    Raises:
+        SpecError: the map has other obstacles than the task.
+    """
+    task = make_task(spec)
+    rows = [
+        (
+            BOX if each.shape == "box" else CIRCLE, each.x, each.y, np.cos(each.heading),
+            np.sin(each.heading), each.half_length, each.half_width or each.half_length, 0.0,
+        )
+        for each in log_map.obstacles
+    ]  # fmt: skip
+    if isinstance(spec.rules, NavigationRules) and spec.rules.arrangement.kind != "random":
+        if rows:
+            raise SpecError(
+                f"the task's arrangement {spec.rules.arrangement.kind!r} has its own obstacles; "
+                "leave out `obstacles` of the map"
+            )
+        layouts = np.zeros((1, len(task.kinds), 8), np.float32)
+        states = np.zeros((1, 8 * spec.n_agents + len(task.extras)), np.float32)
+        task.spawn(np.zeros(1, np.uint64), np.zeros(1, np.int64), layouts, states)
+        return np.asarray(layouts[0])
+    rows.sort(key=lambda row: -row[0])
+    if [row[0] for row in rows] != sorted(task.kinds.tolist(), reverse=True):
+        wanted = Counter(SHAPES[kind] for kind in task.kinds.tolist())
+        listed = ", ".join(f"{n} {shape}" for shape, n in wanted.items()) or "none"
+        got = Counter(each.shape for each in log_map.obstacles)
+        raise SpecError(
+            f"the task has obstacles: {listed}, and the map "
+            f"{', '.join(f'{n} {shape}' for shape, n in got.items()) or 'none'}. `obstacles` of "
+            "the map says where each of them stood (circles and boxes); the task's `obstacles` "
+            "are their numbers."
+        )
+    return np.array(rows, np.float32).reshape(-1, 8)
+
+
+@dataclass(frozen=True, eq=False)
+class TeamMotion:
+    """All robots at the K times of the grid."""
+
+    places: Double  # [K, N, 2] m
+    between: Double  # [K - 1, P, N, 2] m, after each physics step on the way to the next time
+    headings: Double  # [K, N, 2] unit vectors
+    goals: Double  # [K, N, 2] m; NaN where unknown
+    actions: Float  # [K, N, 2] in [-1, 1]
+
+
+def team_motion(
+    spec: TaskSpec,
+    log_map: LogMap,
+    signals: Sequence[RobotSignals],
+    tracks: Sequence[RobotTrack],
+    grid: Int,
+) -> TeamMotion:
+    """What the task needs of all robots, at the times of the grid."""
+    P, step = spec.n_substeps, nanoseconds(log_map.dt)
+    fine = (grid[:-1, None] + step * np.arange(1, P + 1) // P).reshape(-1)
+    places, between, headings = [], [], []
+    for each, track, robot in zip(signals, tracks, spec.robots, strict=True):
+        gap = nanoseconds(each.robot.pose.max_gap or log_map.max_gap)
+        places.append(interpolate(each.positions, grid, gap)[0])
+        between.append(interpolate(each.positions, fine, gap)[0].reshape(-1, P, 2))
+        is_unicycle = robot.dynamics == "unicycle"
+        headings.append(
+            track.headings if is_unicycle else np.broadcast_to([1.0, 0.0], (len(grid), 2))
+        )
+    return TeamMotion(
+        places=np.stack(places, axis=1),
+        between=np.stack(between, axis=2),
+        headings=np.stack(headings, axis=1),
+        goals=np.stack([track.goals for track in tracks], axis=1),
+        actions=np.stack(
+            [_unit(t, r, s.robot) for t, r, s in zip(tracks, spec.robots, signals, strict=True)],
+            axis=1,
+        ),
+    )
+
+
+def _unit(track: RobotTrack, robot: Robot, logged: LoggedRobot) -> Float:
+    """Commands as multiples of a robot's maxima, [K, 2].
+
+    Raises:
+        ConversionError: some are greater, and the map does not say `clip`.
+    """
+    second = robot.max_turn_rate if robot.dynamics == "unicycle" else robot.max_speed
+    actions: Float = (track.actions / np.array([robot.max_speed, second])).astype(np.float32)
+    greatest = float(np.abs(actions).max(initial=0.0))
+    if greatest > LONGEST_ACTION and logged.command.outside == "refuse":
+        raise ConversionError(
+            f"a command of {logged.name} is {greatest:.3g} times the maximum of the task's robot. "
+            "Raise max_speed or max_turn_rate of the task, or say `outside: clip` in the map."
+        )
+    clipped: Float = actions.clip(-1.0, 1.0)
+    return clipped
+
+
+class EpisodeScorer:
+    """Makes the episodes of a task.
+
+    Args:
+        spec: the task.
+        layout: obstacles, [M, 8].
+        motion: of all robots.
+        log_map: for the names of robots, and the shortest episode.
+
+    Attributes:
+        counts: steps that were left out, by why.
+    """
+
+    def __init__(self, spec: TaskSpec, layout: Float, motion: TeamMotion, log_map: LogMap) -> None:
+        self._spec, self._layout, self._motion, self._map = spec, layout, motion, log_map
+        self._world = LoggedWorld(make_task(spec))
+        self.counts: Counter[str] = Counter()
+
+    def episodes(self, windows: Sequence[Window]) -> list[Episode]:
+        """One episode of each window that is long enough.
+
+        Raises:
+            ConversionError: a goal is unknown or moves, or a robot is outside the arena.
+        """
+        found: list[Episode] = []
+        for window in windows:
+            self.counts["first_poses"] += 1
+            if len(window) - 1 < self._map.episodes.min_steps:
+                self.counts["steps_of_short_episodes"] += len(window) - 1
+                continue
+            steps, actions = self._play(window, len(found))
+            self.counts["steps_after_the_end"] += len(window) - len(steps)
+            found.append(_episode(steps, actions))
+        return found
+
+    def _play(self, window: Window, number: int) -> tuple[list[Step], Float]:
+        """The steps from the window's second time on, until the task ends, and their actions."""
+        motion, first, stop = self._motion, window.start + 1, window.stop
+        self._check(first, stop)
+        places = motion.places[first : stop + 1]
+        speeds = np.diff(motion.places[first - 1 : stop + 1], axis=0) / self._map.dt
+        robots = np.concatenate([places, speeds, motion.headings[first : stop + 1]], axis=2)
+        played = LoggedMotion(motion.between[first:stop], robots, motion.goals[first], self._layout)
+        self._world.begin(played)
+        env, steps = self._world.env, []
+        steps.append(env.reset(np.array([number], np.uint64)))
+        for t in range(first, stop):
+            steps.append(env.step(motion.actions[t][None]))
+            if steps[-1].ended[0]:
+                break
+        return steps, motion.actions[first : first + len(steps) - 1]
+
+    def _check(self, first: int, stop: int) -> None:
+        goals = self._motion.goals[first : stop + 1]
+        bad: Bool = np.isnan(goals[..., 0]) | (np.abs(goals - goals[0]) > SAME_GOAL).any(axis=2)
+        if bad.any():
+            time, robot = np.argwhere(bad)[0].tolist()
+            what = "is unknown" if np.isnan(goals[time, robot, 0]) else "moves within an episode"
+            raise ConversionError(
+                f"the goal of {self._map.robots[robot].name} {what}, {time * self._map.dt:g} s "
+                "after the episode's start. Cut episodes there: `episodes.goal_change` or a marker."
+            )
+        half = np.array(self._spec.half_size)
+        outside: Bool = (np.abs(self._motion.places[first : stop + 1]) > half).any(axis=2)
+        if outside.any():
+            time, robot = np.argwhere(outside)[0].tolist()
+            x, y = self._motion.places[first + time, robot]
+            raise ConversionError(
+                f"{self._map.robots[robot].name} is at ({x:.2f}, {y:.2f}) m, outside the task's "
+                f"arena, which is centred on the origin and {2 * half[0]:g} m by {2 * half[1]:g} m."
+                " Move the poses by `transforms` of the map, or enlarge the arena."
+            )
+
+
+def _episode(steps: Sequence[Step], actions: Float) -> Episode:
+    """The episode of the steps of one copy; the log's end truncates it."""
+    last, T = steps[-1], len(steps) - 1
+    is_over = bool(last.terminations[0])
+    at_end = np.arange(T) == T - 1
+    reason = "success" if last.successes[0] else "failure" if is_over else "horizon"
+    rows = {name: np.stack([getattr(s, name)[0] for s in steps]) for name in STATE_FIELDS}
+    names = [name for name in STEP_FIELDS if hasattr(last, name)]
+    of_steps = {name: np.stack([getattr(s, name)[0] for s in steps[1:]]) for name in names}
+    flags = {"terminations": at_end & is_over, "truncations": at_end & (not is_over)}
+    return Episode(
+        **rows,
+        **{**of_steps, **flags},
+        actions=actions.copy(),
+        log_probs=np.zeros((T, 0), np.float32),
+        reward_terms=np.stack([step.reward_terms[0] for step in steps[1:]]),
+        layout=last.layouts[0].copy(),
+        seed=int(last.seeds[0]),
+        policy=0,
+        end_reason=END_REASONS.index(reason),
+    )
