@@ -19,7 +19,7 @@ import pymunk
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
-from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.envs.physics.dynamics import FRICTION, MASS, drive
 from swarmdata.envs.physics.free_motion import is_free, move, write_travel_bounds
 from swarmdata.envs.physics.impacts import time_to_impact
 from swarmdata.envs.physics.munk_calls import (
@@ -31,7 +31,9 @@ from swarmdata.envs.physics.munk_calls import (
     REMOVE,
     SET_ANGLE,
     SET_FORCE,
+    SET_FRICTION,
     SET_ID,
+    SET_MASS,
     SET_MAX_FORCE,
     SET_OFFSET,
     SET_POSITION,
@@ -72,11 +74,19 @@ def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
 
 @kernel(inline="always")
 def _step_space(
-    calls: Int, space: int, bodies: Int, accelerations: Double, dt: float, robots: Double
+    calls: Int,
+    space: int,
+    bodies: Int,
+    limits: Double,
+    accelerations: Double,
+    dt: float,
+    robots: Double,
 ) -> None:
     """Makes one step of Munk2D and reads the robots."""
     for i in range(robots.shape[0]):  # Munk2D clears forces in every step
-        call_pv(calls[SET_FORCE], bodies[i], accelerations[i, 0], accelerations[i, 1])
+        mass = limits[i, MASS]
+        x, y = mass * accelerations[i, 0], mass * accelerations[i, 1]
+        call_pv(calls[SET_FORCE], bodies[i], x, y)
     call_pd(calls[STEP], space, dt)
     for i in range(robots.shape[0]):
         robots[i, 0], robots[i, 1] = call_p_v(calls[GET_POSITION], bodies[i])
@@ -131,10 +141,12 @@ def _write_space(
     layout: Float,
     robots: Double,
     movables: Double,
+    limits: Double,
     dt: float,
 ) -> None:
     """Makes a used space what `build_space` would build."""
     n = robots.shape[0]
+    first = shapes.shape[0] - bodies.shape[0]
     for shape in shapes:
         call_pp(calls[REMOVE], space, shape)
     for joint in joints:
@@ -145,6 +157,8 @@ def _write_space(
     for i in range(n):
         call_pv(calls[SET_POSITION], bodies[i], robots[i, 0], robots[i, 1])
         call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
+        call_pd(calls[SET_MASS], bodies[i], limits[i, MASS])
+        call_pd(calls[SET_FRICTION], shapes[first + i], limits[i, FRICTION])
     for k in range(movables.shape[0]):
         body, row = bodies[n + k], movables[k]
         call_pv(calls[SET_POSITION], body, row[0], row[1])
@@ -172,7 +186,6 @@ def _advance(
     joint_forces: Double,
     n_substeps: int,
     dt: float,
-    limits: Double,
     radii: Double,
     half: Double,
     body_shapes: Double,
@@ -180,6 +193,7 @@ def _advance(
     movables: Double,
     solver_dt: Double,
     layouts: Float,
+    limits: Double,
     active: Bool,
     commands: Double,
     touching: Bool,
@@ -197,10 +211,10 @@ def _advance(
         team, layout, gaps = robots[b], layouts[b], slack[b]
         is_certain = can_be_free and solver_dt[b] <= 0.0
         if is_certain:
-            write_travel_bounds(team, limits, n_substeps * dt, travel)
+            write_travel_bounds(team, limits[b], n_substeps * dt, travel)
             is_certain = is_free(team, 0.0, travel, radii, layout, half, gaps)
         for k in range(n_substeps):
-            drive(team, commands[b], limits, n_substeps, dt, k, accelerations)
+            drive(team, commands[b], limits[b], n_substeps, dt, k, accelerations)
             if is_certain or (can_be_free and is_free(team, dt, still, radii, layout, half, gaps)):
                 if solver_dt[b] > 0.0:
                     solver_dt[b], touching[b], static[b] = 0.0, False, False
@@ -215,12 +229,12 @@ def _advance(
                 if solver_dt[b] < 0.0:
                     _write_space(
                         calls, spaces[b], shapes[b], bodies[b], joints[b], joint_forces, layout,
-                        team, movables[b], dt,
+                        team, movables[b], limits[b], dt,
                     )  # fmt: skip
                 elif part != solver_dt[b]:
                     _restart_solver(calls, spaces[b], shapes[b], bodies[b], team, movables[b], dt)
                 solver_dt[b] = part
-                _step_space(calls, spaces[b], bodies[b], accelerations, part, team)
+                _step_space(calls, spaces[b], bodies[b], limits[b], accelerations, part, team)
                 _read_bodies(calls, bodies[b], movables[b])
                 update_contacts(team, radii, layout, half, touching[b], static[b], gaps, events[b])
         write_state(team, movables[b], states[b])
@@ -250,7 +264,6 @@ class FastBackend:
     def __init__(self, plan: Plan, n_copies: int, calls: Int) -> None:
         self._plan, spec = plan, plan.spec
         self._timing = spec.n_substeps, spec.physics_dt
-        self._limits = limits_of(spec)
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array(spec.half_size)
         self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
@@ -263,17 +276,20 @@ class FastBackend:
         self._joints = np.zeros((n_copies, n_joints), dtype=np.int64)
         self._joint_forces: Double = np.zeros(n_joints)
         self._layouts: Float | None = None
+        self._limits: Double = np.zeros((n_copies, n, 8))
         self._robots: Double = np.zeros((n_copies, n, 6))
         self._movables: Double = np.zeros((n_copies, k, 7))
         self._solver_dt: Double = np.zeros(n_copies)
         self._fixed = (
             calls, self._spaces, self._bodies, self._shapes, self._joints, self._joint_forces,
-            *self._timing, self._limits, self._radii, self._half, shapes_of(plan), self._robots,
+            *self._timing, self._radii, self._half, shapes_of(plan), self._robots,
             self._movables, self._solver_dt,
         )  # fmt: skip
 
-    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
-        self._layouts = layouts
+    def reset(
+        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+    ) -> None:
+        self._layouts, self._limits = layouts, limits
         self._robots[copies], self._movables[copies] = robots, bodies
         self._solver_dt[copies] = UNWRITTEN
         for row, b in enumerate(copies.tolist()):
@@ -286,7 +302,7 @@ class FastBackend:
         def address(pointer: Any) -> int:
             return int(ffi.cast("uintptr_t", pointer))
 
-        space, bodies = build_space(self._plan, layout, robots, movables)
+        space, bodies = build_space(self._plan, layout, robots, movables, self._limits[b])
         self._owners[b] = space, bodies
         self._spaces[b] = address(space._space)
         self._bodies[b] = [address(body._body) for body in bodies]
@@ -299,4 +315,6 @@ class FastBackend:
     ) -> None:
         if self._layouts is None:
             raise RuntimeError("the world was stepped before its first reset")
-        _advance(*self._fixed, self._layouts, active, commands, *contacts, events, states)
+        _advance(
+            *self._fixed, self._layouts, self._limits, active, commands, *contacts, events, states
+        )  # fmt: skip

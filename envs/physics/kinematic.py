@@ -7,7 +7,7 @@ physics. Movable bodies stay where they are.
 import numpy as np
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
-from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.envs.physics.dynamics import drive
 from swarmdata.envs.physics.free_motion import move
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
@@ -30,7 +30,7 @@ def _advance(
         if not active[b]:
             continue
         for k in range(n_substeps):
-            drive(robots[b], commands[b], limits, n_substeps, dt, k, accelerations)
+            drive(robots[b], commands[b], limits[b], n_substeps, dt, k, accelerations)
             move(robots[b], accelerations, dt)
         write_state(robots[b], bodies[b], states[b])
 
@@ -40,13 +40,16 @@ class KinematicBackend:
 
     def __init__(self, plan: Plan, n_copies: int) -> None:
         spec = plan.spec
-        self._limits = limits_of(spec)
+        self._limits: Double = np.zeros((n_copies, spec.n_agents, 8))
         self._n_substeps, self._dt = spec.n_substeps, spec.physics_dt
         self._robots: Double = np.zeros((n_copies, spec.n_agents, 6))
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
-    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+    def reset(
+        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+    ) -> None:
         self._robots[copies], self._bodies[copies] = robots, bodies
+        self._limits = limits
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float

@@ -47,6 +47,7 @@ SAMPLES = {
     "--out": "elsewhere.gif",
     "--part": "1/2",
     "--policy": "scripted=3",
+    "--randomize": "mass=1..2",
     "--regulariser": "bc",
     "--reward": "time=2",
     "--set": "batch_size=7",
