@@ -218,7 +218,7 @@ CASES = (
          {**AXES, "--observation": "range=2,1"},
          {"--out": "the points are done in neither folder",
           "--episodes": "how many there are is not listed", "--task": "neither is the task",
-          "--backend": "nor is the simulator"}),
+          "--backend": "nor is the simulator", "--randomize": "nor are ranges"}),
     Case("sweep expert --out a --observation noise=0..0.2 --point b", (f"{SWEEP}:run_point",),
          samples={**AXES, "--observation": "range=2,1"}),
     Case("sweep expert --out a --observation noise=0..0.2 --collect",
