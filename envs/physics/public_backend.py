@@ -101,6 +101,27 @@ def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk
     return pymunk.Poly.create_box(body, (2 * half[0], 2 * half[1]))
 
 
+def _static_shapes(ground: pymunk.Body, plan: Plan, layout: Float) -> list[pymunk.Shape]:
+    """Walls, then obstacles in layout order, [M, 8]."""
+    spec = plan.spec
+    t = spec.arena.wall_thickness
+    x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t
+    posts = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    shapes: list[pymunk.Shape] = [
+        pymunk.Segment(ground, posts[i], posts[(i + 1) % 4], t) for i in range(4)
+    ]
+    corners = np.empty((3, 4, 2))
+    for row in layout:
+        if row[0] == CIRCLE:
+            shapes.append(pymunk.Circle(ground, float(row[5]), (float(row[1]), float(row[2]))))
+        else:
+            n_bars = bars(row, corners)
+            shapes += [
+                pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()
+            ]
+    return shapes
+
+
 def build_space(
     plan: Plan, layout: Float, robots: Double, movables: Double, limits: Double
 ) -> tuple[pymunk.Space, list[pymunk.Body]]:
@@ -121,22 +142,7 @@ def build_space(
     space.collision_slop = COLLISION_SLOP
     space.iterations = SOLVER_ITERATIONS
     space.damping = 1.0  # drag is part of the robots, not of the world
-    ground = space.static_body
-    t = spec.arena.wall_thickness
-    x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t
-    posts = [(-x, -y), (x, -y), (x, y), (-x, y)]
-    shapes: list[pymunk.Shape] = [
-        pymunk.Segment(ground, posts[i], posts[(i + 1) % 4], t) for i in range(4)
-    ]
-    corners = np.empty((3, 4, 2))
-    for row in layout:
-        if row[0] == CIRCLE:
-            shapes.append(pymunk.Circle(ground, float(row[5]), (float(row[1]), float(row[2]))))
-        else:
-            n_bars = bars(row, corners)
-            shapes += [
-                pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()
-            ]
+    shapes = _static_shapes(space.static_body, plan, layout)
     bodies = []
     for robot, row, (x, y) in zip(spec.robots, limits, robots[:, :2].tolist(), strict=True):
         body = pymunk.Body(float(row[MASS]), float("inf"))
