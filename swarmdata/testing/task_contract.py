@@ -21,6 +21,9 @@ MakeEnv = Callable[[TaskSpec, int], VecEnv]
 SPEED_TOLERANCE = 1e-3
 """Largest rounding error of a speed, m/s."""
 
+SKID_SHARE = 0.02
+"""By how much robots on wheels may be faster than their wheels, which skid sideways in turns."""
+
 MAX_PENETRATION = 0.03
 """Largest overlap with walls and obstacles, which a push at top speed causes for one step, m."""
 
@@ -133,6 +136,8 @@ def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None
     top = max(spec.largest("max_speed"))
     push = max(spec.largest("max_acceleration")) / _lightest(spec) * spec.control_dt
     half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    if any(robot.base == "wheels" for robot in spec.robots):
+        top *= 1.0 + SKID_SHARE
     for step in steps:
         robots = robots_of(step.states, spec.n_agents).astype(np.float64)
         speeds = np.hypot(robots[..., VX], robots[..., VY])
