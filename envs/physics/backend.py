@@ -55,8 +55,8 @@ class Backend(Protocol):
             layouts: obstacles of all copies, [E, M, 8].
             robots: of these copies, with their velocities, [C, N, 6].
             bodies: movable bodies of these copies, with their velocities, [C, K, 7].
-            limits: of the robots of all copies, `dynamics.limits_of`, [E, N, 8]; its rows change
-                only before a reset of their copies.
+            limits: of the robots, `dynamics.limits_of`, [N, 8], or those of each of these
+                copies, [C, N, 8].
         """
         ...
 

@@ -141,7 +141,7 @@ class MujocoBackend:
         self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
     ) -> None:
         self._robots[copies], self._bodies[copies] = robots, bodies
-        self._layouts[copies], self._limits = layouts[copies], limits
+        self._layouts[copies], self._limits[copies] = layouts[copies], limits
         for b in copies.tolist():
             self._copies[b] = self._start(b)
 

@@ -183,7 +183,7 @@ class PublicBackend:
         self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
     ) -> None:
         self._robots[copies], self._bodies[copies] = robots, bodies
-        self._limits = limits
+        self._limits[copies] = limits
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
             self._worlds[b] = self._new_world(b) if self._plan.movables else None

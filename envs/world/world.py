@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.numerics.weighted_terms import weigh_terms
+from swarmdata.runtime.argument_blocks import bundle_type, unpack
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
@@ -120,17 +122,26 @@ def proximities(
         out[i] = min(max(1.0 - out[i] / PROXIMITY_RANGE, 0.0), 1.0)
 
 
+class Scoring(NamedTuple):
+    """What `score_steps` reads besides the step."""
+
+    radii: Annotated[Double, 1]  # [N] m
+    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
+    weights: Annotated[Double, 1]  # [R] of all terms, with their signs
+    team_share: float  # part of each reward that is the team's mean
+    is_fatal: bool  # whether a collision fails the task
+    horizon: int  # steps
+    solved: Annotated[Bool, 1]  # [E] whether the task is solved
+    slack: Annotated[Double, 3]  # [E, N, 3] `backend.Contacts.slack`
+    active: Annotated[Bool, 1]  # [E]
+
+
+SCORING = bundle_type(Scoring)
+
+
 @kernel
 def score_steps(
-    radii: Double,
-    half: Double,
-    weights: Double,
-    team_share: float,
-    is_fatal: bool,
-    horizon: int,
-    solved: Bool,
-    slack: Double,
-    active: Bool,
+    packed: Int,
     states: Float,
     layouts: Float,
     events: Counts,
@@ -146,15 +157,7 @@ def score_steps(
     The terms and rewards of the other copies are 0, and their flags stay.
 
     Args:
-        radii: m, [N].
-        half: half width and half height of the arena, m, [2].
-        weights: of all terms, with their signs, [R].
-        team_share: part of each reward that is the team's mean.
-        is_fatal: whether a collision fails the task.
-        horizon: steps.
-        solved: whether the task is solved, [E].
-        slack: `backend.Contacts.slack`, [E, N, 3].
-        active: [E].
+        packed: `Scoring`, of an `ArgumentBlock`.
         states: after the step, [E, S].
         layouts: [E, M, 8].
         events: of the step, [E, N, 4].
@@ -165,6 +168,9 @@ def score_steps(
         truncations: written, [E].
         successes: written, [E].
     """
+    radii, half, weights, team_share, is_fatal, horizon, solved, slack, active = unpack(
+        packed, SCORING
+    )
     n, first = radii.shape[0], weights.shape[0] - N_SHARED_TERMS
     near, places = np.empty(n), np.empty((3, n), np.float32)
     for b in range(states.shape[0]):
@@ -242,7 +248,6 @@ class World:
         self._motors = Motors.of(spec, n_copies)
         limits = limits_of(spec)
         self._spec, self._is_random = spec, bool(spec.randomization.ranges)
-        self._limits: Double = np.tile(limits, (n_copies, 1, 1))
         self._fixed = (limits, self.active, self._commands)
 
     def reset(self, copies: Int, seeds: Seeds, layouts: Float, states: Float) -> None:
@@ -258,9 +263,8 @@ class World:
         robots: Double = np.empty((len(copies), n, 6))
         bodies: Double = np.empty((len(copies), k, 7))
         begin_worlds(copies, states, *self.contacts, robots, bodies)
-        if self._is_random:
-            self._limits[copies] = episode_limits(self._spec, seeds)
-        self._backend.reset(copies, layouts, robots, bodies, self._limits)
+        limits = episode_limits(self._spec, seeds) if self._is_random else self._fixed[0]
+        self._backend.reset(copies, layouts, robots, bodies, limits)
         if self._motors is not None:
             self._motors.reset(copies, seeds)
 
