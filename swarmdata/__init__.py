@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from swarmdata.interop.exported_policies import export_policy
     from swarmdata.interop.logs.import_logs import import_logs
     from swarmdata.interop.torchrl.torchrl_source import make_torchrl_env, register_torchrl
+    from swarmdata.numerics.episode_draws import drawn_values
     from swarmdata.record.foreign_rollout import evaluate_parallel
     from swarmdata.record.jax_environments import record_jax
     from swarmdata.record.recorder import Recorder
@@ -88,6 +89,7 @@ __all__ = [
     "check_remote",
     "check_task",
     "combine_datasets",
+    "drawn_values",
     "evaluate",
     "evaluate_parallel",
     "export_dataset",
@@ -147,6 +149,7 @@ _HOMES = {
     "check_remote": "swarmdata.testing.remote_contract",
     "check_task": "swarmdata.testing.task_contract",
     "combine_datasets": "swarmdata.building.edit",
+    "drawn_values": "swarmdata.numerics.episode_draws",
     "evaluate": "swarmdata.rollouts.evaluate",
     "evaluate_parallel": "swarmdata.record.foreign_rollout",
     "export_dataset": "swarmdata.interop.export",

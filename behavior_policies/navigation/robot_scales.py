@@ -31,7 +31,7 @@ class Team(NamedTuple):
     """Constants of a team's robots, for kernels."""
 
     radii: Double  # [N] m
-    limits: Double  # [N, 5] `dynamics.limits_of`
+    limits: Double  # [N, 8] `dynamics.limits_of`
     scales: Double  # [N, 2] of time and length
     stopping_times: Double  # [N] s, from full speed; a command takes effect one step late
     control_dt: float  # s
@@ -51,7 +51,7 @@ def scales_of(spec: TaskSpec) -> Double:
     braking_time = reference.max_speed / reference.max_acceleration
     rows = []
     for robot in spec.robots:
-        braking = (robot.max_speed / robot.max_acceleration) / braking_time
+        braking = (robot.max_speed / robot.acceleration) / braking_time
         crossing = (robot.radius / robot.max_speed) / (reference.radius / reference.max_speed)
         time = max(braking, crossing)
         if robot.dynamics == "unicycle":

@@ -31,14 +31,14 @@ class PushSetup(NamedTuple):
     shape: Shape  # of the payload
     moved_mass: float  # kg, of the payload and the robots
     friction: float  # N
-    robot_force: float  # N, largest force of a robot
+    robot_force: float  # N, largest force of a robot: that which accelerates 1 kg
     held_torque: float  # N m, largest torque that friction holds
     n_needed: float  # robots whose forces together move the payload
     path_radius: float  # m, of the circle that the payload's path is planned for
 
     @classmethod
     def of(cls, spec: TaskSpec, payload: Payload) -> Self:
-        """The constants of a spec; the mass of a robot is 1 kg."""
+        """The constants of a spec."""
         radii = np.array([robot.radius for robot in spec.robots])
         robot_force = min(robot.max_acceleration for robot in spec.robots)
         reach = payload_radius(payload)
@@ -49,7 +49,7 @@ class PushSetup(NamedTuple):
             max_radius=float(radii.max()),
             control_dt=spec.control_dt,
             shape=shape_of(payload),
-            moved_mass=float(payload.mass + spec.n_agents),
+            moved_mass=float(payload.mass + sum(robot.mass for robot in spec.robots)),
             friction=float(payload.friction),
             robot_force=float(robot_force),
             held_torque=payload.friction * reach / 2.0,

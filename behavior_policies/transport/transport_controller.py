@@ -245,7 +245,7 @@ class TransportController:
         self._noisy = NoisyCommands(spec, noise)
         self._maps = EpisodeMaps(spec, 2, max(setup.path_radius, setup.max_radius))
         self._by_velocity = np.array([robot.command == "velocity" for robot in spec.robots])
-        accelerations = [robot.max_acceleration for robot in spec.robots]
+        accelerations = [robot.acceleration for robot in spec.robots]
         self._max_accelerations = np.array(accelerations)[:, None]  # [N, 1]
         self._memory: Int = np.zeros((0, FIRST_SLOT + spec.n_agents), dtype=np.int64)
 

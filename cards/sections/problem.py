@@ -38,7 +38,7 @@ def task_section(task: Task) -> str:
             (
                 f"{role.name}",
                 f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
-                f"{robot.max_speed:g} m/s and {robot.max_acceleration:g} m/s²",
+                f"{robot.max_speed:g} m/s and {robot.acceleration:g} m/s²",
             )
         )
     rows += [row for row in _settings("", spec.rules) if row[0] != "task"]

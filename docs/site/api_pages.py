@@ -18,7 +18,7 @@ GROUPS = {
     "worlds": (
         "Worlds and policies",
         ("preset", "preset_names", "TaskSpec", "make_task", "make_env", "Step", "Policy",
-         "make_policy", "FunctionPolicy", "rollout"),
+         "make_policy", "FunctionPolicy", "rollout", "drawn_values"),
     ),
     "learning": (
         "Training and evaluation",

@@ -39,13 +39,15 @@ def write_state(robots: Double, bodies: Double, state: Float) -> None:
 
 
 class Backend(Protocol):
-    """E copies of a physical world of circular robots of mass 1 kg.
+    """E copies of a physical world of circular robots.
 
     Commands change a robot's heading, contacts do not. The backend keeps positions and velocities
     in float64; states contain them rounded to float32.
     """
 
-    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+    def reset(
+        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+    ) -> None:
         """Starts new worlds in `copies`, from which their history must not show in any bit.
 
         Args:
@@ -53,6 +55,8 @@ class Backend(Protocol):
             layouts: obstacles of all copies, [E, M, 8].
             robots: of these copies, with their velocities, [C, N, 6].
             bodies: movable bodies of these copies, with their velocities, [C, K, 7].
+            limits: of the robots, `dynamics.limits_of`, [N, 8], or those of each of these
+                copies, [C, N, 8].
         """
         ...
 

@@ -3,7 +3,8 @@
 A holonomic robot accelerates in any direction; the acceleration that a command asks for is held for
 the control step. A unicycle drives along its heading and turns. Its wheels have grip, which removes
 sideways velocity in every physics step, up to a limit. So the constraint holds between control
-steps too, where a push or a turn would violate it.
+steps too, where a push or a turn would violate it. With little grip, wheels slip: they spin where
+motors push harder, and the robot skids where it turns.
 
 Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
 its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
@@ -20,23 +21,23 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE = range(5)
-"""Columns of the limits."""
-
-GRIP_ACCELERATION = 10.0
-"""Largest sideways acceleration (m/s^2) of a unicycle's wheels, about that of rubber."""
+SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE, GRIP, MASS, FRICTION = range(8)
+"""Columns of the limits, `task_spec.Robot`."""
 
 
 def limits_of(spec: TaskSpec) -> Double:
-    """Returns the robots' limits, in SI units, and flags, [N, 5]."""
+    """Returns the robots' limits and bodies, in SI units, and flags, [N, 8]."""
     return np.array(
         [
             (
                 robot.max_speed,
-                robot.max_acceleration,
+                robot.acceleration,
                 robot.command == "velocity",
                 robot.max_turn_rate,
                 robot.dynamics == "unicycle",
+                robot.wheel_grip,
+                robot.mass,
+                robot.friction,
             )
             for robot in spec.robots
         ],
@@ -61,7 +62,7 @@ def begin_step(
     """Finds the active copies, clips their commands, and begins their step.
 
     Args:
-        limits: [N, 5].
+        limits: [N, 8].
         active: written: the copies that have not ended, [E].
         commands: written, [E, N, 2].
         actions: the first two columns are commands, [E, N, A].
@@ -147,7 +148,7 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
     else:
         wanted = min(max(ahead + most * command[0] * dt, -top), top)
     push = min(max((wanted - ahead) / dt, -most), most)
-    hold = min(max(-aside / dt, -GRIP_ACCELERATION), GRIP_ACCELERATION)
+    hold = min(max(-aside / dt, -limit[GRIP]), limit[GRIP])
     return push * ux - hold * uy, push * uy + hold * ux
 
 
@@ -166,7 +167,7 @@ def drive(
     Args:
         robots: columns x, y, vx, vy, ux, uy; headings are turned, [N, 6].
         commands: clipped, [N, 2].
-        limits: [N, 5].
+        limits: [N, 8].
         n_substeps: physics steps in a control step.
         dt: length of a physics step, s.
         k: number of the physics step, from 0.

@@ -19,7 +19,7 @@ import pymunk
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
-from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.envs.physics.dynamics import FRICTION, MASS, drive
 from swarmdata.envs.physics.free_motion import is_free, move, write_travel_bounds
 from swarmdata.envs.physics.impacts import time_to_impact
 from swarmdata.envs.physics.munk_calls import (
@@ -31,7 +31,9 @@ from swarmdata.envs.physics.munk_calls import (
     REMOVE,
     SET_ANGLE,
     SET_FORCE,
+    SET_FRICTION,
     SET_ID,
+    SET_MASS,
     SET_MAX_FORCE,
     SET_OFFSET,
     SET_POSITION,
@@ -70,7 +72,7 @@ class Spaces(NamedTuple):
     joint_forces: Annotated[Double, 1]  # [2 K] N, the largest of each joint
     n_substeps: int  # physics steps in a control step
     dt: float  # s, of a physics step
-    limits: Annotated[Double, 2]  # [N, 5] of `limits_of`
+    limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
     radii: Annotated[Double, 1]  # [N] m
     half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
     body_shapes: Annotated[Double, 2]  # [K, 3] of `shapes_of`
@@ -96,11 +98,19 @@ def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
 
 @kernel(inline="always")
 def _step_space(
-    calls: Int, space: int, bodies: Int, accelerations: Double, dt: float, robots: Double
+    calls: Int,
+    space: int,
+    bodies: Int,
+    limits: Double,
+    accelerations: Double,
+    dt: float,
+    robots: Double,
 ) -> None:
     """Makes one step of Munk2D and reads the robots."""
     for i in range(robots.shape[0]):  # Munk2D clears forces in every step
-        call_pv(calls[SET_FORCE], bodies[i], accelerations[i, 0], accelerations[i, 1])
+        mass = limits[i, MASS]
+        x, y = mass * accelerations[i, 0], mass * accelerations[i, 1]
+        call_pv(calls[SET_FORCE], bodies[i], x, y)
     call_pd(calls[STEP], space, dt)
     for i in range(robots.shape[0]):
         robots[i, 0], robots[i, 1] = call_p_v(calls[GET_POSITION], bodies[i])
@@ -155,10 +165,12 @@ def _write_space(
     layout: Float,
     robots: Double,
     movables: Double,
+    limits: Double,
     dt: float,
 ) -> None:
     """Makes a used space what `build_space` would build."""
     n = robots.shape[0]
+    first = shapes.shape[0] - bodies.shape[0]
     for shape in shapes:
         call_pp(calls[REMOVE], space, shape)
     for joint in joints:
@@ -169,6 +181,8 @@ def _write_space(
     for i in range(n):
         call_pv(calls[SET_POSITION], bodies[i], robots[i, 0], robots[i, 1])
         call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
+        call_pd(calls[SET_MASS], bodies[i], limits[i, MASS])
+        call_pd(calls[SET_FRICTION], shapes[first + i], limits[i, FRICTION])
     for k in range(movables.shape[0]):
         body, row = bodies[n + k], movables[k]
         call_pv(calls[SET_POSITION], body, row[0], row[1])
@@ -211,10 +225,10 @@ def _advance(
         team, layout, gaps = robots[b], layouts[b], slack[b]
         is_certain = can_be_free and solver_dt[b] <= 0.0
         if is_certain:
-            write_travel_bounds(team, limits, n_substeps * dt, travel)
+            write_travel_bounds(team, limits[b], n_substeps * dt, travel)
             is_certain = is_free(team, 0.0, travel, radii, layout, half, gaps)
         for k in range(n_substeps):
-            drive(team, commands[b], limits, n_substeps, dt, k, accelerations)
+            drive(team, commands[b], limits[b], n_substeps, dt, k, accelerations)
             if is_certain or (can_be_free and is_free(team, dt, still, radii, layout, half, gaps)):
                 if solver_dt[b] > 0.0:
                     solver_dt[b], touching[b], static[b] = 0.0, False, False
@@ -229,12 +243,12 @@ def _advance(
                 if solver_dt[b] < 0.0:
                     _write_space(
                         calls, spaces[b], shapes[b], bodies[b], joints[b], joint_forces, layout,
-                        team, movables[b], dt,
+                        team, movables[b], limits[b], dt,
                     )  # fmt: skip
                 elif part != solver_dt[b]:
                     _restart_solver(calls, spaces[b], shapes[b], bodies[b], team, movables[b], dt)
                 solver_dt[b] = part
-                _step_space(calls, spaces[b], bodies[b], accelerations, part, team)
+                _step_space(calls, spaces[b], bodies[b], limits[b], accelerations, part, team)
                 _read_bodies(calls, bodies[b], movables[b])
                 update_contacts(team, radii, layout, half, touching[b], static[b], gaps, events[b])
         write_state(team, movables[b], states[b])
@@ -274,7 +288,7 @@ class FastBackend:
             joint_forces=np.zeros(2 * k),
             n_substeps=spec.n_substeps,
             dt=spec.physics_dt,
-            limits=limits_of(spec),
+            limits=np.zeros((n_copies, n, 8)),
             radii=np.array([robot.radius for robot in spec.robots]),
             half=np.array(spec.half_size),
             body_shapes=shapes_of(plan),
@@ -286,10 +300,12 @@ class FastBackend:
         self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
         self._layouts: Float | None = None
 
-    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+    def reset(
+        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+    ) -> None:
         self._layouts = layouts
         self.spaces.robots[copies], self.spaces.movables[copies] = robots, bodies
-        self.spaces.solver_dt[copies] = UNWRITTEN
+        self.spaces.limits[copies], self.spaces.solver_dt[copies] = limits, UNWRITTEN
         for row, b in enumerate(copies.tolist()):
             if self._owners[b] is None:
                 self._build(b, layouts[b], robots[row], bodies[row])
@@ -300,7 +316,7 @@ class FastBackend:
         def address(pointer: Any) -> int:
             return int(ffi.cast("uintptr_t", pointer))
 
-        space, bodies = build_space(self._plan, layout, robots, movables)
+        space, bodies = build_space(self._plan, layout, robots, movables, self.spaces.limits[b])
         self._owners[b] = space, bodies
         ours = self.spaces
         ours.spaces[b] = address(space._space)

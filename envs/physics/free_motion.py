@@ -13,7 +13,7 @@ import math
 
 from swarmdata.envs.physics.dynamics import (
     ACCELERATION,
-    GRIP_ACCELERATION,
+    GRIP,
     SPEED,
     UNICYCLE,
 )
@@ -30,7 +30,7 @@ _ROUNDING = 1e-9
 
 @kernel(inline="always")
 def move(robots: Double, accelerations: Double, dt: float) -> None:
-    """Moves robots of mass 1 kg for one free physics step: positions first, then velocities.
+    """Moves robots for one free physics step: positions first, then velocities.
 
     Args:
         robots: read and written, [N, 6].
@@ -51,14 +51,14 @@ def write_travel_bounds(robots: Double, limits: Double, time: float, out: Double
 
     Args:
         robots: [N, 6].
-        limits: `dynamics.limits_of`, [N, 5].
+        limits: `dynamics.limits_of`, [N, 8].
         time: s.
         out: written, m, [N].
     """
     for i in range(robots.shape[0]):
         speed = math.sqrt(robots[i, 2] * robots[i, 2] + robots[i, 3] * robots[i, 3])
         if limits[i, UNICYCLE] == 1.0:
-            fastest = speed + (limits[i, ACCELERATION] + GRIP_ACCELERATION) * time
+            fastest = speed + (limits[i, ACCELERATION] + limits[i, GRIP]) * time
         else:
             fastest = max(speed, limits[i, SPEED])
         out[i] = fastest * time + _ROUNDING

@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
-from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.envs.physics.dynamics import drive
 from swarmdata.envs.physics.free_motion import move
 from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
@@ -19,7 +19,7 @@ from swarmdata.types import Bool, Counts, Double, Float, Int
 class Motion(NamedTuple):
     """What moves in E copies, and what is the same in all of their steps."""
 
-    limits: Annotated[Double, 2]  # [N, 5] of `limits_of`
+    limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
     n_substeps: int  # physics steps in a control step
     dt: float  # s, of a physics step
     robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
@@ -38,7 +38,7 @@ def _advance(packed: Int, active: Bool, commands: Double, states: Float) -> None
         if not active[b]:
             continue
         for k in range(n_substeps):
-            drive(robots[b], commands[b], limits, n_substeps, dt, k, accelerations)
+            drive(robots[b], commands[b], limits[b], n_substeps, dt, k, accelerations)
             move(robots[b], accelerations, dt)
         write_state(robots[b], bodies[b], states[b])
 
@@ -49,7 +49,7 @@ class KinematicBackend:
     def __init__(self, plan: Plan, n_copies: int) -> None:
         spec = plan.spec
         self.motion = Motion(
-            limits=limits_of(spec),
+            limits=np.zeros((n_copies, spec.n_agents, 8)),
             n_substeps=spec.n_substeps,
             dt=spec.physics_dt,
             robots=np.zeros((n_copies, spec.n_agents, 6)),
@@ -57,8 +57,11 @@ class KinematicBackend:
         )
         self._block = ArgumentBlock(self.motion, MOTION)
 
-    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+    def reset(
+        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+    ) -> None:
         self.motion.robots[copies], self.motion.bodies[copies] = robots, bodies
+        self.motion.limits[copies] = limits
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float

@@ -12,9 +12,10 @@ since `dynamics.drive` takes u as the command.
 
 import numpy as np
 
+from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Double, Int
+from swarmdata.types import Bool, Double, Int, Seeds
 
 
 @kernel
@@ -32,8 +33,8 @@ def _follow(
     Args:
         active: [E].
         times: control steps taken, this one included, [E].
-        delays: control steps, [N].
-        shares: dt / (lag + dt), [N].
+        delays: control steps, [E, N].
+        shares: dt / (lag + dt), [E, N].
         given: the last commands, a ring over time, [E, D + 1, N, 2].
         motors: commands of the motors, read and written, [E, N, 2].
         commands: read and written, [E, N, 2].
@@ -43,11 +44,11 @@ def _follow(
         if not active[b]:
             continue
         for i in range(commands.shape[1]):
-            sent = times[b] - delays[i]  # 1 in the first step
+            sent = times[b] - delays[b, i]  # 1 in the first step
             for c in range(2):
                 given[b, times[b] % depth, i, c] = commands[b, i, c]
                 arrived = given[b, sent % depth, i, c] if sent > 0 else 0.0
-                motors[b, i, c] += shares[i] * (arrived - motors[b, i, c])
+                motors[b, i, c] += shares[b, i] * (arrived - motors[b, i, c])
                 commands[b, i, c] = motors[b, i, c]
 
 
@@ -55,22 +56,27 @@ class Motors:
     """The motors of E teams."""
 
     def __init__(self, spec: TaskSpec, n_copies: int) -> None:
-        n, dt = spec.n_agents, spec.control_dt
-        self._delays: Int = np.array([robot.command_delay for robot in spec.robots], np.int64)
-        self._shares: Double = np.array(
-            [dt / (robot.actuator_lag + dt) for robot in spec.robots], np.float64
-        )
-        self._given: Double = np.zeros((n_copies, int(self._delays.max()) + 1, n, 2))
+        n, self._spec = spec.n_agents, spec
+        longest = int(max(spec.largest("command_delay")))
+        self._delays: Int = np.zeros((n_copies, n), np.int64)
+        self._shares: Double = np.zeros((n_copies, n))
+        self._given: Double = np.zeros((n_copies, longest + 1, n, 2))
         self._motors: Double = np.zeros((n_copies, n, 2))
 
     @staticmethod
     def of(spec: TaskSpec, n_copies: int) -> "Motors | None":
         """The motors of a spec's robots; None if all of them follow commands at once."""
-        has_any = any(robot.command_delay or robot.actuator_lag for robot in spec.robots)
+        has_any = any(map(any, (spec.largest("command_delay"), spec.largest("actuator_lag"))))
         return Motors(spec, n_copies) if has_any else None
 
-    def reset(self, copies: Int) -> None:
-        """Stops the motors of some copies, [C]."""
+    def reset(self, copies: Int, seeds: Seeds) -> None:
+        """Stops the motors of some copies, [C], in which the episodes `seeds` begin, [C]."""
+        robots, dt = self._spec.robots, self._spec.control_dt
+        drawn = drawn_values(self._spec, seeds)
+        delays = np.array([robot.command_delay for robot in robots], np.float64)
+        lags = np.array([robot.actuator_lag for robot in robots])
+        self._delays[copies] = drawn.get("command_delay", delays)
+        self._shares[copies] = dt / (drawn.get("actuator_lag", lags) + dt)
         self._motors[copies] = 0.0
 
     def follow(self, active: Bool, times: Int, commands: Double) -> None:

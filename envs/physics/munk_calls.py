@@ -34,12 +34,15 @@ MUNK_FUNCTIONS = (
     "cpBodySetAngle",
     "cpBodySetAngularVelocity",
     "cpConstraintSetMaxForce",
+    "cpBodySetMass",
+    "cpShapeSetFriction",
 )
 STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
 GET_ROTATION, GET_TURN_RATE, UPDATE_POSITION, SET_ANGLE, SET_TURN_RATE, SET_MAX_FORCE = range(
     12, 18
 )
+SET_MASS, SET_FRICTION = range(18, 20)
 """Indices into the addresses of `MUNK_FUNCTIONS`."""
 
 FLOAT64_TYPE = ir.DoubleType()

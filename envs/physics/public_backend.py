@@ -13,19 +13,19 @@ import pymunk
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
-from swarmdata.envs.physics.dynamics import drive, limits_of
+from swarmdata.envs.physics.dynamics import FRICTION, MASS, drive
 from swarmdata.envs.physics.free_motion import is_free, move
 from swarmdata.envs.physics.impacts import time_to_impact
 from swarmdata.numerics.geometry import BOX, CIRCLE, bar_box
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
+from swarmdata.specs.task_spec import SURFACE_FRICTION
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 COLLISION_SLOP = 0.002
 """Overlap (m) that Munk2D tolerates at rest; its default of 0.1 is meant for pixels."""
 
 SOLVER_ITERATIONS = 10
-FRICTION_COEFFICIENT = 0.2
 
 
 @kernel
@@ -101,26 +101,9 @@ def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk
     return pymunk.Poly.create_box(body, (2 * half[0], 2 * half[1]))
 
 
-def build_space(
-    plan: Plan, layout: Float, robots: Double, movables: Double
-) -> tuple[pymunk.Space, list[pymunk.Body]]:
-    """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
-
-    Args:
-        plan: the obstacles and bodies of the world.
-        layout: obstacles, [M, 8].
-        robots: [N, 6].
-        movables: [K, 7].
-
-    Returns:
-        The space, and the bodies of robots and movables.
-    """
+def _static_shapes(ground: pymunk.Body, plan: Plan, layout: Float) -> list[pymunk.Shape]:
+    """Walls, then obstacles in layout order, [M, 8]."""
     spec = plan.spec
-    space = pymunk.Space()
-    space.collision_slop = COLLISION_SLOP
-    space.iterations = SOLVER_ITERATIONS
-    space.damping = 1.0  # drag is part of the robots, not of the world
-    ground = space.static_body
     t = spec.arena.wall_thickness
     x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t
     posts = [(-x, -y), (x, -y), (x, y), (-x, y)]
@@ -136,9 +119,33 @@ def build_space(
             shapes += [
                 pymunk.Poly(ground, [tuple(v) for v in bar]) for bar in corners[:n_bars].tolist()
             ]
+    return shapes
+
+
+def build_space(
+    plan: Plan, layout: Float, robots: Double, movables: Double, limits: Double
+) -> tuple[pymunk.Space, list[pymunk.Body]]:
+    """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
+
+    Args:
+        plan: the obstacles and bodies of the world.
+        layout: obstacles, [M, 8].
+        robots: [N, 6].
+        movables: [K, 7].
+        limits: `dynamics.limits_of`, [N, 8].
+
+    Returns:
+        The space, and the bodies of robots and movables.
+    """
+    spec = plan.spec
+    space = pymunk.Space()
+    space.collision_slop = COLLISION_SLOP
+    space.iterations = SOLVER_ITERATIONS
+    space.damping = 1.0  # drag is part of the robots, not of the world
+    shapes = _static_shapes(space.static_body, plan, layout)
     bodies = []
-    for robot, (x, y) in zip(spec.robots, robots[:, :2].tolist(), strict=True):
-        body = pymunk.Body(1.0, float("inf"))
+    for robot, row, (x, y) in zip(spec.robots, limits, robots[:, :2].tolist(), strict=True):
+        body = pymunk.Body(float(row[MASS]), float("inf"))
         body.position = x, y
         shapes.append(pymunk.Circle(body, robot.radius))
         bodies.append(body)
@@ -147,7 +154,10 @@ def build_space(
         shapes.append(_movable(space, payload, pose))
         bodies.append(shapes[-1].body)
     for shape in shapes:
-        shape.friction, shape.elasticity = FRICTION_COEFFICIENT, 0.0
+        shape.friction, shape.elasticity = SURFACE_FRICTION, 0.0
+    first = len(shapes) - len(bodies)
+    for shape, row in zip(shapes[first : first + len(limits)], limits, strict=True):
+        shape.friction = float(row[FRICTION])
     space.add(*shapes)
     return space, bodies
 
@@ -158,7 +168,7 @@ class PublicBackend:
     def __init__(self, plan: Plan, n_copies: int) -> None:
         self._plan, spec = plan, plan.spec
         n = spec.n_agents
-        self._limits = limits_of(spec)
+        self._limits: Double = np.zeros((n_copies, n, 8))
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array(spec.half_size)
         self._shapes = shapes_of(plan)
@@ -169,15 +179,18 @@ class PublicBackend:
         self._robots: Double = np.zeros((n_copies, n, 6))
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
-    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+    def reset(
+        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+    ) -> None:
         self._robots[copies], self._bodies[copies] = robots, bodies
+        self._limits[copies] = limits
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
             self._worlds[b] = self._new_world(b) if self._plan.movables else None
 
     def _new_world(self, b: int) -> tuple[pymunk.Space, list[pymunk.Body]]:
         robots, movables = self._robots[b], self._bodies[b]
-        space, bodies = build_space(self._plan, self._layouts[b], robots, movables)
+        space, bodies = build_space(self._plan, self._layouts[b], robots, movables, self._limits[b])
         for body, row in zip(bodies, [*robots.tolist(), *movables.tolist()], strict=True):
             body.velocity = row[2], row[3]
         for body, row in zip(bodies[len(robots) :], movables.tolist(), strict=True):
@@ -194,7 +207,7 @@ class PublicBackend:
             robots = self._robots[b]
             of_copy = Contacts._make(array[b] for array in contacts)
             for k in range(n_substeps):
-                drive(robots, commands[b], self._limits, n_substeps, dt, k, self._accelerations)
+                drive(robots, commands[b], self._limits[b], n_substeps, dt, k, self._accelerations)
                 if self._is_free(b, of_copy.slack):
                     self._worlds[b] = None
                     of_copy.robots[:], of_copy.obstacles[:] = False, False
@@ -220,8 +233,8 @@ class PublicBackend:
             )  # fmt: skip
             left -= part
             space, bodies = self._solver(b, part)
-            for body, force in zip(bodies, self._accelerations.tolist(), strict=False):
-                body.force = tuple(force)
+            for body, row in zip(bodies, self._accelerations.tolist(), strict=False):
+                body.force = (body.mass * row[0], body.mass * row[1])
             space.step(part)
             _read(bodies, robots, movables)
             update_contacts(robots, self._radii, layout, self._half, *contacts, events)

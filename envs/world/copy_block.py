@@ -57,7 +57,7 @@ class CopyBlock:
 
     def start(self, seeds: Seeds, copies: Int, now: Step) -> None:
         """Starts the worlds of the episodes that `spawn` has drawn, and observes them."""
-        self._world.reset(copies, now.layouts, now.states)
+        self._world.reset(copies, seeds, now.layouts, now.states)
         fresh = np.zeros(self.n_copies, dtype=np.bool_)
         clear_copies(
             copies, seeds, now.seeds, now.times, now.rewards, now.reward_terms, now.events,

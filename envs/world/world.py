@@ -8,6 +8,7 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
+from swarmdata.envs.physics.episode_bodies import episode_limits
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.motors import Motors
@@ -19,7 +20,7 @@ from swarmdata.runtime.argument_blocks import bundle_type, unpack
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
-from swarmdata.types import Bool, Counts, Double, Float, Int, Step
+from swarmdata.types import Bool, Counts, Double, Float, Int, Seeds, Step
 
 PROXIMITY_RANGE = 0.1
 """Gap (m) to a robot, obstacle or wall below which proximity is positive."""
@@ -245,17 +246,27 @@ class World:
         self._n_movables = len(plan.movables)
         self._commands: Double = np.zeros((n_copies, n, 2))
         self._motors = Motors.of(spec, n_copies)
-        self._fixed = (limits_of(spec), self.active, self._commands)
+        limits = limits_of(spec)
+        self._spec, self._is_random = spec, bool(spec.randomization.ranges)
+        self._fixed = (limits, self.active, self._commands)
 
-    def reset(self, copies: Int, layouts: Float, states: Float) -> None:
-        """Starts worlds at rest in `copies`, from layouts [E, M, 8] and states [E, S]."""
+    def reset(self, copies: Int, seeds: Seeds, layouts: Float, states: Float) -> None:
+        """Starts worlds at rest in `copies`, [C].
+
+        Args:
+            copies: rows to reset, [C].
+            seeds: of their episodes, [C].
+            layouts: of all copies, [E, M, 8].
+            states: of all copies, [E, S].
+        """
         n, k = len(self.radii), self._n_movables
         robots: Double = np.empty((len(copies), n, 6))
         bodies: Double = np.empty((len(copies), k, 7))
         begin_worlds(copies, states, *self.contacts, robots, bodies)
-        self._backend.reset(copies, layouts, robots, bodies)
+        limits = episode_limits(self._spec, seeds) if self._is_random else self._fixed[0]
+        self._backend.reset(copies, layouts, robots, bodies, limits)
         if self._motors is not None:
-            self._motors.reset(copies)
+            self._motors.reset(copies, seeds)
 
     def begin(self, actions: Float | Double, before: Step, now: Step) -> int:
         """Finds the copies that have not ended, and clips their commands.

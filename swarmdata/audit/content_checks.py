@@ -206,7 +206,7 @@ def teleports(subject: Subject) -> Remarks:
     if task is None:
         yield note("positions in states of other environments are unknown: jumps were not checked")
         return
-    reach = np.array([robot.max_speed * task.control_dt for robot in task.robots])
+    reach = np.array(task.largest("max_speed")) * task.control_dt
     limits = reach * MAX_SPEED_FACTOR + MAX_PUSH_DISTANCE
     states, final = subject.arrays["states"], subject.final_states
     for first in range(0, len(states) - 1, BLOCK_ROWS):

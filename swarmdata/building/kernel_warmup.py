@@ -117,7 +117,12 @@ def _jobs() -> list[Job]:
     ]
     sensing = [(task, "idle", *model) for model in models for task in TASKS]
     controllers = [(task, policy, None, None) for policy in CONTROLLERS for task in TASKS]
-    presets = [(name, "scripted", None, None) for name in preset_names() if name not in TASKS]
+    has_mujoco = find_spec("mujoco") is not None
+    presets = [
+        (name, "scripted", None, None)
+        for name in preset_names()
+        if name not in TASKS and (has_mujoco or preset(name).backend != "mujoco")
+    ]
     plays = [
         dict(zip(("name", "policy", "observation", "communication"), play, strict=True))
         for play in (*controllers, *presets, *sensing)
@@ -127,7 +132,7 @@ def _jobs() -> list[Job]:
     simulated = [
         {"name": task, "policy": "random", "backend": backend}
         for backend in BACKENDS
-        if backend == "kinematic" or (backend == "mujoco" and find_spec("mujoco"))
+        if backend == "kinematic" or (backend == "mujoco" and has_mujoco)
         for task in ("coop_nav", "transport")
     ]
     uses: list[dict[str, Any]] = [*plays, *simulated, *datasets]

@@ -16,10 +16,12 @@ from swarmdata.cli.shared_options import (
     Observation,
     Part,
     Processes,
+    Randomize,
     Task,
     Threads,
     Validation,
     parse_part,
+    parse_ranges,
 )
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ def evaluate(
     observation: Observation = None,
     communication: Communication = None,
     backend: Backend = None,
+    randomize: Randomize = None,
     threads: Threads = 1,
     workers: Processes = 1,
     engine: Engine = "local",
@@ -66,7 +69,7 @@ def evaluate(
     _check_options(context, engine, part, has_folder=out is not None, collect=collect)
     from swarmdata.evaluation.results.evaluation_jobs import TargetName, evaluations_of
 
-    how = (task, observation, communication, label, backend)
+    how = (task, observation, communication, label, backend, parse_ranges(randomize))
     sources = [TargetName.of(name, *how) for name in targets]
     found = [(source, source.find()) for source in sources]
     block: SeedBlock = "validation" if validation else "evaluation"

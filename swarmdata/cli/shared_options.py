@@ -59,7 +59,40 @@ Backend = Annotated[
         show_default="that of the task, the dataset or the training",
     ),
 ]
+Randomize = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=LOW..HIGH",
+        help="range from which each episode draws, such as mass=0.8..1.5, or none; may be repeated",
+        show_default="that of the task, the dataset or the training",
+    ),
+]
 Clip = Annotated[Path, typer.Option(help="file to write: .gif, .mp4 or .png")]
+
+
+def parse_ranges(texts: list[str] | None) -> dict[str, tuple[float, float]] | None:
+    """Reads `NAME=LOW..HIGH` of all `--randomize` options; `none` means no ranges, None no option.
+
+    Raises:
+        typer.BadParameter: a text is no range, or a name is given twice.
+    """
+    if not texts:
+        return None
+    ranges: dict[str, tuple[float, float]] = {}
+    for text in [] if texts == ["none"] else texts:
+        name, _, ends = text.partition("=")
+        low, dots, high = ends.partition("..")
+        try:
+            span = float(low), float(high)
+        except ValueError:
+            dots = ""
+        if not dots or name in ranges:
+            raise typer.BadParameter(
+                f"{text!r} is no range of its own, expected such as mass=0.8..1.5, or none alone",
+                param_hint="--randomize",
+            )
+        ranges[name] = span
+    return ranges
 
 
 def parse_settings(texts: list[str] | None, option: str = "--set") -> dict[str, str]:

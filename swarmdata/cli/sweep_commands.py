@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swarmdata.cli.option_use import refuse, refuse_workers
-from swarmdata.cli.shared_options import Backend, Engine, Episodes, Processes, Task
+from swarmdata.cli.shared_options import (
+    Backend,
+    Engine,
+    Episodes,
+    Processes,
+    Randomize,
+    Task,
+    parse_ranges,
+)
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.robustness.sweep import Sweep
@@ -55,6 +63,7 @@ def sweep(
     episodes: Episodes = 200,
     task: Task = None,
     backend: Backend = None,
+    randomize: Randomize = None,
     workers: Processes = 1,
     engine: Engine = "local",
     points: Listing = False,
@@ -78,7 +87,10 @@ def sweep(
     axes = [parse_axis(text, "communication", values) for text in communication or []]
     axes += [parse_axis(text, "observation", values) for text in observation or []]
     axes += [parse_axis(text, "body", values) for text in body or []]
-    options: dict[str, Any] = {"n_episodes": episodes, "task": task, "backend": backend}
+    options: dict[str, Any] = {
+        "n_episodes": episodes, "task": task, "backend": backend,
+        "randomization": parse_ranges(randomize),
+    }  # fmt: skip
     if points or point is not None or collect:
         planned = sweeps.plan_sweep(targets, axes, out, **options)
         _do_some(context, planned, axes, points=points, as_json=json, point=point)

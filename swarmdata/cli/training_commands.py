@@ -12,12 +12,22 @@ from swarmdata.cli.shared_options import (
     Observation,
     Part,
     Processes,
+    Randomize,
     Settings,
     parse_part,
+    parse_ranges,
     parse_settings,
 )
 
-ONLINE_OPTIONS = ("first_seed", "steps", "start", "recorded", "offline_share", "threads")
+ONLINE_OPTIONS = (
+    "first_seed",
+    "steps",
+    "start",
+    "recorded",
+    "offline_share",
+    "threads",
+    "randomize",
+)
 OFFLINE_OPTIONS = (
     "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
 )  # fmt: skip
@@ -69,6 +79,7 @@ def train(
     keep: Annotated[bool, typer.Option(help="offline: keep all checkpoints, for `rank`")] = False,
     observation: Observation = None,
     communication: Communication = None,
+    randomize: Randomize = None,
     reward: Reward = None,
     frame: FrameName = "auto",
     workers: Processes = 1,
@@ -98,7 +109,8 @@ def train(
     if task is not None:
         _trainers().train_online(
             algorithm, task, folder, seeds=range(first_seed, first_seed + seeds), start=start,
-            data=ids, offline_share=offline_share, n_threads=threads, **shared,
+            data=ids, offline_share=offline_share, n_threads=threads,
+            randomization=parse_ranges(randomize), **shared,
         )  # fmt: skip
     elif data is not None:
         _trainers().train(

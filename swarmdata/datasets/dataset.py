@@ -18,7 +18,7 @@ from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import Reference, normalized_score
-from swarmdata.specs.model_choice import Source, describe, models_of, with_models
+from swarmdata.specs.model_choice import Ranges, Source, describe, models_of, with_models
 from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
@@ -438,15 +438,16 @@ class Dataset:
     @overload
     def make_env(
         self, n_copies: int = 1, *, n_threads: int = 1, api: Literal["vector"] = "vector",
-        backend: str | None = None,
+        backend: str | None = None, randomization: Ranges | None = None,
     ) -> VecEnv: ...  # fmt: skip
     @overload
     def make_env(
-        self, n_copies: int = 1, *, api: Literal["pettingzoo"], backend: str | None = None
-    ) -> Any: ...
+        self, n_copies: int = 1, *, api: Literal["pettingzoo"], backend: str | None = None,
+        randomization: Ranges | None = None,
+    ) -> Any: ...  # fmt: skip
     def make_env(
         self, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector",
-        backend: str | None = None,
+        backend: str | None = None, randomization: Ranges | None = None,
     ) -> Any:  # fmt: skip
         """Builds the world that was recorded.
 
@@ -455,14 +456,18 @@ class Dataset:
             n_threads: threads that step them, as `swarmdata.make_env` takes it.
             api: `vector` for a `VecEnv`, `pettingzoo` for a `ParallelEnv`.
             backend: simulator, such as `mujoco`; None: that of the recording.
+            randomization: ranges from which each episode draws, such as `{"mass": (1, 2)}`; None:
+                those of the recording.
 
         Raises:
             UnknownNameError: another interface or simulator.
+            SpecError: the world has nothing of that name to draw.
             MissingExtraError: the simulator is not installed.
             SchemaError: several copies or threads of a PettingZoo environment.
         """
+        spec = with_models(self.task, backend=backend, randomization=randomization)
         return make_env(  # type: ignore[call-overload]
-            with_models(self.task, backend=backend), n_copies, n_threads=n_threads, api=api
+            spec, n_copies, n_threads=n_threads, api=api
         )
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:

@@ -22,7 +22,9 @@ MIX_2 = 0x94D049BB133111EB
 
 STREAMS = {
     name: index
-    for index, name in enumerate(("layout", "policy", "noise", "channel", "sensor", "split"))
+    for index, name in enumerate(
+        ("layout", "policy", "noise", "channel", "sensor", "split", "reset", "body")
+    )
 }
 """Independent streams of one episode's seed."""
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.numerics.random import EVALUATION_BASE, derive
+from swarmdata.numerics.random import EVALUATION_BASE, STREAMS, derive
 from swarmdata.types import Seeds
 
 DRAWN_BITS = 31
 """Bits of drawn seeds; many environments accept at most 32 bits."""
 
-_RESET_STREAM = 6  # the first number that `numerics.random.STREAMS` does not use
+_RESET_STREAM = STREAMS["reset"]
 
 
 @dataclass(slots=True)

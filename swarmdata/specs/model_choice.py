@@ -1,4 +1,4 @@
-"""Models and simulator of a spec: chosen by name, replaced, described."""
+"""Models, simulator and randomization of a spec: chosen, replaced, described."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,11 +9,26 @@ from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.observation_names import observation_model
-from swarmdata.specs.sensing_models import AnyCommunicationModel, AnyObservationModel
+from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import BACKENDS, TaskSpec
 
 Source = str | Path | Mapping[str, Any] | Frozen
 """A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""
+
+
+Ranges = Randomization | Mapping[str, tuple[float, float]]
+"""Ranges from which episodes draw, by name; an empty mapping draws nothing."""
+
+
+def ranges_of(source: Ranges) -> Randomization:
+    """Returns the randomization that these ranges are.
+
+    Raises:
+        SpecError: there is no such field, or a range is out of its bounds.
+    """
+    if isinstance(source, Randomization):
+        return source
+    return Randomization.parse(dict(source), "randomization")
 
 
 def with_models(
@@ -21,14 +36,15 @@ def with_models(
     observation: Source | None = None,
     communication: Source | None = None,
     backend: str | None = None,
+    randomization: Ranges | None = None,
 ) -> TaskSpec:
-    """Returns the same task with other models, or in another simulator; None keeps the spec's.
+    """Returns the same task with other models, simulator or ranges; None keeps the spec's.
 
     Raises:
         UnknownNameError: no such model or simulator, with the nearest known name.
         SpecError: a value out of its range, or a text or file that is no model.
     """
-    changes: dict[str, AnyObservationModel | AnyCommunicationModel | str] = {}
+    changes: dict[str, Any] = {}
     if observation is not None:
         changes["observation"] = observation_model(observation)  # type: ignore[arg-type]
     if communication is not None:
@@ -37,6 +53,8 @@ def with_models(
         if backend not in BACKENDS:
             raise UnknownNameError("backend", backend, BACKENDS)
         changes["backend"] = backend
+    if randomization is not None:
+        changes["randomization"] = ranges_of(randomization)
     return spec.with_updates(**changes) if changes else spec
 
 

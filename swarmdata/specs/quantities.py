@@ -24,18 +24,24 @@ Acceleration = Annotated[float, _bounded(1e-3, 1e3)]  # m/s^2
 TurnRate = Annotated[float, _bounded(1e-3, 1e2)]  # rad/s
 Angle = Annotated[float, _bounded(1e-6, 10.0)]  # rad
 Mass = Annotated[float, _bounded(1e-2, 1e4)]  # kg
+Friction = Annotated[float, _bounded(0.0, 2.0)]  # coefficient, without unit
 Force = Annotated[float, _bounded(1e-3, 1e5)]  # N
 Deviation = Annotated[float, _bounded(0.0, 1e3)]  # standard deviation, in the unit of the quantity
 Weight = Annotated[float, _bounded(0.0, 1e6)]  # of a term of the reward
 
 
-def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+def check_order(span: tuple[float, float]) -> tuple[float, float]:
+    """Returns a range, from its smallest to its largest value.
+
+    Raises:
+        ValueError: it begins above its end.
+    """
     if span[0] > span[1]:
         raise ValueError(f"{span} begins above its end, expected the smaller first")
     return span
 
 
-Span = Annotated[tuple[Length, Length], AfterValidator(_ordered)]  # m, smallest and largest
+Span = Annotated[tuple[Length, Length], AfterValidator(check_order)]  # m, smallest and largest
 
 Count = Annotated[int, Field(ge=1, le=10**12)]
 """A count of at least one; `budget` limits it."""

@@ -3,7 +3,7 @@
 Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import (
@@ -28,12 +28,15 @@ from swarmdata.specs.quantities import (
     Delay,
     Distance,
     Duration,
+    Friction,
     Lag,
     Length,
+    Mass,
     Span,
     Speed,
     TurnRate,
 )
+from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.rules import NavigationRules, Rules
 from swarmdata.specs.sensing_models import (
     AnyCommunicationModel,
@@ -84,25 +87,64 @@ def _named(find: Callable[[str], Frozen]) -> BeforeValidator:
     return BeforeValidator(model_of)
 
 
+SURFACE_FRICTION = 0.2
+"""Coefficient of friction of walls, obstacles and payloads, and of robots that have no other."""
+
+LATER_FIELDS = ("command_delay", "actuator_lag", "mass", "friction", "wheel_grip", "base")
+"""Fields of robots that specs leave out at their defaults."""
+
+
 class Robot(Frozen):
-    """One kind of circular robot of mass 1 kg."""
+    """One kind of circular robot.
+
+    Its motors push with the force that accelerates 1 kg by `max_acceleration`: of a heavier robot,
+    they make less.
+    """
 
     radius: Length = 0.12  # m
     dynamics: Literal["holonomic", "unicycle"] = "holonomic"  # a unicycle cannot move sideways
     command: Literal["velocity", "acceleration"] = "velocity"  # what actions are, times the maximum
     max_speed: Speed = 0.6  # m/s
-    max_acceleration: Acceleration = 1.5  # m/s^2
+    max_acceleration: Acceleration = 1.5  # m/s^2, at a mass of 1 kg
     max_turn_rate: TurnRate = 3.0  # rad/s, unicycle only
     sensor_range: Length | None = None  # m, of this robot's sensors, if shorter than the model's
     command_delay: Delay = 0  # control steps until a command reaches the motors
     actuator_lag: Lag = 0.0  # s, time constant with which the motors follow it
+    mass: Mass = 1.0  # kg
+    friction: Friction = SURFACE_FRICTION  # of its hull; engines multiply those of two bodies
+    wheel_grip: Acceleration = 10.0  # m/s^2 up to which wheels do not slip, unicycle only
+    base: Literal["planar", "wheels"] = "planar"  # wheels: two and a caster, in MuJoCo, unicycle
+
+    @model_validator(mode="after")
+    def _check_wheels(self) -> Self:
+        if self.dynamics == "holonomic" and self.wheel_grip != _default("wheel_grip"):
+            raise ValueError(
+                f"wheel_grip is {self.wheel_grip:g} m/s^2, but a holonomic robot has no wheels "
+                "that slip. Leave it out, or use dynamics unicycle"
+            )
+        if self.dynamics == "holonomic" and self.base == "wheels":
+            raise ValueError(
+                "base wheels is two driven wheels and a caster, which cannot move in any direction "
+                "as dynamics holonomic does. Use dynamics unicycle"
+            )
+        return self
 
     @model_serializer(mode="wrap")
     def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leaves out later fields at their defaults: hashes of older specs stay the same."""
         content: dict[str, Any] = write(self)
-        later = ("command_delay", "actuator_lag")
-        return {key: value for key, value in content.items() if key not in later or value != 0}
+        later = {name: _default(name) for name in LATER_FIELDS}
+        return {k: value for k, value in content.items() if k not in later or value != later[k]}
+
+    @property
+    def acceleration(self) -> float:
+        """The largest acceleration by commands, m/s^2: what motors give and wheels hold."""
+        driven = self.max_acceleration / self.mass
+        return min(driven, self.wheel_grip) if self.dynamics == "unicycle" else driven
+
+
+def _default(name: str) -> Any:
+    return Robot.model_fields[name].default
 
 
 class Role(Frozen):
@@ -185,6 +227,7 @@ class TaskSpec(Frozen):
     """What robots sense."""
     communication: Annotated[AnyCommunicationModel, _named(communication_model)] = NoCommunication()
     """What robots hear."""
+    randomization: Randomization = Randomization()  # what each episode draws anew
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -203,6 +246,7 @@ class TaskSpec(Frozen):
                 "hides from the sender. Let others know it, with payload errand, or leave "
                 "goal_steps out"
             )
+        problems += _unsimulated(self)
         if twice := repeated(role.name.casefold() for role in self.team):
             problems.append(
                 f"team has several roles named {', '.join(twice)}, expected a `name` of its own "
@@ -218,6 +262,8 @@ class TaskSpec(Frozen):
         content: dict[str, Any] = write(self)
         if content.get("backend") == "pymunk":
             del content["backend"]
+        if not self.randomization.ranges:
+            content.pop("randomization", None)
         return content
 
     @property
@@ -273,6 +319,11 @@ class TaskSpec(Frozen):
         """The robot of each agent, N long, in agent order."""
         return tuple(role.robot for role in self.team for _ in range(role.count))
 
+    def largest(self, name: str) -> tuple[float, ...]:
+        """The largest value of a robot's field in any episode, N long, in agent order."""
+        drawn = self.randomization.ranges.get(name)
+        return tuple(getattr(each, name) if drawn is None else drawn[1] for each in self.robots)
+
     @property
     def agent_names(self) -> tuple[str, ...]:
         """Names such as `robot_0`, N long, in agent order."""
@@ -281,3 +332,28 @@ class TaskSpec(Frozen):
     def with_updates(self, **changes: Any) -> "TaskSpec":
         """Returns a validated copy with top-level fields replaced."""
         return type(self).parse({**self.model_dump(), **changes})
+
+
+def _unsimulated(spec: TaskSpec) -> Iterator[str]:
+    """Yields what the robots or ranges of a spec have, and its simulator or its parts have not."""
+    robots, drawn = [role.robot for role in spec.team], spec.randomization.ranges
+    is_rough = any(robot.friction != SURFACE_FRICTION for robot in robots) or "friction" in drawn
+    if spec.backend == "kinematic" and is_rough:
+        yield (
+            "robots have a friction, but backend kinematic has no contacts. Leave friction out, or "
+            "use backend pymunk or mujoco"
+        )
+    if spec.backend != "mujoco" and any(robot.base == "wheels" for robot in robots):
+        yield (
+            f"base wheels needs backend mujoco, got {spec.backend}, which has no floor. Use "
+            "backend mujoco, or base planar"
+        )
+    if all(robot.dynamics == "holonomic" for robot in robots):
+        for name in ("max_turn_rate", "wheel_grip"):
+            if name in drawn:
+                yield f"randomization.{name} is of unicycles, but no robot is one. Leave it out"
+    if "drop_probability" in drawn and not isinstance(spec.communication, Broadcast):
+        yield (
+            "randomization.drop_probability needs messages, got communication none. Leave it out, "
+            "or choose a communication such as perfect"
+        )

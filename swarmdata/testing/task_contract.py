@@ -21,6 +21,9 @@ MakeEnv = Callable[[TaskSpec, int], VecEnv]
 SPEED_TOLERANCE = 1e-3
 """Largest rounding error of a speed, m/s."""
 
+SKID_SHARE = 0.02
+"""By how much robots on wheels may be faster than their wheels, which skid sideways in turns."""
+
 MAX_PENETRATION = 0.03
 """Largest overlap with walls and obstacles, which a push at top speed causes for one step, m."""
 
@@ -130,9 +133,11 @@ def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None
     Contacts with movable bodies are not recorded, so with these any robot may be in contact.
     """
     radii = np.array([robot.radius for robot in spec.robots])
-    top = max(robot.max_speed for robot in spec.robots)
-    push = max(robot.max_acceleration for robot in spec.robots) * spec.control_dt
+    top = max(spec.largest("max_speed"))
+    push = max(spec.largest("max_acceleration")) / _lightest(spec) * spec.control_dt
     half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+    if any(robot.base == "wheels" for robot in spec.robots):
+        top *= 1.0 + SKID_SHARE
     for step in steps:
         robots = robots_of(step.states, spec.n_agents).astype(np.float64)
         speeds = np.hypot(robots[..., VX], robots[..., VY])
@@ -147,6 +152,12 @@ def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None
             for radius, robot in zip(radii, team, strict=True):
                 gap = clearance(robot[X], robot[Y], layout, half) - radius
                 assert gap >= -MAX_PENETRATION, f"a robot is {-gap:.3f} m deep in something solid"
+
+
+def _lightest(spec: TaskSpec) -> float:
+    """The smallest mass of a robot in any episode, kg."""
+    drawn = spec.randomization.mass
+    return min(robot.mass for robot in spec.robots) if drawn is None else drawn[0]
 
 
 def _check_slots(steps: list[Step], env: VecEnv) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from swarmdata.envs.physics.backend import Plan
+from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.fast_backend import FastBackend
 from swarmdata.envs.physics.munk_calls import (
     GET_VELOCITY,
@@ -124,7 +125,7 @@ def physics(spec: TaskSpec, n_copies: int) -> Run:
     bodies = step.states[:, 8 * spec.n_agents :][:, : 7 * len(task.movables)]
     backend.reset(
         np.arange(n_copies), step.layouts, robots[..., :6].astype(np.float64),
-        bodies.reshape(n_copies, -1, 7).astype(np.float64),
+        bodies.reshape(n_copies, -1, 7).astype(np.float64), limits_of(spec),
     )  # fmt: skip
     speed = spec.robots[0].max_speed
     shape = (N_ACTIONS, n_copies, spec.n_agents, 2)

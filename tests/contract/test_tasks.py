@@ -32,7 +32,21 @@ ROBOTS: dict[str, dict[str, Any]] = {
     "unicycle-acceleration": {"dynamics": "unicycle", "command": "acceleration"},
 }
 
-LATE = {"command_delay": 2, "actuator_lag": 0.2}
+BODIES: dict[str, dict[str, Any]] = {
+    "late": {"command_delay": 2, "actuator_lag": 0.2},
+    "heavy": {"mass": 3.0},
+    "slippery": {"dynamics": "unicycle", "wheel_grip": 1.0},
+}
+RANGES: dict[str, tuple[float, float]] = {
+    "max_speed": (0.3, 0.9),
+    "max_acceleration": (0.8, 2.0),
+    "mass": (0.5, 3.0),
+    "command_delay": (0, 4),
+    "actuator_lag": (0.0, 0.4),
+    "noise": (0.0, 0.1),
+    "drop_probability": (0.1, 0.8),
+}
+WHEELS = {"dynamics": "unicycle", "base": "wheels"}
 
 
 def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
@@ -44,7 +58,7 @@ def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
 
 
 @pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("robot", [*ROBOTS, "late"])
+@pytest.mark.parametrize("robot", [*ROBOTS, *BODIES])
 @pytest.mark.parametrize("backend", ["mujoco", "kinematic", "pymunk"])
 def test_every_simulator_keeps_the_contract(task: str, robot: str, backend: str) -> None:
     if backend == "mujoco":
@@ -54,7 +68,30 @@ def test_every_simulator_keeps_the_contract(task: str, robot: str, backend: str)
         communication=communication_model("lossy-30"),
         backend=backend,
     )
-    check_task(make_env, with_robot(spec, {**ROBOTS, "late": LATE}[robot]), n_steps=12)
+    check_task(make_env, with_robot(spec, {**ROBOTS, **BODIES}[robot]), n_steps=12)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("backend", ["mujoco", "kinematic", "pymunk"])
+def test_drawn_bodies_keep_the_contract(task: str, backend: str) -> None:
+    if backend == "mujoco":
+        pytest.importorskip("mujoco", reason="mujoco is not installed")
+    rough = {} if backend == "kinematic" else {"friction": (0.0, 1.0)}
+    spec = preset(task).with_updates(
+        observation=observation_model("lidar"),
+        communication=communication_model("lossy-30"),
+        backend=backend,
+        randomization={**RANGES, **rough},
+    )
+    check_task(make_env, spec, n_steps=20)
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("command", ["velocity", "acceleration"])
+def test_robots_on_wheels_keep_the_contract(task: str, command: str) -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed")
+    spec = preset(task).with_updates(backend="mujoco")
+    check_task(make_env, with_robot(spec, {**WHEELS, "command": command}), n_steps=30)
 
 
 @pytest.mark.slow
@@ -66,6 +103,8 @@ def test_every_preset_keeps_the_contract_in_mujoco(name: str) -> None:
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_keeps_the_contract(name: str) -> None:
+    if preset(name).backend == "mujoco":
+        pytest.importorskip("mujoco", reason="mujoco is not installed")
     check_task(make_env, preset(name), n_steps=30)
 
 

@@ -12,8 +12,10 @@ from swarmdata.cli.shared_options import (
     Engine,
     Observation,
     Part,
+    Randomize,
     Workers,
     parse_part,
+    parse_ranges,
 )
 
 if TYPE_CHECKING:
@@ -76,6 +78,7 @@ def generate(
     observation: Observation = None,
     communication: Communication = None,
     backend: Backend = None,
+    randomize: Randomize = None,
     seed: Seed = None,
     tier: Tier = "own",
     workers: Workers = None,
@@ -108,8 +111,9 @@ def generate(
     n_steps = steps or generated_dataset.DEFAULT_STEPS
     made = generated_dataset.generate(
         task or "", read_shares(policy), id=new_id, n_steps=n_steps, noise=noise, tier=tier,
-        observation=observation, communication=communication, backend=backend, seed=seed, out=out,
-        workers=workers, engine=engine, report=typer.echo,
+        observation=observation, communication=communication, backend=backend,
+        randomization=parse_ranges(randomize), seed=seed, out=out, workers=workers,
+        engine=engine, report=typer.echo,
     )  # fmt: skip
     _print_built(made.path)
 

@@ -19,7 +19,8 @@ from swarmdata.runtime.engines.do_jobs import do_jobs
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.model_choice import Source
+from swarmdata.specs.model_choice import Ranges, Source, ranges_of
+from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
 EVALUATOR = f"{__name__}:evaluator"
@@ -34,6 +35,7 @@ class TargetName(Frozen):
     communication: str | dict[str, Any] | None = None
     label: str | None = None  # None: the target's own
     backend: str | None = None
+    randomization: Randomization | None = None
 
     @classmethod
     def of(
@@ -44,6 +46,7 @@ class TargetName(Frozen):
         communication: Source | None = None,
         label: str | None = None,
         backend: str | None = None,
+        randomization: Ranges | None = None,
     ) -> Self:
         """Takes what `find_target` takes; paths become absolute."""
         return cls(
@@ -53,11 +56,12 @@ class TargetName(Frozen):
             communication=portable_source(communication),
             label=label,
             backend=backend,
+            randomization=None if randomization is None else ranges_of(randomization),
         )
 
     def find(self) -> Target:
         """Returns the target; raises as `find_target` and `Target.labelled` do."""
-        models = (self.observation, self.communication, self.backend)
+        models = (self.observation, self.communication, self.backend, self.randomization)
         found = find_target(self.name, self.task, *models)
         return found if self.label is None else found.labelled(self.label)
 

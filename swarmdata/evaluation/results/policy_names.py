@@ -24,7 +24,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
-from swarmdata.specs.model_choice import Source, check_senses, with_models
+from swarmdata.specs.model_choice import Ranges, Source, check_senses, with_models
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
@@ -60,11 +60,18 @@ class Target:
 
 @dataclass(frozen=True)
 class Models:
-    """Models and simulator to evaluate with; None keeps that of the policy's spec."""
+    """Models, simulator and ranges to evaluate with; None keeps those of the policy's spec."""
 
     observation: Source | None = None
     communication: Source | None = None
     backend: str | None = None
+    randomization: Ranges | None = None
+
+    def of(self, spec: TaskSpec) -> TaskSpec:
+        """Returns the spec with them."""
+        return with_models(
+            spec, self.observation, self.communication, self.backend, self.randomization
+        )
 
     def evaluation_spec(self, policy: str, trained: TaskSpec, *, is_fixed: bool) -> TaskSpec:
         """Returns the spec to evaluate a policy in.
@@ -77,7 +84,7 @@ class Models:
         Raises:
             PolicyFitError: the models do not provide the features that it needs.
         """
-        spec = with_models(trained, self.observation, self.communication, self.backend)
+        spec = self.of(trained)
         if is_fixed and spec != trained:
             features = (features_of(make_task(each)) for each in (trained, spec))
             check_senses(policy, trained, spec, *features)
@@ -90,6 +97,7 @@ def find_target(
     observation: Source | None = None,
     communication: Source | None = None,
     backend: str | None = None,
+    randomization: Ranges | None = None,
 ) -> Target:
     """Finds the team that a name means.
 
@@ -103,6 +111,7 @@ def find_target(
             training.
         communication: communication model, such as `lossy-30`, likewise.
         backend: simulator, such as `mujoco`, likewise.
+        randomization: ranges from which episodes draw, such as {"mass": (1, 2)}, likewise.
 
     Raises:
         UnknownNameError: nothing has that name, or there is no such simulator.
@@ -112,7 +121,7 @@ def find_target(
             a dataset; or the dataset's policies were not recorded with it.
         MissingExtraError: a run folder needs torch.
     """
-    models = Models(observation, communication, backend)
+    models = Models(observation, communication, backend, randomization)
     if is_folder(name) and run_folders(Path(name)):
         return _run_target(Path(name), task, models)
     if is_dataset(name):
@@ -219,6 +228,6 @@ def _run_target(folder: Path, task: str | None, models: Models) -> Target:
     world = trained
     if task is not None:
         world = with_models(find_spec(task), trained.observation, trained.communication)
-    spec = with_models(world, models.observation, models.communication, models.backend)
+    spec = models.of(world)
     policies = fit_policies(str(folder), load_policies(found), trained, spec)
     return Target(spec, policies, found.provenances)

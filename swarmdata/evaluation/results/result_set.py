@@ -259,11 +259,12 @@ def reference_of(spec: Spec) -> Reference | None:
     """Returns the reference of the score: of the spec, else of the headline spec of its world.
 
     Models change neither rewards nor returns. A policy that observes less is scored on the scale of
-    the headline spec, so that the loss is visible; so is one in another simulator.
+    the headline spec, so that the loss is visible; so is one in another simulator, or
+    with randomization.
     """
     if spec.world is None:
         return None
-    usual = with_models(spec.world, backend="pymunk")
+    usual = with_models(spec.world, backend="pymunk", randomization={})
     worlds = [known for known in FAMILY_SPECS.values() if is_same_world(known, usual)]
     found = (references_of(each.hash()) for each in (spec, usual, *worlds))
     known: TaskReferences | None = next((each for each in found if each is not None), None)

@@ -38,7 +38,7 @@ from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import updating
-from swarmdata.specs.model_choice import is_same_world
+from swarmdata.specs.model_choice import Ranges, is_same_world
 from swarmdata.specs.task_spec import TaskSpec
 
 SUMMARY_FILE = "sweep.csv"
@@ -110,6 +110,7 @@ def plan_sweep(
     n_episodes: int = 200,
     task: str | None = None,
     backend: str | None = None,
+    randomization: Ranges | None = None,
 ) -> Sweep:
     """Finds the teams and checks them, before anything is evaluated; takes what `sweep` takes.
 
@@ -121,7 +122,10 @@ def plan_sweep(
         MissingExtraError: torch for a run is not installed.
     """
     _check_axes(axes)
-    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, task, backend)))
+    sources = [
+        TargetName.of(name, task, backend=backend, randomization=randomization) for name in names
+    ]
+    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, sources)))
 
 
 def run_point(planned: Sweep, name: str) -> bool:
@@ -150,6 +154,7 @@ def sweep(
     n_episodes: int = 200,
     task: str | None = None,
     backend: str | None = None,
+    randomization: Ranges | None = None,
     engine: str | Executor = LOCAL,
     workers: int = 1,
     progress: bool = True,
@@ -164,6 +169,7 @@ def sweep(
         n_episodes: number of reserved seeds, the same at every point.
         task: of tiers and runs, as `find_target` takes it.
         backend: simulator of all points; None: that of the training.
+        randomization: ranges from which episodes draw at all points; None: those of the training.
         engine: where policies are evaluated, as `build` takes it; all processes see `out` and the
             runs.
         workers: processes of the engine `local`; 1: this one.
@@ -174,7 +180,10 @@ def sweep(
         MissingExtraError: matplotlib is not installed.
     """
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
-    planned = plan_sweep(names, axes, out, n_episodes=n_episodes, task=task, backend=backend)
+    planned = plan_sweep(
+        names, axes, out, n_episodes=n_episodes, task=task, backend=backend,
+        randomization=randomization,
+    )  # fmt: skip
     every = [each for found in planned.points().values() for each in found]
     with updating(out / SUMMARY_FILE, progress):
         run_evaluations(every, engine=engine, workers=workers, progress=progress)
@@ -219,10 +228,9 @@ def _check_axes(axes: Sequence[Axis]) -> None:
 
 
 def _teams(
-    names: Sequence[str], axes: Sequence[Axis], task: str | None, backend: str | None
+    names: Sequence[str], axes: Sequence[Axis], sources: Sequence[TargetName]
 ) -> list[_Team]:
     """Finds the teams, and checks all of them before any evaluation."""
-    sources = [TargetName.of(name, task, backend=backend) for name in names]
     targets = []
     for name, source in zip(names, sources, strict=True):
         targets.append(source.find())

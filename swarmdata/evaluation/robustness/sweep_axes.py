@@ -44,9 +44,13 @@ SHORT_NAMES = {
 """Short names of fields of the communication model."""
 
 BODY_FIELDS = (
-    "max_speed", "max_acceleration", "max_turn_rate", "command_delay", "actuator_lag",
+    "max_speed", "max_acceleration", "max_turn_rate", "command_delay", "actuator_lag", "mass",
+    "friction", "wheel_grip",
 )  # fmt: skip
-"""Fields of `task_spec.Robot` that are axes of the body; turn rates are those of unicycles."""
+"""Fields of `task_spec.Robot` that are axes of the body."""
+
+UNICYCLE_FIELDS = ("max_turn_rate", "wheel_grip")
+"""Those of them that only unicycles have."""
 
 PAYLOAD_FIELDS = {"payload_mass": "mass", "payload_friction": "friction"}
 """Axes of the body where robots push a payload, and its fields."""
@@ -237,7 +241,7 @@ def _body_parameters(spec: TaskSpec) -> dict[str, tuple[Place, ...]]:
         roles = [
             k
             for k, role in enumerate(spec.team)
-            if name != "max_turn_rate" or role.robot.dynamics == "unicycle"
+            if name not in UNICYCLE_FIELDS or role.robot.dynamics == "unicycle"
         ]
         if roles:
             found[name] = tuple(("team", k, "robot", name) for k in roles)
@@ -247,13 +251,16 @@ def _body_parameters(spec: TaskSpec) -> dict[str, tuple[Place, ...]]:
 
 
 def changed(spec: TaskSpec, places: tuple[Place, ...], value: float, source: str) -> TaskSpec:
-    """Sets a value in all these places of a spec; an absent model gets its defaults.
+    """Sets a value in all these places of a spec, and draws it no more.
+
+    An absent model gets its defaults.
 
     Raises:
         SpecError: the value is out of range; the message names `source`.
     """
     data = spec.model_dump(mode="json")
     for *path, last in places:
+        data.get("randomization", {}).pop(_range_of((*path, last)), None)
         node: Any = data
         for key in path:
             if node[key] is None:
@@ -261,6 +268,16 @@ def changed(spec: TaskSpec, places: tuple[Place, ...], value: float, source: str
             node = node[key]
         node[last] = value
     return TaskSpec.parse(data, source)
+
+
+def _range_of(place: Place) -> str | int:
+    """The field of `Randomization` of which a value at this place is one draw, if there is one."""
+    match place:
+        case ("observation", "noise", _):
+            return "noise"
+        case ("team" | "communication", *_):
+            return place[-1]
+    return ""
 
 
 def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:

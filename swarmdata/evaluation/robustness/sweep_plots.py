@@ -52,6 +52,9 @@ AXIS_LABELS: Mapping[tuple[str, str], str] = {
     ("body", "max_turn_rate"): "largest turn rate (rad/s)",
     ("body", "command_delay"): "delay of commands (steps)",
     ("body", "actuator_lag"): "time constant of the motors (s)",
+    ("body", "mass"): "mass of the robots (kg)",
+    ("body", "friction"): "friction coefficient of the robots",
+    ("body", "wheel_grip"): "grip of the wheels (m/s\u00b2)",
     ("body", "payload_mass"): "mass of the payload (kg)",
     ("body", "payload_friction"): "friction of the payload (N)",
 }

@@ -16,7 +16,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, check_world
 from swarmdata.runtime.engines.open_engine import LOCAL
-from swarmdata.specs.model_choice import Source, with_models
+from swarmdata.specs.model_choice import Ranges, Source, with_models
 from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
@@ -38,6 +38,7 @@ def generate(
     observation: Source | None = None,
     communication: Source | None = None,
     backend: str | None = None,
+    randomization: Ranges | None = None,
     seed: int | None = None,
     tier: str = DEFAULT_TIER,
     out: Path | str | None = None,
@@ -72,6 +73,8 @@ def generate(
         observation: observation model, such as `lidar`; None: that of the task.
         communication: communication model, such as `lossy-30`; None: that of the task.
         backend: simulator, such as `mujoco`; None: that of the task.
+        randomization: ranges from which each episode draws, such as `{"mass": (1, 2)}`; None:
+            those of the task.
         seed: of the episodes, below 2^32. Datasets with different seeds share no episode. None: a
             number made of the id.
         tier: name of the data's quality, for the card.
@@ -89,7 +92,7 @@ def generate(
         MissingExtraError: a run folder needs torch.
     """
     spec = task if isinstance(task, TaskSpec) else find_spec(str(task))
-    spec = with_models(spec, observation, communication, backend)
+    spec = with_models(spec, observation, communication, backend, randomization)
     check_world(spec)
     _check_id(id)
     shares = _shares(policies)

@@ -41,7 +41,8 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.model_choice import Source, with_models
+from swarmdata.specs.model_choice import Ranges, Source, ranges_of, with_models
+from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
@@ -118,6 +119,7 @@ class OnlineTraining(Frozen):
     weights: list[float] | None
     offline_share: float
     n_threads: int
+    randomization: Randomization | None = None
 
     def run(
         self,
@@ -138,7 +140,10 @@ class OnlineTraining(Frozen):
     ) -> tuple[OnlineRun, Dataset | Mixture | None]:
         """The run of some seeds, and the data that it mixes in; raises as `train_online` does."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
-        spec = with_models(find_spec(self.task), self.observation, self.communication)
+        spec = with_models(
+            find_spec(self.task), self.observation, self.communication,
+            randomization=self.randomization,
+        )  # fmt: skip
         check_world(spec)
         begin, settings = None, {}
         if self.start is not None:
@@ -259,6 +264,7 @@ def train_online(
     changes: Mapping[str, str] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
+    randomization: Ranges | None = None,
     start: Path | str | None = None,
     data: str | Sequence[str] | None = None,
     weights: Sequence[float] | None = None,
@@ -279,6 +285,8 @@ def train_online(
         changes: settings of the algorithm as text.
         observation: observation model; None: that of the task.
         communication: communication model, likewise.
+        randomization: ranges from which each episode draws, such as `{"mass": (1, 2)}`; None:
+            those of the task.
         start: folder of an offline run for the task, to begin with: its policies, the frame and
             statistics of their inputs, the sizes of its networks, and critics that fit. Settings
             that are changed win.
@@ -309,6 +317,7 @@ def train_online(
         changes=dict(changes or {}),
         observation=portable_source(observation),
         communication=portable_source(communication),
+        randomization=None if randomization is None else ranges_of(randomization),
         start=None if start is None else portable_name(start),
         data=portable_name(several) if isinstance(several, str) else several,
         weights=None if weights is None else list(weights),

@@ -17,7 +17,7 @@ from swarmdata.hub.streaming.window_sampler import WindowSampler
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import Reference, normalized_score
-from swarmdata.specs.model_choice import Source, models_of, with_models
+from swarmdata.specs.model_choice import Ranges, Source, models_of, with_models
 from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS, EpisodeTable
@@ -266,10 +266,12 @@ class StreamedDataset:
         )
 
     def make_env(
-        self, n_copies: int = 1, *, n_threads: int = 1, backend: str | None = None
-    ) -> VecEnv:
-        """Builds copies of the world that was recorded, in its simulator or in another one."""
-        return make_env(with_models(self.task, backend=backend), n_copies, n_threads=n_threads)
+        self, n_copies: int = 1, *, n_threads: int = 1, backend: str | None = None,
+        randomization: Ranges | None = None,
+    ) -> VecEnv:  # fmt: skip
+        """Builds copies of the world that was recorded; arguments as of `Dataset.make_env`."""
+        spec = with_models(self.task, backend=backend, randomization=randomization)
+        return make_env(spec, n_copies, n_threads=n_threads)
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns the score of team returns, as `Dataset.normalized_score` does.

@@ -165,7 +165,7 @@ def command_of(world: TaskSpec, robot: int, action: Double) -> Double:
         speed, m/s, or acceleration, m/s^2, and turn rate, rad/s. [2]
     """
     body = world.robots[robot]
-    most = body.max_speed if body.command == "velocity" else body.max_acceleration
+    most = body.max_speed if body.command == "velocity" else body.acceleration
     if body.dynamics == "unicycle":
         return np.clip(action, -1.0, 1.0) * (most, body.max_turn_rate)
     return action / max(1.0, float(np.sqrt(action @ action))) * most

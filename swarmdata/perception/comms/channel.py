@@ -145,7 +145,7 @@ def _constants(spec: TaskSpec) -> Constants:
         low,
         width,
         np.array(_limits(spec, model), dtype=np.int64),
-        np.array(_chances(model), dtype=np.float64),
+        np.array(_chances(spec, model), dtype=np.float64),
     )
 
 
@@ -163,14 +163,15 @@ def _limits(spec: TaskSpec, model: Broadcast) -> tuple[int, ...]:
     )
 
 
-def _chances(model: Broadcast) -> tuple[float, ...]:
+def _chances(spec: TaskSpec, model: Broadcast) -> tuple[float, ...]:
     """Returns the chances of `transmit_all`, in its order."""
     reach = math.inf if model.range is None else model.range * model.range
-    in_good = model.drop_probability
+    in_good, most = spec.randomization.drop_probability or (model.drop_probability,) * 2
     if model.bursts is None:
-        return reach, in_good, in_good, 0.0, 0.0, 0.0
+        return reach, in_good, in_good, 0.0, 0.0, 0.0, most - in_good, most - in_good
     bursts = model.bursts
     both = bursts.enter + bursts.leave
     stationary = bursts.enter / both if both > 0 else 0.0  # links that never change stay good
     in_bad = 1.0 - (1.0 - in_good) * (1.0 - bursts.drop_probability)
-    return reach, in_good, in_bad, bursts.enter, bursts.leave, stationary
+    spread = most - in_good, (most - in_good) * (1.0 - bursts.drop_probability)
+    return reach, in_good, in_bad, bursts.enter, bursts.leave, stationary, *spread

@@ -12,7 +12,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
-from swarmdata.specs.task_spec import Robot, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 NEXT = N_COLUMNS
@@ -103,15 +103,14 @@ def quantizer(spec: TaskSpec) -> tuple[Double, Double]:
     direction or a learned value [-1, 1]. Without `bits` the width is 0: values are not quantised.
     """
     model = broadcast_of(spec)
-    spans = np.array([_half_spans(model, robot, spec) for robot in spec.robots])
+    spans = np.array([_half_spans(model, speed, spec) for speed in spec.largest("max_speed")])
     n_cells = 0 if model.bits is None else 1 << model.bits
     return -spans, 2.0 * spans / n_cells if n_cells else np.zeros_like(spans)
 
 
-def _half_spans(model: Broadcast, robot: Robot, spec: TaskSpec) -> list[float]:
+def _half_spans(model: Broadcast, speed: float, spec: TaskSpec) -> list[float]:
     """Half the quantiser's range of each value, [P]."""
     width, height = spec.arena.width / 2, spec.arena.height / 2
-    speed = robot.max_speed
     spans = {X: width, Y: height, TX: width, TY: height, VX: speed, VY: speed, UX: 1.0, UY: 1.0}
     if model.payload == "learned":
         return [1.0] * model.message_size

@@ -5,6 +5,7 @@ Its parts are inlined: a call with many arrays takes as long as the work for a s
 
 import numpy as np
 
+from swarmdata.numerics.episode_draws import DROP_FIELD, draw_share
 from swarmdata.perception.comms.links import collide, drop, pick_links, spend_bandwidth, step_bursts
 from swarmdata.perception.comms.payloads import compose, write_slots
 from swarmdata.runtime.kernels import kernel
@@ -57,7 +58,7 @@ def transmit_all(
             the quantiser's cells, [N, P]; limits: topology, nearest senders, messages per step,
             time slots, cells, bursts or not, body frame or not, largest age; chances: squared
             range, loss on good and on bad links, probabilities to enter, leave and start in a
-            burst.
+            burst, how much larger an episode's loss on good and on bad links may be.
     """
     messages, underway, held, newest, bad = memory
     columns, is_position, low, width, limits, chances = constants
@@ -94,7 +95,8 @@ def _choose(
 ) -> None:
     """Writes which messages of step t arrive, taken [N, N]."""
     linked, distances, found, groups, counts = scratch
-    in_good, in_bad = chances[1], chances[2]
+    share = draw_share(seed, DROP_FIELD, 0)
+    in_good, in_bad = chances[1] + chances[6] * share, chances[2] + chances[7] * share
     pick_links(states, e, limits[0], chances[0], distances, found, taken)
     if limits[2] > 0 or limits[3] > 0:
         spend_bandwidth(taken, t, limits[2], linked)

@@ -27,12 +27,14 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmdata.interfaces import Task
+from swarmdata.numerics.episode_draws import NOISE_FIELD, draw_share
 from swarmdata.numerics.geometry import bounding_radius
 from swarmdata.numerics.random import STREAMS, normal_table
 from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
 from swarmdata.perception.sensing.sensed_scene import N_BODY, Scene
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 _SENSOR_STREAM = STREAMS["sensor"]
@@ -58,6 +60,7 @@ class Survey(NamedTuple):
 
     n_agents: int
     noise: Noise
+    spread: float  # of the deviations that an episode draws: the largest minus `noise`
     dropout: float  # probability that another robot or an obstacle is missed
     in_body: bool  # displacements and directions are measured in the body's frame
     by_range: bool  # other robots are measured by range and bearing
@@ -84,9 +87,11 @@ class MeasuredWorld:
 
     def __init__(self, task: Task, scene: Scene, n_copies: int) -> None:
         model, n = task.spec.observation, task.spec.n_agents
+        noise, spread = _noise_range(task.spec)
         self._survey = Survey(
             n_agents=n,
-            noise=Noise(**model.noise.model_dump()),
+            noise=noise,
+            spread=spread,
             # beams and cells are lost one by one instead: see `modifiers`
             dropout=model.dropout if model.kind in ("state", "bearing") else 0.0,
             in_body=model.kind != "state",
@@ -101,15 +106,17 @@ class MeasuredWorld:
     @property
     def is_exact(self) -> bool:
         """Whether all measurements are exact, and nothing is lost."""
-        return self._survey.dropout == 0.0 and not any(self._survey.noise)
+        survey = self._survey
+        return survey.dropout == 0.0 and survey.spread == 0.0 and not any(survey.noise)
 
     def localise(self, step: Step, active: Bool) -> Float:
         """Returns the measurements of the active copies' robots of themselves, [E, 8 N].
 
         Columns are those of `ROBOT`. The next call overwrites the array.
         """
-        noise = self._survey.noise
-        localise(step.states, step.seeds, step.times, active, noise, normal_table(), self._known)
+        localise(
+            step.states, step.seeds, step.times, active, self._survey, normal_table(), self._known
+        )  # fmt: skip
         return self._known
 
     def measured_by(self, robot: int, step: Step, active: Bool) -> World:
@@ -122,6 +129,23 @@ class MeasuredWorld:
             active, normal_table(), self._states, self._layouts,
         )  # fmt: skip
         return World(self._states, self._layouts, step.states, step.layouts)
+
+
+def _noise_range(spec: TaskSpec) -> tuple[Noise, float]:
+    """The smallest deviations of an episode, and how much larger they may be."""
+    drawn = spec.randomization.noise
+    if drawn is None:
+        return Noise(**spec.observation.noise.model_dump()), 0.0
+    return Noise(*(drawn[0],) * 4), drawn[1] - drawn[0]
+
+
+@kernel(inline="always")
+def _noise_of(seed: np.uint64, robot: int, survey: Survey) -> Noise:
+    """The deviations of one robot's measurements in an episode."""
+    more, least = survey.spread * draw_share(seed, NOISE_FIELD, robot), survey.noise
+    return Noise(
+        least.position + more, least.velocity + more, least.direction + more, least.range + more
+    )
 
 
 def _row(body: Double) -> Double:
@@ -149,7 +173,13 @@ def _measurement(seed: np.uint64, time: int, robot: int) -> np.uint64:
 
 @kernel(error_model="numpy")
 def localise(
-    states: Float, seeds: Seeds, times: Int, active: Bool, noise: Noise, table: Double, known: Float
+    states: Float,
+    seeds: Seeds,
+    times: Int,
+    active: Bool,
+    survey: Survey,
+    table: Double,
+    known: Float,
 ) -> None:
     """Writes the measurements of every robot of the active copies of itself.
 
@@ -158,7 +188,7 @@ def localise(
         seeds: of the episodes, [E].
         times: control steps since their reset, [E].
         active: copies to write, [E].
-        noise: standard deviations.
+        survey: how they measure.
         table: quantiles of the normal distribution, from `random.normal_table`.
         known: written, [E, 8 N].
     """
@@ -166,7 +196,7 @@ def localise(
         if not active[b]:
             continue
         for i in range(known.shape[1] // N_COLUMNS):
-            at = N_COLUMNS * i
+            at, noise = N_COLUMNS * i, _noise_of(seeds[b], i, survey)
             for c in range(N_COLUMNS):
                 known[b, at + c] = states[b, at + c]
             bits = absorb(_measurement(seeds[b], times[b], i), _OF_ITSELF)
@@ -334,11 +364,12 @@ def look_around(
         measured: states, written, [E, S].
         measured_layouts: written, [E, M, 8].
     """
-    n, noise, arms, me = survey.n_agents, survey.noise, survey.arms, N_COLUMNS * i
+    n, arms, me = survey.n_agents, survey.arms, N_COLUMNS * i
     first = n + arms.shape[0]
     for b in range(states.shape[0]):
         if not active[b]:
             continue
+        noise = _noise_of(seeds[b], i, survey)
         measurement = _measurement(seeds[b], times[b], i)
         sight, heading = absorb(measurement, _OF_OBJECTS), (1.0, 0.0)
         if survey.in_body:

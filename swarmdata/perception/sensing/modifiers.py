@@ -7,11 +7,13 @@ Noise and losses are functions of the episode's seed and the step in which a fra
 """
 
 import itertools
+import math
 import re
 from collections.abc import Sequence
 
 import numpy as np
 
+from swarmdata.numerics.episode_draws import NOISE_FIELD, draw_share
 from swarmdata.numerics.random import STREAMS, normal_table
 from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
 from swarmdata.runtime.kernels import kernel
@@ -51,24 +53,33 @@ class Echoes:
         features: of a model's kind.
         echoes: from `echoes_of`.
         model: its noise and dropout.
+        drawn: range of the noise, if episodes draw it, m.
     """
 
-    def __init__(self, features: Sequence[Feature], echoes: Int, model: ObservationModel) -> None:
-        noise = model.noise.range / model.range if isinstance(model, LidarModel) else 0.0
+    def __init__(
+        self,
+        features: Sequence[Feature],
+        echoes: Int,
+        model: ObservationModel,
+        drawn: tuple[float, float] | None = None,
+    ) -> None:
+        reach = model.range if isinstance(model, LidarModel) else math.inf
+        low, high = (model.noise.range,) * 2 if drawn is None else drawn
         is_distance = np.array([feature.kind == "range" for feature in features], dtype=np.bool_)
         self._echoes, self._is_distance = echoes, is_distance
-        self._deviation, self._dropout = noise, model.dropout
+        self._deviation, self._spread = low / reach, (high - low) / reach
+        self._dropout = model.dropout
 
     @property
     def are_degraded(self) -> bool:
         """Whether there are echoes and they have noise or losses."""
-        return len(self._echoes) > 0 and (self._dropout > 0 or self._deviation > 0)
+        return len(self._echoes) > 0 and (self._dropout > 0 or self._deviation + self._spread > 0)
 
     def degrade(self, step: Step, active: Bool, frame: Float) -> None:
         """Adds noise and losses to the echoes of the active copies in place, [E, N, F]."""
         degrade(
             step.seeds, step.times, active, self._echoes, self._is_distance, self._deviation,
-            self._dropout, normal_table(), frame,
+            self._spread, self._dropout, normal_table(), frame,
         )  # fmt: skip
 
 
@@ -111,7 +122,8 @@ def degrade(
     active: Bool,
     echoes: Int,
     is_distance: Bool,
-    deviation: float,
+    least: float,
+    spread: float,
     dropout: float,
     table: Double,
     frame: Float,
@@ -124,7 +136,8 @@ def degrade(
         active: copies to change, [E].
         echoes: first feature of each echo and one past its last, [R, 2].
         is_distance: which features are distances; the others of an echo are flags, [F].
-        deviation: of the noise on a distance, in its own unit.
+        least: deviation of the noise on a distance, in its own unit.
+        spread: how much larger the deviation may be that an episode draws.
         dropout: probability that an echo is lost.
         table: quantiles of the normal distribution, from `random.normal_table`.
         frame: changed, [E, N, F].
@@ -134,6 +147,7 @@ def degrade(
             continue
         for i in range(frame.shape[1]):
             row = frame[b, i]
+            deviation = least + spread * draw_share(seeds[b], NOISE_FIELD, i)
             robot = absorb(absorb(absorb(seeds[b], _SENSOR_STREAM), times[b]), i)
             noise, loss = absorb(robot, _NOISE), absorb(robot, _LOSS)
             for r in range(echoes.shape[0]):

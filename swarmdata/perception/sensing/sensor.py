@@ -75,7 +75,7 @@ class Sensor:
         measured = MeasuredWorld(task, scene, n_copies)
         self._measured = None if measured.is_exact else measured
         self._added = np.zeros((n_copies, spec.n_agents, len(extra)), dtype=np.float32)
-        echoes = Echoes(kind, self._sense.echoes, model)
+        echoes = Echoes(kind, self._sense.echoes, model, spec.randomization.noise)
         self._echoes = echoes if echoes.are_degraded else None
         kept = [k for k, f in enumerate(frame) if model.velocities or f.kind != "velocity"]
         frame = tuple(frame[k] for k in kept)

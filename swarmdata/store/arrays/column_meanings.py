@@ -101,7 +101,7 @@ def action_columns(robot: Robot, spec: TaskSpec) -> tuple[Column, ...]:
 
 
 def _command_columns(robot: Robot) -> tuple[Column, ...]:
-    speed, acceleration = f"{robot.max_speed:g} m/s", f"{robot.max_acceleration:g} m/s^2"
+    speed, acceleration = f"{robot.max_speed:g} m/s", f"{robot.acceleration:g} m/s^2"
     is_velocity = robot.command == "velocity"
     limit = (
         f"approached with at most {acceleration}"

@@ -13,7 +13,7 @@ from swarmdata.behavior_policies.navigation.velocity_tracking import (
     speed_along,
     turn_command,
 )
-from swarmdata.envs.physics.dynamics import GRIP_ACCELERATION, limits_of
+from swarmdata.envs.physics.dynamics import GRIP, limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.registry.components import make_task
@@ -111,4 +111,4 @@ def test_where_no_speed_is_safe_what_comes_first_counts() -> None:
 
 def test_grip_is_enough_for_the_turns_that_are_asked_for() -> None:
     limit = limits_of(spec_of(dynamics="unicycle"))[0]
-    assert limit[0] * limit[3] < GRIP_ACCELERATION
+    assert limit[0] * limit[3] < limit[GRIP]

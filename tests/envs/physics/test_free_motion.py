@@ -133,7 +133,9 @@ def test_free_motion_forgets_what_was_before(backend: MakeBackend) -> None:
         has_touched |= bool(step.events.any())
         if other is None and has_touched and _smallest_gap(robots[0], step.layouts[0], half) > 0.15:
             other = backend(Plan(spec, task.kinds, ()), 1)
-            other.reset(np.arange(1), step.layouts, robots.copy(), np.zeros((1, 0, 7)))
+            other.reset(
+                np.arange(1), step.layouts, robots.copy(), np.zeros((1, 0, 7)), limits_of(spec)
+            )
             contacts = Contacts._make(np.zeros_like(array) for array in world.contacts)
     assert n_later_contacts > 3
 

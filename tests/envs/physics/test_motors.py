@@ -5,16 +5,25 @@ import json
 import numpy as np
 
 from swarmdata.envs.physics.motors import Motors
+from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double
 
 ALL = np.ones(2, np.bool_)
+SEEDS = np.arange(2, dtype=np.uint64)
 
 
 def spec_of(*robots: Robot) -> TaskSpec:
     team = [Role(name=f"r{k}", count=1, robot=robot) for k, robot in enumerate(robots)]
     return TaskSpec(team=tuple(team))
+
+
+def motors_of(*robots: Robot) -> Motors:
+    motors = Motors.of(spec_of(*robots), 2)
+    assert motors is not None
+    motors.reset(np.arange(2), SEEDS)
+    return motors
 
 
 def followed(motors: Motors, given: Double, first: int = 1) -> Double:
@@ -35,28 +44,25 @@ def test_robots_without_either_have_no_motors_and_the_old_hash() -> None:
 
 
 def test_each_robot_has_its_own_delay() -> None:
-    motors = Motors.of(spec_of(Robot(), Robot(command_delay=1), Robot(command_delay=3)), 2)
-    assert motors is not None
+    motors = motors_of(Robot(), Robot(command_delay=1), Robot(command_delay=3))
     given = np.random.default_rng(0).uniform(-1, 1, (8, 2, 3, 2))
     arrived = followed(motors, given)
     for i, delay in enumerate((0, 1, 3)):
         np.testing.assert_array_equal(arrived[delay:, :, i], given[: 8 - delay, :, i])
         assert not arrived[:delay, :, i].any(), "nothing has arrived yet"
-    motors.reset(np.array([0]))
+    motors.reset(np.array([0]), SEEDS[:1])
     again = followed(motors, given)
     np.testing.assert_array_equal(again, arrived)
 
 
 def test_a_lag_has_its_time_constant() -> None:
-    motors = Motors.of(spec_of(Robot(actuator_lag=0.4)), 2)
-    assert motors is not None
+    motors = motors_of(Robot(actuator_lag=0.4))
     steps = followed(motors, np.ones((40, 2, 1, 2)))[:, 0, 0, 0]
     np.testing.assert_allclose(1.0 - steps, (0.4 / 0.5) ** np.arange(1, 41), rtol=1e-12)
 
 
 def test_copies_that_have_ended_stay() -> None:
-    motors = Motors.of(spec_of(Robot(actuator_lag=0.4)), 2)
-    assert motors is not None
+    motors = motors_of(Robot(actuator_lag=0.4))
     commands = np.ones((2, 1, 2))
     motors.follow(np.array([True, False]), np.ones(2, np.int64), commands)
     assert commands[0, 0, 0] < 1.0
@@ -75,3 +81,22 @@ def test_a_late_robot_drives_the_same_way_later() -> None:
         paths.append(np.array([env.step(command).states[0, :2] - start for _ in range(9)]))
     np.testing.assert_array_equal(paths[1][:3], 0.0)
     np.testing.assert_allclose(paths[1][3:], paths[0][:6], atol=1e-6)
+
+
+def test_each_episode_draws_its_own_delays_and_lags() -> None:
+    ranges = {"command_delay": (0, 3), "actuator_lag": (0.1, 0.5)}
+    spec = spec_of(*[Robot()] * 3).with_updates(randomization=ranges)
+    motors, seeds = Motors.of(spec, 2), np.array([5, 8], np.uint64)
+    assert motors is not None
+    drawn = drawn_values(spec, seeds)
+    motors.reset(np.arange(2), seeds)
+    arrived = followed(motors, np.ones((12, 2, 3, 2)))[..., 0]
+    for b in range(2):
+        for i in range(3):
+            delay, lag = int(drawn["command_delay"][b, i]), drawn["actuator_lag"][b, i]
+            steps = np.clip(np.arange(1, 13) - delay, 0, None)
+            expected = 1.0 - (lag / (lag + 0.1)) ** steps
+            np.testing.assert_allclose(arrived[:, b, i], expected, rtol=1e-12)
+    motors.reset(np.array([0]), seeds[1:])
+    again = followed(motors, np.ones((12, 2, 3, 2)))[:, 0, :, 0]
+    np.testing.assert_array_equal(again, arrived[:, 1])

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("mujoco", reason="mujoco is not installed")
 
 from swarmdata.envs.physics.backend import Contacts, Plan
+from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.mujoco_backend import MujocoBackend, _check_warnings
 from swarmdata.envs.physics.mujoco_model import LONGEST_STEP, WorldModel, steps_in
 from swarmdata.envs.world.task_env import TaskEnv
@@ -56,7 +57,7 @@ class Scene:
         )
         self.states: Float = np.zeros((1, N_COLUMNS * n + 7 * len(movables)), np.float32)
         self.events = np.zeros((1, n, 4), np.uint8)
-        self.backend.reset(np.arange(1), layout[None], robots, bodies)
+        self.backend.reset(np.arange(1), layout[None], robots, bodies, limits_of(spec)[None])
 
     def drive(self, commands: Sequence[Sequence[float] | Double], n_steps: int) -> Double:
         """The states while robots keep to commands, [n_steps, S]."""
@@ -216,7 +217,7 @@ def test_a_warning_of_mujoco_is_an_error() -> None:
     task.spawn(
         np.zeros(1, np.uint64), np.zeros(1, np.int64), layouts, np.zeros((1, 32), np.float32)
     )
-    data = mujoco.MjData(model.compile(layouts[0]))
+    data = mujoco.MjData(model.compile(layouts[0], limits_of(spec)))
     numbers = data.warning.number
     _check_warnings(numbers)
     data.warning[mujoco.mjtWarning.mjWARN_CONTACTFULL].number = 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmdata.envs.physics.dynamics import GRIP_ACCELERATION, SPEED, limits_of
+from swarmdata.envs.physics.dynamics import SPEED, limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
@@ -17,7 +17,7 @@ from swarmdata.registry.components import TASKS, make_env, make_task
 from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double, Seeds, Step
 
 UNICYCLES = {"team": [{"count": 4, "robot": {"dynamics": "unicycle"}}]}
@@ -225,7 +225,7 @@ def test_a_unicycle_drives_along_its_heading_only(backend: type[KinematicBackend
         start[:, UX] * now[:, UX] + start[:, UY] * now[:, UY],
     )
     np.testing.assert_allclose(turned, 5 * 0.1 * 0.6 * 3.0, rtol=5e-3)
-    assert GRIP_ACCELERATION > 0.6 * 3.0, "wheels that slip in every turn at top speed"
+    assert Robot().wheel_grip > 0.6 * 3.0, "wheels that slip in every turn at top speed"
 
 
 @pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])

@@ -216,3 +216,35 @@ def test_what_cannot_be_swept_is_refused(
     with pytest.raises(SwarmdataError, match=message) as error:
         specs_along_axis(parse_axis(text, part), "runs/bc", spec)
     assert isinstance(error.value, SpecError | UnknownNameError)
+
+
+@pytest.mark.parametrize("name", ["wheel_grip", "max_turn_rate"])
+def test_axes_of_wheels_are_those_of_unicycles(name: str) -> None:
+    assert name not in parameters(TaskSpec(), "body")
+    unicycle = TaskSpec(team=(Role(robot=Robot(dynamics="unicycle")),))
+    specs = specs_along_axis(parse_axis(f"{name}=4,2", "body"), "bc", unicycle).specs
+    assert [getattr(spec.robots[0], name) for spec in specs] == [4.0, 2.0]
+
+
+def test_an_axis_without_contacts_has_no_friction() -> None:
+    course = parse_axis("friction=0.2,1", "body")
+    assert specs_along_axis(course, "bc", TaskSpec()).specs[0] == TaskSpec()
+    with pytest.raises(SpecError, match=r"friction=0\.2,1\.0.*backend kinematic has no contacts"):
+        specs_along_axis(course, "bc", TaskSpec(backend="kinematic"))
+
+
+def test_a_value_of_an_axis_is_no_longer_drawn() -> None:
+    ranges = {"mass": (1.0, 2.0), "noise": (0.0, 0.1), "drop_probability": (0.0, 0.5)}
+    spec = TALKING.with_updates(randomization=ranges)
+    cases: list[tuple[Part, str, str]] = [
+        ("body", "mass=1,2", "mass"),
+        ("observation", "noise=0,0.2", "noise"),
+        ("observation", "noise.position=0,0.2", "noise"),
+        ("communication", "drop=0,0.5", "drop_probability"),
+    ]
+    for part, text, name in cases:
+        for found in specs_along_axis(parse_axis(text, part), "bc", spec).specs:
+            assert found.randomization.ranges.keys() == ranges.keys() - {name}
+    payload = preset("transport").with_updates(randomization={"mass": (1.0, 2.0)})
+    found = specs_along_axis(parse_axis("payload_mass=2,4", "body"), "bc", payload).specs[0]
+    assert found.randomization == payload.randomization

@@ -8,13 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.perception.comms import Channel
 from swarmdata.perception.comms.payloads import quantizer
+from swarmdata.registry.components import make_env
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import NEVER_RECEIVED, Seeds
+from swarmdata.types import NEVER_RECEIVED, Bool, Seeds
 
 NAMES = (
     "perfect",
@@ -275,3 +277,30 @@ def test_wrong_actions_are_refused(lab: Any) -> None:
 def test_a_channel_needs_robots_that_talk() -> None:
     with pytest.raises(SpecError, match="needs communication of kind 'broadcast', got 'none'"):
         Channel(TaskSpec(), 1)
+
+
+@pytest.mark.parametrize("name", ["perfect", "bursty-30"])
+def test_each_episode_draws_its_losses(name: str) -> None:
+    """Its messages arrive as with the drawn probability in the model."""
+    channel = communication_model(name)
+    assert isinstance(channel, Broadcast)
+    ranges = {"drop_probability": (0.1, 0.9)}
+    spec = TaskSpec().with_updates(communication=channel, randomization=ranges)
+    seeds = np.arange(4, dtype=np.uint64)
+    shares = drawn_values(spec, seeds)["drop_probability"][:, 0].tolist()
+    found = _deliveries(spec, seeds)
+    for b, share in enumerate(shares):
+        known = channel.model_copy(update={"drop_probability": share})
+        alone = _deliveries(TaskSpec().with_updates(communication=known), seeds[b : b + 1])
+        np.testing.assert_array_equal(found[:, b], alone[:, 0])
+    if name == "perfect":
+        heard = found.sum(axis=(0, 2, 3)) / (len(found) * 12)
+        np.testing.assert_allclose(heard, 1.0 - np.array(shares), atol=0.08)
+
+
+def _deliveries(spec: TaskSpec, seeds: Seeds) -> Bool:
+    """Which messages arrive in 40 steps of idle robots, [T, E, N, N]."""
+    env = make_env(spec, len(seeds))
+    env.reset(seeds)
+    idle = np.zeros((len(seeds), spec.n_agents, 2))
+    return np.array([env.step(idle).delivered for _ in range(40)])

@@ -8,9 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
+from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.numerics.random import STREAMS, derive, normal, uniform
 from swarmdata.perception.sensing import Sensor
+from swarmdata.registry.components import make_env
 from swarmdata.specs.state_layout import BODY, N_COLUMNS
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Seeds, Step
 
 KINDS = ("state", "lidar", "bearing", "occupancy")
@@ -231,3 +234,21 @@ def test_what_robots_know_of_themselves_is_late(scenes: Any) -> None:
     now = [observe(undelayed, step)[1] for step in steps]
     for t, late in enumerate(known):
         np.testing.assert_array_equal(late, now[max(t - 2, 0)])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_robot_draws_the_noise_of_its_sensors(kind: str) -> None:
+    """A robot observes what it would with the drawn deviation in the model."""
+    model = {"kind": kind}
+    spec = TaskSpec.parse({"observation": model, "randomization": {"noise": [0.01, 0.3]}})
+    seeds = np.arange(3, dtype=np.uint64)
+    found = make_env(spec, 3).reset(seeds).observations
+    drawn = drawn_values(spec, seeds)["noise"]
+    for b in range(3):
+        for i in (0, 3):
+            noise = dict.fromkeys(LOUD, drawn[b, i].item())
+            known = TaskSpec.parse({"observation": {**model, "noise": noise}})
+            alone = make_env(known).reset(seeds[b : b + 1]).observations
+            np.testing.assert_allclose(found[b, i], alone[0, i], rtol=1e-6, atol=1e-6)
+    exact = make_env(TaskSpec.parse({"observation": model})).reset(seeds[:1]).observations
+    assert not np.array_equal(exact[0], found[0])

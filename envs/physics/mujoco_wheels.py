@@ -1,0 +1,208 @@
+"""A robot on two driven wheels and a caster, as a part of a MuJoCo model.
+
+The chassis is free in space and stands on the floor: wheels left and right of its centre, the
+caster behind, its centre of mass between them. All centres are at the height of the axle, so the
+hull is the disc of the planar robots. A wheel is a sphere, since a thin wheel touches the floor in
+a point as well. The caster has no friction.
+
+Each wheel has a motor that holds a speed (`wheel_speeds`). Motors do not know what they drive:
+their gain is that for 1 kg. What the planar robots have by definition happens here: wheels slip
+beyond `wheel_grip`, a turn takes time, a push turns the robot.
+"""
+
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from swarmdata.envs.physics.dynamics import (
+    ACCELERATION,
+    BY_VELOCITY,
+    FRICTION,
+    GRIP,
+    MASS,
+    SPEED,
+    TURN_RATE,
+)
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.task_spec import SURFACE_FRICTION, Robot
+from swarmdata.types import Double
+
+GRAVITY = 9.81
+"""m/s^2; it acts on payloads and on robots with wheels."""
+
+WHEEL_RADIUS = 0.05
+"""m, of wheels, casters and the feet of payloads: the height of all centres above the floor."""
+
+TRACK = 1.4
+"""Distance between the wheels, in radii of the robot."""
+
+CASTER, MASS_CENTRE = 0.8, 0.2
+"""How far behind the axle the caster and the centre of mass are, in radii of the robot."""
+
+WHEEL_SHARE = 1.0 - MASS_CENTRE / CASTER
+"""Of the weight, on the wheels."""
+
+ROTOR_SHARE = 0.2
+"""Of the robot's inertia along the floor, in the rotors of both motors, behind their gears. A wheel
+without it would change its speed at once where it slips, which takes far shorter steps."""
+
+WHEEL_MASS = 0.01
+"""Of one wheel, in masses of the robot."""
+
+RESPONSE_TIME = 0.08
+"""Time constant (s) with which motors bring 1 kg to a speed."""
+
+TORQUE_RESERVE = 2.0
+"""Largest torque in units of what accelerates 1 kg by `max_acceleration`: turning takes some."""
+
+N_POSITIONS, N_VELOCITIES = 9, 8
+"""Joint coordinates of a robot: a free joint (position, quaternion), the left and right wheel."""
+
+FLOOR = 2
+"""Class of collisions of the floor; what stands on it collides with nothing else."""
+
+ON_FLOOR = {"contype": 0, "conaffinity": FLOOR, "solimp": (0.99, 0.99, 0.001, 0.5, 2.0)}
+"""Of geoms that stand on the floor. With MuJoCo's default hardness of 0.9 they would creep."""
+
+
+class Wheeled(NamedTuple):
+    """The parts of a robot that episodes change."""
+
+    radius: float  # m
+    chassis: Any
+    hull: Any  # a geom
+    wheels: tuple[Any, Any]  # bodies
+    axles: tuple[Any, Any]  # joints
+    tyres: tuple[Any, Any]  # geoms
+
+    def write(self, row: list[float]) -> None:
+        """Gives the robot the body of an episode, `dynamics.limits_of`, [8]."""
+        mass = row[MASS]
+        rest, area = mass * (1.0 - ROTOR_SHARE - 2.0 * WHEEL_MASS), self.radius**2
+        self.chassis.mass = rest
+        self.chassis.inertia = (rest * area / 4, rest * area / 4, rest * area / 2)
+        for wheel in self.wheels:
+            moment = WHEEL_MASS * mass * WHEEL_RADIUS**2
+            wheel.mass, wheel.inertia = WHEEL_MASS * mass, (moment / 4, moment / 2, moment / 4)
+        for axle in self.axles:
+            axle.armature = ROTOR_SHARE * mass * WHEEL_RADIUS**2 / 2.0
+        slide = row[GRIP] / (GRAVITY * WHEEL_SHARE * (1.0 - ROTOR_SHARE))
+        for tyre in self.tyres:
+            tyre.friction = (slide, 0.0, 0.0)
+        self.hull.friction = (SURFACE_FRICTION * row[FRICTION], 0.0, 0.0)
+
+
+def add_wheeled(model: Any, name: str, robot: Robot, contact: dict[str, Any]) -> Wheeled:
+    """Adds a robot to a `mujoco.MjSpec`; its motors follow those of the robots before it.
+
+    Args:
+        model: to add it to.
+        name: of its body and hull.
+        robot: what it is.
+        contact: of its hull, as of all bodies.
+    """
+    chassis = model.worldbody.add_body(
+        name=name, explicitinertial=True, ipos=(-MASS_CENTRE * robot.radius, 0.0, 0.0)
+    )
+    chassis.add_freejoint()
+    sphere, size = mujoco.mjtGeom.mjGEOM_SPHERE, (WHEEL_RADIUS, 0.0, 0.0)
+    shape = {"type": sphere, "mass": 0.0}
+    hull = chassis.add_geom(
+        name=name, size=(robot.radius, 0.0, 0.0), priority=1, **shape, **contact
+    )
+    caster = (-CASTER * robot.radius, 0.0, 0.0)
+    chassis.add_geom(size=size, pos=caster, condim=1, **shape, **ON_FLOOR)
+    wheels, axles, tyres = [], [], []
+    for side, place in (("left", 1.0), ("right", -1.0)):
+        wheel = chassis.add_body(
+            name=f"{name}_{side}",
+            explicitinertial=True,
+            pos=(0.0, place * TRACK * robot.radius / 2.0, 0.0),
+        )
+        hinge = mujoco.mjtJoint.mjJNT_HINGE
+        axles.append(wheel.add_joint(name=f"{name}_{side}", type=hinge, axis=(0, 1, 0)))
+        tyres.append(wheel.add_geom(size=size, condim=3, **shape, **ON_FLOOR))
+        wheels.append(wheel)
+        _add_motor(model, f"{name}_{side}", robot.max_acceleration)
+    return Wheeled(robot.radius, chassis, hull, tuple(wheels), tuple(axles), tuple(tyres))
+
+
+def _add_motor(model: Any, name: str, force: float) -> None:
+    """Adds a motor of one of two wheels, which holds a speed; 1 kg is driven with `force` N."""
+    gain = WHEEL_RADIUS**2 / (2.0 * RESPONSE_TIME)  # N m s
+    torque = TORQUE_RESERVE * force * WHEEL_RADIUS / 2.0
+    model.add_actuator(
+        name=name,
+        target=name,
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        gainprm=[gain] + [0.0] * 9,
+        biasprm=[0.0, 0.0, -gain] + [0.0] * 7,
+        forcelimited=True,
+        forcerange=(-torque, torque),
+    )
+
+
+def start(robot: Double, positions: Double, velocities: Double) -> None:
+    """Writes the joint coordinates of a robot that starts.
+
+    Args:
+        robot: x, y, vx, vy, ux, uy, [6].
+        positions: written, [9].
+        velocities: written, [8].
+    """
+    half = 0.5 * np.arctan2(robot[5], robot[4])
+    positions[:7] = robot[0], robot[1], 0.0, np.cos(half), 0.0, 0.0, np.sin(half)
+    velocities[:2] = robot[2:4]
+    velocities[6:8] = (robot[2] * robot[4] + robot[3] * robot[5]) / WHEEL_RADIUS
+
+
+@kernel(inline="always")
+def wheel_speeds(
+    robot: Double, command: Double, limit: Double, radius: float
+) -> tuple[float, float]:
+    """Returns the speeds of the left and right wheel (rad/s) that a unicycle's command asks for.
+
+    They are ahead of the robot by no more than what its largest force along the floor takes.
+
+    Args:
+        robot: x, y, vx, vy, ux, uy, [6].
+        command: clipped, [2].
+        limit: row of the limits, [8].
+        radius: of the robot, m.
+    """
+    ahead = robot[2] * robot[4] + robot[3] * robot[5]
+    top, lead = limit[SPEED], limit[ACCELERATION] * limit[MASS] * RESPONSE_TIME
+    if limit[BY_VELOCITY] == 1.0:
+        wanted = top * command[0]
+    else:
+        wanted = min(max(ahead + lead * command[0], -top), top)
+    speed = ahead + min(max(wanted - ahead, -lead), lead)
+    turn = limit[TURN_RATE] * command[1] * TRACK * radius / 2.0
+    return (speed - turn) / WHEEL_RADIUS, (speed + turn) / WHEEL_RADIUS
+
+
+@kernel(inline="always")
+def read(positions: Double, velocities: Double, place: int, speed: int, robot: Double) -> None:
+    """Reads a robot from its joint coordinates.
+
+    Args:
+        positions: of all joints.
+        velocities: of all joints.
+        place: the robot's first position.
+        speed: the robot's first velocity.
+        robot: x, y, vx, vy, ux, uy, written, [6].
+    """
+    for c in range(2):
+        robot[c], robot[2 + c] = positions[place + c], velocities[speed + c]
+    w, x, y, z = (
+        positions[place + 3],
+        positions[place + 4],
+        positions[place + 5],
+        positions[place + 6],
+    )
+    ux, uy = w * w + x * x - y * y - z * z, 2.0 * (x * y + w * z)
+    norm = np.sqrt(ux * ux + uy * uy)
+    robot[4], robot[5] = ux / norm, uy / norm

@@ -1,0 +1,58 @@
+"""Domain randomization as data: what each episode draws anew, and from which ranges.
+
+Randomizing what a simulator cannot know makes policies robust against it (Tobin et al., "Domain
+randomization for transferring deep neural networks from simulation to the real world", IROS 2017;
+of dynamics: Peng et al., ICRA 2018).
+"""
+
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from swarmdata.specs.frozen import Frozen, NonNegative, Probability
+from swarmdata.specs.quantities import (
+    Acceleration,
+    Delay,
+    Friction,
+    Lag,
+    Mass,
+    Speed,
+    TurnRate,
+    check_order,
+)
+
+_Ordered = AfterValidator(check_order)
+
+
+class Randomization(Frozen):
+    """Ranges, both ends included, from which each episode draws uniformly.
+
+    Each robot draws its own values, from its episode's seed. They replace those of the spec, which
+    are all that controllers and layouts know of the robots. What is None stays as in the spec.
+    """
+
+    max_speed: Annotated[tuple[Speed, Speed], _Ordered] | None = None  # m/s
+    max_acceleration: Annotated[tuple[Acceleration, Acceleration], _Ordered] | None = None  # m/s^2
+    max_turn_rate: Annotated[tuple[TurnRate, TurnRate], _Ordered] | None = None  # rad/s, unicycles
+    mass: Annotated[tuple[Mass, Mass], _Ordered] | None = None  # kg
+    friction: Annotated[tuple[Friction, Friction], _Ordered] | None = None  # of the hull
+    wheel_grip: Annotated[tuple[Acceleration, Acceleration], _Ordered] | None = None
+    """m/s^2 up to which wheels do not slip, unicycles."""
+    command_delay: Annotated[tuple[Delay, Delay], _Ordered] | None = None  # control steps
+    actuator_lag: Annotated[tuple[Lag, Lag], _Ordered] | None = None  # s
+    noise: Annotated[tuple[NonNegative, NonNegative], _Ordered] | None = None
+    """Deviation of all noise of a robot's sensors (m, m/s, rad), as in the name `noise-0.05`."""
+    drop_probability: Annotated[tuple[Probability, Probability], _Ordered] | None = None
+    """Chance that a message is lost, one value for the team."""
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """The ranges that are given, by name."""
+        return {name: getattr(self, name) for name in RANDOM_FIELDS if getattr(self, name)}
+
+
+RANDOM_FIELDS = tuple(Randomization.model_fields)
+"""All of them; an episode's draw of a field depends on its index here, so new ones come last."""
+
+BODY_RANGES = RANDOM_FIELDS[:8]
+"""Those of `task_spec.Robot`."""

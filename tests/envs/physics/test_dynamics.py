@@ -1,0 +1,164 @@
+"""Bodies: what mass, friction and grip change, in every simulator that has them."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.envs.physics.backend import Backend, Contacts, Plan
+from swarmdata.envs.physics.dynamics import limits_of
+from swarmdata.envs.physics.public_backend import PublicBackend
+from swarmdata.envs.world.world import make_backend
+from swarmdata.errors import SpecError
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
+from swarmdata.specs.task_spec import LATER_FIELDS, Arena, Robot, Role, TaskSpec
+from swarmdata.types import Double
+
+NOTHING = np.zeros((1, 0, 8), np.float32)
+SIMULATORS = ("pymunk", "public", "mujoco", "kinematic")
+WITH_CONTACTS = SIMULATORS[:3]
+ACROSS = 0.5**0.5
+
+
+def make(backend: str, spec: TaskSpec) -> Backend:
+    if backend == "mujoco":
+        pytest.importorskip("mujoco", reason="mujoco is not installed")
+    known = "pymunk" if backend == "public" else backend
+    plan = Plan(spec.with_updates(backend=known), np.zeros(0, np.int64), ())
+    return PublicBackend(plan, 1) if backend == "public" else make_backend(plan, 1)
+
+
+def drive(
+    backend: str,
+    robots: Sequence[dict[str, Any]],
+    rows: Sequence[Sequence[float]],
+    commands: Sequence[Sequence[float]],
+    n_steps: int,
+) -> Double:
+    """The robots of an empty arena of 4 m while they keep to commands, [n_steps, N, 8].
+
+    Args:
+        backend: simulator; `public` is that of Pymunk's own interface.
+        robots: fields of each robot.
+        rows: x, y, vx and vy of each at the start.
+        commands: of each.
+        n_steps: control steps.
+    """
+    team = [Role(name=f"r{k}", count=1, robot=Robot(**each)) for k, each in enumerate(robots)]
+    spec, n = TaskSpec(team=tuple(team), arena=Arena(width=4.0, height=4.0)), len(robots)
+    world, state = make(backend, spec), np.zeros((1, n, 6))
+    state[0, :, :4], state[0, :, 4] = rows, 1.0
+    world.reset(np.arange(1), NOTHING, state, np.zeros((1, 0, 7)), limits_of(spec)[None])
+    contacts = Contacts(
+        np.zeros((1, n, n), np.bool_), np.zeros((1, n, 4), np.bool_), np.zeros((1, n, 3))
+    )
+    states, events = np.zeros((1, 8 * n), np.float32), np.zeros((1, n, 4), np.uint8)
+    held, out = np.array([commands], dtype=np.float64), []
+    for _ in range(n_steps):
+        world.step(np.ones(1, np.bool_), held, contacts, events, states)
+        out.append(states[0].reshape(n, 8).astype(np.float64))
+    return np.array(out)
+
+
+def test_usual_bodies_are_not_written() -> None:
+    assert set(LATER_FIELDS).isdisjoint(json.loads(Robot().to_json()))
+    heavy = Robot(dynamics="unicycle", mass=2.0, friction=0.0, wheel_grip=1.0)
+    assert Robot.from_text(heavy.to_yaml()) == heavy
+
+
+@pytest.mark.parametrize("backend", SIMULATORS)
+@pytest.mark.parametrize("command", ["velocity", "acceleration"])
+@pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
+def test_the_same_motors_accelerate_a_heavy_robot_less(
+    backend: str, command: str, dynamics: str
+) -> None:
+    team = [{"mass": m, "command": command, "dynamics": dynamics} for m in (1.0, 2.0, 5.0)]
+    rows = [(0.0, y, 0.0, 0.0) for y in (-1.0, 0.0, 1.0)]
+    speeds = drive(backend, team, rows, [(1.0, 0.0)] * 3, 2)[-1, :, 2]
+    np.testing.assert_allclose(speeds, 1.5 * 0.2 / np.array([1.0, 2.0, 5.0]), rtol=1e-5)
+
+
+@pytest.mark.parametrize("backend", WITH_CONTACTS)
+def test_a_heavy_robot_is_hardly_stopped_by_a_light_one(backend: str) -> None:
+    """Plastic impact: v = m u / (m + 1) (Newton), while nobody is driven."""
+    rows = [(-0.16, 0.0, 0.6, 0.0), (0.1, 0.0, 0.0, 0.0)]
+    for mass in (1.0, 4.0):
+        robots = [{"mass": mass, "command": "acceleration"}, {"command": "acceleration"}]
+        speeds = drive(backend, robots, rows, [(0.0, 0.0)] * 2, 4)[-1, :, 2]
+        np.testing.assert_allclose(speeds @ [mass, 1.0], 0.6 * mass, rtol=0.01)
+        np.testing.assert_allclose(speeds[0], 0.6 * mass / (mass + 1.0), rtol=0.1)
+
+
+@pytest.mark.parametrize("backend", WITH_CONTACTS)
+def test_friction_brakes_what_slides_along_a_wall(backend: str) -> None:
+    """Coulomb: the acceleration along the wall is less by 0.2 f times that into it."""
+    ways = []
+    for friction in (0.0, 0.2, 2.0):
+        robot = {"friction": friction, "command": "acceleration", "max_speed": 2.0}
+        rows = drive(backend, [robot], [(1.88, -1.0, 0.0, 0.0)], [(ACROSS, ACROSS)], 6)
+        ways.append(rows[-1, 0, 3])
+    expected = 1.5 * ACROSS * 0.6 * (1.0 - 0.2 * np.array([0.0, 0.2, 2.0]))
+    np.testing.assert_allclose(ways, expected, rtol=0.12 if backend == "mujoco" else 0.06)
+
+
+@pytest.mark.parametrize("backend", WITH_CONTACTS)
+def test_friction_between_robots_is_the_product_of_theirs(backend: str) -> None:
+    """A robot that slides along another one takes it along, the more, the rougher both are."""
+    pulls = []
+    for friction in (0.0, 0.5, 1.0):
+        rough = {"friction": friction, "command": "acceleration", "max_speed": 5.0, "radius": 0.3}
+        wall = {**rough, "mass": 1e4}
+        rows = drive(
+            backend, [rough, wall], [(0.0, 0.6, 0.5, 0.0), (0.0, 0.0, 0.0, 0.0)],
+            [(0.0, -1.0), (0.0, 0.0)], 2,
+        )  # fmt: skip
+        pulls.append(rows[-1, 1, 2])
+    rough, rougher = pulls[1] - pulls[0], pulls[2] - pulls[0]
+    assert rough > 0.0
+    assert 3.0 < rougher / rough < 6.0, "4 for a product, 2 for a mean or the larger one"
+
+
+@pytest.mark.parametrize("backend", SIMULATORS)
+def test_wheels_with_little_grip_skid_and_spin(backend: str) -> None:
+    skids, starts = [], []
+    for grip in (10.0, 1.0, 0.3):
+        robot = {"dynamics": "unicycle", "wheel_grip": grip}
+        row = drive(backend, [robot], [(0, 0, 0.6, 0)], [(1, 1)], 4)[-1, 0]
+        vx, vy, ux, uy = row[2:6]
+        skids.append(abs(vy * ux - vx * uy))
+        starts.append(drive(backend, [robot], [(0, 0, 0, 0)], [(1, 0)], 2)[-1, 0, 2])
+    assert skids[0] < 0.05
+    assert 0.2 < skids[1] < skids[2]
+    np.testing.assert_allclose(starts, [0.3, 0.2, 0.06], rtol=1e-4)
+
+
+def test_a_used_space_has_the_bodies_of_the_next_episode() -> None:
+    """Both backends of Pymunk have the same bits with heavy, rough robots, episode by episode."""
+    body = {"mass": 2.5, "friction": 0.7}
+    spec = preset("coop_nav-n3").with_updates(team=[{"count": 3, "robot": body}])
+    rng = np.random.default_rng(0)
+    fast, used = make_env(spec), make_env(spec)
+    n_events = 0
+    used.reset(np.array([9], np.uint64))
+    for _ in range(40):
+        used.step(rng.uniform(-1, 1, (1, 3, 2)))
+    for env in (fast, used):
+        env.reset(np.array([4], np.uint64))
+    for t in range(60):
+        if t % 8 == 0:
+            held = rng.uniform(-1, 1, (1, 3, 2))
+        one, other = fast.step(held), used.step(held)
+        assert all(map(np.array_equal, one, other))
+        n_events += int(one.events.sum())
+    assert n_events > 0
+
+
+def test_what_a_robot_or_a_simulator_has_not_is_refused() -> None:
+    with pytest.raises(SpecError, match=r"wheel_grip is 3 m/s\^2, but a holonomic robot has no wh"):
+        Robot.parse({"wheel_grip": 3.0})
+    rough = [{"robot": {"friction": 0.5}}]
+    with pytest.raises(SpecError, match=r"kinematic has no contacts\. Leave friction out"):
+        TaskSpec.parse({"team": rough, "backend": "kinematic"})
