@@ -42,6 +42,9 @@ FRAME_TENSORS = ("frame.anchor", "frame.vectors", "frame.closing")
 HEARD_TENSOR = "frame.heard"
 """One more tensor, of an actor that receives messages."""
 
+BODY_TENSOR = "frame.body"
+"""One more tensor, [1] of ones, of an actor with a frame that leaves commands as they are."""
+
 SQUASH_TENSOR = "output.tanh"
 """One more tensor, [1] of ones, of an actor whose outputs pass through tanh."""
 
@@ -114,7 +117,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
     with the one-hot index of the robot appended. An actor with a frame also has `frame.anchor` [1],
     `frame.vectors` [V] and `frame.closing` [C, 2], and `frame.heard` [H, 3] if it receives
-    messages; O then counts the features that its frame adds. An actor with `output.tanh` [1] has
+    messages, and `frame.body` [1] if its commands do not turn; O then counts the features that its
+    frame adds. An actor with `output.tanh` [1] has
     outputs that pass through tanh.
 
     Args:
@@ -130,7 +134,10 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
     named = [name for name in tensors if name in (*FRAME_TENSORS, HEARD_TENSOR)]
-    frame = _frame({name: tensors.pop(name) for name in named}, source)
+    has_body_commands = tensors.pop(BODY_TENSOR, None) is not None
+    frame = _frame(
+        {name: tensors.pop(name) for name in named}, source, turns_commands=not has_body_commands
+    )
     squash = tensors.pop(SQUASH_TENSOR, None) is not None
     n_layers = sum(name.endswith(".weight") for name in tensors)
     expected = {"input.mean", "input.scale"} | {
@@ -153,7 +160,7 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     return Actor(mean, scale, layers, n_known, frame, squash)
 
 
-def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
+def _frame(tensors: dict[str, Double], source: str, *, turns_commands: bool) -> Frame | None:
     """Returns the frame in a file's tensors, None if there is none."""
     if not tensors:
         return None
@@ -170,7 +177,10 @@ def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
     anchor, vectors, closing, heard = (
         parts[name].astype(int).tolist() for name in (*FRAME_TENSORS, HEARD_TENSOR)
     )
-    return Frame(anchor[0], tuple(vectors), tuple(map(tuple, closing)), tuple(map(tuple, heard)))
+    return Frame(
+        anchor[0], tuple(vectors), tuple(map(tuple, closing)), tuple(map(tuple, heard)),
+        turns_commands=turns_commands,
+    )  # fmt: skip
 
 
 def _check_shapes(
@@ -261,6 +271,8 @@ def save_actor(
         tensors[FRAME_TENSORS[2]] = tensors[FRAME_TENSORS[2]].reshape(-1, 2)
         if frame.heard:
             tensors[HEARD_TENSOR] = np.array(frame.heard, np.int32)
+        if not frame.turns_commands:
+            tensors[BODY_TENSOR] = np.ones(1, np.int32)
     if squash:
         tensors[SQUASH_TENSOR] = np.ones(1, np.int32)
     _check_exact(exact, str(path))

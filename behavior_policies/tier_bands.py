@@ -16,6 +16,8 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "warehouse": {"success": 0.95, "clean_success": 0.75},
         "coop_nav-n8": {"success": 0.85},
         "formation-n8": {"success": 0.85},
+        "intersection": {"success": 0.9, "clean_success": 0.75},
+        "search": {"success": 0.9, "clean_success": 0.75},
         "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-ranks": {"success": 0.95, "clean_success": 0.85},
     }

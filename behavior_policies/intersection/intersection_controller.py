@@ -17,29 +17,16 @@ import math
 import numpy as np
 
 from swarmdata.behavior_policies.intersection.right_of_way import Rules, steer
-from swarmdata.behavior_policies.navigation.avoidance import (
-    brake_half_planes,
-    robot_half_planes,
-    stopping_half_planes,
-    surface_half_planes,
-)
-from swarmdata.behavior_policies.navigation.orca import solve
-from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
-from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
+from swarmdata.behavior_policies.navigation.robot_scales import TIME_SCALE, Team
+from swarmdata.behavior_policies.navigation.traffic import drive_in_traffic
 from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.envs.intersection.intersection import CROSSING, N_EXTRAS, WAIT
-from swarmdata.envs.physics.dynamics import SPEED, UNICYCLE
+from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
-
-TRAFFIC_HORIZON = 0.8
-"""Seconds for which robots avoid each other: 2 v / a of the default robot, so that it can brake."""
-
-TRAFFIC_ROBOT_GAP = 0.05
-"""Metres of gap kept between robots; the lanes of an arm of 0.7 m leave 0.11."""
 
 
 @kernel
@@ -56,9 +43,7 @@ def act_copies(
         rules: of the intersection.
         out: written, in [-1, 1], [E, N, 2].
     """
-    radii, limits, scales, _, dt = team
-    n_robots, rule = all_robots.shape[1], (TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP)
-    planes = np.empty((layouts.shape[1] + 4 + 4 * n_robots, 4))
+    limits, n_robots = team.limits, all_robots.shape[1]
     aims = np.empty((n_robots, 3))
     for b in range(all_robots.shape[0]):
         robots = all_robots[b]
@@ -66,20 +51,10 @@ def act_copies(
             x, y = robots[i, 0], robots[i, 1]
             to_x, to_y = steer(i, robots, rules)
             d = max(math.sqrt((to_x - x) * (to_x - x) + (to_y - y) * (to_y - y)), 1e-9)
-            speed = min(limits[i, SPEED] / d, APPROACH_RATE / scales[i, TIME_SCALE])
+            speed = min(limits[i, SPEED] / d, APPROACH_RATE / team.scales[i, TIME_SCALE])
             aims[i, 0], aims[i, 1] = (to_x - x) * speed, (to_y - y) * speed
             aims[i, 2] = 0.0  # nobody gives way here: `right_of_way` has decided already
-        for i in range(n_robots):
-            x, y = robots[i, 0], robots[i, 1]
-            time, length = scales[i, TIME_SCALE], scales[i, LENGTH_SCALE]
-            n = surface_half_planes(x, y, radii[i], layouts[b], half, planes, time, length)
-            n_hard = brake_half_planes(i, robots, radii, scales, n, planes)
-            if limits[i, UNICYCLE] == 1.0:
-                n_hard = stopping_half_planes(i, robots, team, n_hard, planes)
-            n = robot_half_planes(i, robots, radii, scales, aims, rule, n_hard, planes)
-            wish = solve(planes, n, n_hard, limits[i, SPEED], (aims[i, 0], aims[i, 1]))
-            velocity, heading = (robots[i, 2], robots[i, 3]), (robots[i, 6], robots[i, 7])
-            command_of(velocity, heading, wish, limits[i], planes, n, dt, out[b, i])
+        drive_in_traffic(robots, aims, team, half, layouts[b], out[b])
 
 
 class IntersectionController:

@@ -54,8 +54,9 @@ see:
 Every vector of an observation is turned, and after its own numbers come the frame's x axis in the
 world, closing speeds, and the nearness of senders of messages (`swarmdata/perception/frames.py`).
 Commands longer than 1 are clipped, as worlds do, and turned. States and messages stay as they are.
-Another observed vector is an anchor, too, such as `payload_goal`; unicycles and recordings of other
-environments have the world's frame only. Each export names its frame: in its note
+Another observed vector is an anchor, too, such as `payload_goal`. Unicycles have the frame
+`own.heading`, which leaves their commands as they are, or the world's; recordings of other
+environments have the world's only. Each export names its frame: in its note
 (`metadata/swarmdata`, `swarmdata.json` or `metadata.json`), `d4rl-agents` as `metadata/frame`,
 Parquet in its README, too. A turned export cannot be imported, since the recorded numbers are not
 in it. A Minari export in a frame recovers a world that observes and acts in it.

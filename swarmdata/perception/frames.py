@@ -11,6 +11,9 @@ state` has for visible robots. Clones of version 0 of `coop_nav-expert` with `st
 often with messages as without; with the added features, less than half as often with `perfect`, and
 hardly ever with `state`, which has velocities.
 
+Unicycles get a forward speed and a turn rate, in their body's axes already. Their frame is that of
+their heading: it turns what they observe, and leaves commands as they are.
+
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
 
@@ -30,6 +33,9 @@ HEARING_RANGE = 1.25
 NOT_SENT = -1
 """Stands for the index of a velocity that messages do not have."""
 
+HEADING = "own.heading"
+"""The observed direction of a unicycle, 0 for the other robots of a mixed team."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -45,12 +51,15 @@ class Frame:
             the sender times its nearness, 1 - distance / `HEARING_RANGE`, and the scalar product
             of that vector and the own velocity minus the sender's. All are 0 beyond that distance,
             and for senders without a received message.
+        turns_commands: whether commands are vectors, which turn with the frame; False where some
+            robots are unicycles.
     """
 
     anchor: int
     vectors: tuple[int, ...]
     closing: tuple[tuple[int, int], ...]
     heard: tuple[tuple[int, int, int], ...] = ()
+    turns_commands: bool = True
 
     @property
     def n_added(self) -> int:
@@ -120,16 +129,20 @@ class Frame:
             observations: in the world's frame, [..., N, O].
             actions: in this frame, [..., N, A].
         """
-        ux, uy = self.directions(observations)
         out = actions.astype(np.float64)
+        if not self.turns_commands:
+            return out
+        ux, uy = self.directions(observations)
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
         out[..., 0], out[..., 1] = ux * x - uy * y, uy * x + ux * y
         return out
 
     def to_local(self, observations: Float, actions: Float | Double) -> Double:
         """Returns actions in this frame; the inverse of `to_world`."""
-        ux, uy = self.directions(observations)
         out = actions.astype(np.float64)
+        if not self.turns_commands:
+            return out
+        ux, uy = self.directions(observations)
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
         out[..., 0], out[..., 1] = ux * x + uy * y, ux * y - uy * x
         return out
@@ -137,13 +150,15 @@ class Frame:
     def recorded(self, observations: Float, actions: Float) -> Float:
         """Returns recorded actions in this frame, float32 [..., N, A], within [-1, 1].
 
-        Worlds clip a command to a norm of 1 (`envs.physics.dynamics`): a longer one is recorded as
-        it was given, and means the same when it is clipped before it is turned.
+        Worlds clip a command that is a vector to a norm of 1 (`envs.physics.dynamics`): a longer
+        one is recorded as it was given, and means the same when it is clipped before it is turned.
 
         Args:
             observations: in the world's frame, [..., N, O].
             actions: in the world's frame, [..., N, A].
         """
+        if not self.turns_commands:
+            return actions.clip(-1, 1).astype(np.float32)
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
         norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
         clipped = actions.astype(np.float64)
@@ -206,7 +221,7 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
         observations: in the world's frame, [E, N, O].
         actions: in [-1, 1], [E, N, A].
     """
-    if frame is None:
+    if frame is None or not frame.turns_commands:
         return actions
     turned = frame.to_world(observations, actions)
     x, y = turned[..., 0], turned[..., 1]
@@ -237,17 +252,19 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
     Args:
         features: of an observation.
         anchor: the vector along the x axis: the name of an observed vector without its `_x`, such
-            as `payload_goal`, or `target`, the robot's own; `world` for no rotation.
+            as `payload_goal`, or `target`, the robot's own; `own.heading` where some robots are
+            unicycles; `world` for no rotation.
 
     Raises:
         SpecError: these observations have no such vector.
     """
     if anchor == "world":
         return None
-    if any(feature.name.startswith("own.heading") for feature in features):
+    has_unicycles = any(feature.name.startswith(HEADING) for feature in features)
+    if has_unicycles and anchor != HEADING:
         raise SpecError(
             f"frame {anchor!r} turns commands as vectors, but some robots are unicycles. Use frame "
-            "'world'."
+            f"'world' or {HEADING!r}."
         )
     name = "own.goal_dx" if anchor == "target" else f"{anchor}_x"
     vectors = tuple(k for k, feature in enumerate(features) if feature.axis == "x")
@@ -261,7 +278,9 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
             f"own.goal_dx is observed) or one of {', '.join(known)}."
         )
     index = {feature.name: k for k, feature in enumerate(features)}
-    return Frame(found[0], vectors, _closing(index), _heard(index))
+    return Frame(
+        found[0], vectors, _closing(index), _heard(index), turns_commands=not has_unicycles
+    )
 
 
 def _closing(index: Mapping[str, int]) -> tuple[tuple[int, int], ...]:

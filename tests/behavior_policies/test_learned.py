@@ -207,9 +207,12 @@ def test_what_cannot_be_run_exactly_is_refused(
         load_actor(path.read_bytes(), 4, "bad")
 
 
+@pytest.mark.parametrize("turns_commands", [True, False])
 @pytest.mark.parametrize("heard", [(), ((20, 2, 24), (30, 2, -1))])
-def test_an_actor_keeps_its_frame(tmp_path: Path, heard: tuple[tuple[int, int, int], ...]) -> None:
-    frame = Frame(4, (0, 2, 4, 8), ((8, 2),), heard)
+def test_an_actor_keeps_its_frame(
+    tmp_path: Path, heard: tuple[tuple[int, int, int], ...], turns_commands: bool
+) -> None:
+    frame = Frame(4, (0, 2, 4, 8), ((8, 2),), heard, turns_commands)
     size = SIZE + frame.n_added
     path = tmp_path / "actor.safetensors"
     save_actor(path, network(inputs=size), np.zeros(size), np.ones(size), frame=frame)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.perception.frames import HEARING_RANGE, Frame, find_frame, natural_anchor
+from swarmdata.perception.frames import HEARING_RANGE, Frame, find_frame, in_world, natural_anchor
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
@@ -192,6 +192,26 @@ def test_commands_of_unicycles_cannot_be_turned() -> None:
     assert find_frame(features, "world") is None
     with pytest.raises(SpecError, match="some robots are unicycles"):
         find_frame(features, "target")
+
+
+def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands() -> None:
+    env = make_env(preset("intersection"), 4)
+    frame = find_frame(env.features, "own.heading")
+    assert frame is not None
+    assert not frame.turns_commands
+    observations = env.reset(np.arange(4, dtype=np.uint64)).observations
+    names = [feature.name for feature in env.features]
+    inputs = frame.inputs(observations)
+    np.testing.assert_allclose(inputs[..., names.index("own.heading_x")], 1.0, atol=1e-6)
+    np.testing.assert_allclose(inputs[..., names.index("own.heading_y")], 0.0, atol=1e-6)
+    actions = np.full((4, 4, 2), 0.9, np.float32)  # longer than 1: no vector to be clipped
+    for same in (
+        frame.to_world(observations, actions),
+        frame.to_local(observations, actions),
+        frame.recorded(observations, actions),
+        in_world(frame, observations, actions.astype(np.float64)),
+    ):
+        np.testing.assert_array_equal(same, actions)
 
 
 @pytest.mark.parametrize(("frame", "fits"), [((8, (8,), ()), True), ((9, (0,), ()), False)])

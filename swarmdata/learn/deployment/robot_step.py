@@ -56,7 +56,7 @@ class RobotStep(nn.Module, ABC):
         """Returns the action of the robot's slot in the world's frame, float32 [B, A]."""
         rows = robot[:, None, None].expand(-1, 1, actions.shape[-1])
         local = actions.gather(1, rows)[:, 0]
-        if self._frame is None:
+        if self._frame is None or not self._frame.turns_commands:
             return local.float()
         x, y = local[:, 0], local[:, 1]
         x, y = ux * x - uy * y, uy * x + ux * y

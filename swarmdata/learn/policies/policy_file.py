@@ -142,7 +142,10 @@ def _decoded(
     if frame := values.get("frame"):
         closing = tuple((near, speed) for near, speed in frame["closing"])
         heard = tuple((x, robot, other) for x, robot, other in frame.get("heard", ()))  # newer
-        values["frame"] = Frame(frame["anchor"], tuple(frame["vectors"]), closing, heard)
+        values["frame"] = Frame(
+            frame["anchor"], tuple(frame["vectors"]), closing, heard,
+            turns_commands=frame.get("turns_commands", True),  # newer
+        )  # fmt: skip
     if slots := values.get("slots"):
         values |= {"slots": Slots.parse(slots), "hidden": tuple(values["hidden"])}
     if "ranges" in values:

@@ -12,6 +12,7 @@ from swarmdata.errors import ConversionError, PolicyFitError
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.specs.task_spec import TaskSpec
 from tests.support.tiny import make_tiny
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
@@ -71,6 +72,13 @@ def test_a_robot_acts_as_in_the_team(
 ) -> None:
     dataset = tiny if communication is None else tiny.reobserve(communication=communication)
     policy = trained(algorithm, dataset, tmp_path, anchor, **settings)
+    check(policy, dataset, tmp_path / "policy.onnx")
+
+
+def test_a_unicycle_acts_in_the_frame_of_its_heading(tmp_path: Path) -> None:
+    spec = TaskSpec.parse({"team": [{"count": 4, "robot": {"dynamics": "unicycle"}}]})
+    dataset = Dataset.open(make_tiny(tmp_path / "unicycles", spec=spec))
+    policy = trained("bc", dataset, tmp_path, "own.heading")
     check(policy, dataset, tmp_path / "policy.onnx")
 
 

@@ -1,0 +1,62 @@
+"""The step of avoidance that controllers share whose robots keep to lanes and tracks.
+
+Each robot takes the safe velocity nearest to the one that it wants (`orca`). Hard limits: it
+approaches surfaces and robots only so fast that it can still brake (`avoidance.BRAKING_TIME`). Soft
+limits: reciprocal avoidance, half and half, and all the room for those that have the right of way.
+
+Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+"""
+
+import numpy as np
+
+from swarmdata.behavior_policies.navigation.avoidance import (
+    brake_half_planes,
+    robot_half_planes,
+    stopping_half_planes,
+    surface_half_planes,
+)
+from swarmdata.behavior_policies.navigation.orca import solve
+from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
+from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
+from swarmdata.envs.physics.dynamics import SPEED, UNICYCLE
+from swarmdata.runtime.kernels import kernel
+from swarmdata.types import Double, Float
+
+TRAFFIC_HORIZON = 0.8
+"""Seconds for which robots avoid each other: 2 v / a of the default robot, so that it can brake.
+With longer horizons, robots that only pass each other would wait."""
+
+TRAFFIC_ROBOT_GAP = 0.05
+"""Metres of gap kept between robots; the tracks of an aisle of 0.65 m leave 0.07, the lanes of an
+arm of 0.7 m leave 0.11."""
+
+
+@kernel
+def drive_in_traffic(
+    robots: Double, aims: Double, team: Team, half: Double, layout: Float, out: Double
+) -> None:
+    """Writes the commands of all robots of one copy.
+
+    Args:
+        robots: x, y, vx, vy, target x and y, heading ux and uy first, [N, C].
+        aims: preferred velocity, m/s, and what decides who gives way, of every robot, [N, 3]
+            (`avoidance.robot_half_planes`).
+        team: constants of the robots.
+        half: half width and half height of the arena, m, [2].
+        layout: convex obstacles, [M, 8].
+        out: written, in [-1, 1], [N, 2].
+    """
+    radii, limits, scales, _, dt = team
+    n_robots, rule = robots.shape[0], (TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP)
+    planes = np.empty((layout.shape[0] + 4 + 4 * n_robots, 4))
+    for i in range(n_robots):
+        x, y = robots[i, 0], robots[i, 1]
+        time, length = scales[i, TIME_SCALE], scales[i, LENGTH_SCALE]
+        n = surface_half_planes(x, y, radii[i], layout, half, planes, time, length)
+        n_hard = brake_half_planes(i, robots, radii, scales, n, planes)
+        if limits[i, UNICYCLE] == 1.0:
+            n_hard = stopping_half_planes(i, robots, team, n_hard, planes)
+        n = robot_half_planes(i, robots, radii, scales, aims, rule, n_hard, planes)
+        wish = solve(planes, n, n_hard, limits[i, SPEED], (aims[i, 0], aims[i, 1]))
+        velocity, heading = (robots[i, 2], robots[i, 3]), (robots[i, 6], robots[i, 7])
+        command_of(velocity, heading, wish, limits[i], planes, n, dt, out[i])
