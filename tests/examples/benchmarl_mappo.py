@@ -154,4 +154,4 @@ if __name__ == "__main__":
         for name, speed in compare_speed().items():
             print(f"{name:30} {speed:10,.0f} joint steps per CPU second")
     else:
-        main(Path(sys.argv[1]), *sys.argv[2:3])
+        main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "coop_nav")

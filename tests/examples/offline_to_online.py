@@ -82,7 +82,7 @@ class Learner:
     def act(self, observations: Tensor) -> Tensor:
         """Greedy actions."""
         with torch.no_grad():
-            return self.actor(observations)  # type: ignore[no-any-return]
+            return self.actor(observations)
 
 
 def collect(env: Any, learner: Learner, n_steps: int) -> Any:
@@ -136,4 +136,4 @@ def main(
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    main(sys.argv[1] if len(sys.argv) > 1 else "coop_nav-medium-mini")

@@ -270,7 +270,7 @@ class EpisodeScorer:
                 "after the episode's start. Cut episodes there: `episodes.goal_change` or a marker."
             )
         half = np.array(self._spec.half_size)
-        outside: Bool = (np.abs(self._motion.places[first : stop + 1]) > half).any(axis=2)
+        outside: Bool = np.any(np.abs(self._motion.places[first : stop + 1]) > half, axis=2)
         if outside.any():
             time, robot = np.argwhere(outside)[0].tolist()
             x, y = self._motion.places[first + time, robot]

@@ -115,7 +115,7 @@ def test_the_log_of_a_world_is_scored_as_the_world_scored_it(tmp_path: Path, dyn
         ours, theirs = robots_of(logged.states, N), robots_of(world.states[1:], N)
         assert_allclose(ours[..., :2], theirs[..., :2], atol=1e-6)
         assert_allclose(ours[..., 4:], theirs[..., 4:], atol=1e-6)
-        bumped = world.events.any(axis=2)
+        bumped = np.asarray(world.events.any(axis=2))
         free = ~bumped[1:] & ~bumped[:-1]
         off = np.abs(ours[1:, :, 2:4] - theirs[1:, :, 2:4])[free]
         assert off.max() < 0.16, "velocities are differences; a step changes them by 0.15 m/s"
@@ -160,7 +160,7 @@ def test_an_episode_ends_where_the_task_does(tmp_path: Path) -> None:
         assert len(reached) == len(logged)
         assert bool(reached[-1]) == bool(logged.terminations[-1])
         assert not reached[:-1].any()
-    assert "steps_after_the_end" in dataset.recipe.metadata
+    assert "steps_after_the_end" in (dataset.recipe.metadata or {})
 
 
 def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
