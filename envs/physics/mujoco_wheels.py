@@ -72,9 +72,9 @@ class Wheeled(NamedTuple):
     radius: float  # m
     chassis: Any
     hull: Any  # a geom
-    wheels: tuple[Any, Any]  # bodies
-    axles: tuple[Any, Any]  # joints
-    tyres: tuple[Any, Any]  # geoms
+    wheels: tuple[Any, ...]  # bodies, left and right
+    axles: tuple[Any, ...]  # joints
+    tyres: tuple[Any, ...]  # geoms
 
     def write(self, row: list[float]) -> None:
         """Gives the robot the body of an episode, `dynamics.limits_of`, [8]."""
