@@ -12,7 +12,7 @@ the solver's hidden velocities and impulses are cleared.
 
 import math
 from functools import cache
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pymunk
@@ -50,12 +50,36 @@ from swarmdata.envs.physics.munk_calls import (
 )
 from swarmdata.envs.physics.public_backend import bars, build_space, n_static_shapes, shapes_of
 from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 UNWRITTEN = -1.0
 """Instead of the length of the solver's last step: the space is that of an earlier episode. A
 length of 0 stands for free motion."""
+
+
+class Spaces(NamedTuple):
+    """The spaces of E copies, by address, and what is the same in all of their steps."""
+
+    calls: Annotated[Int, 1]  # of `load_addresses`
+    spaces: Annotated[Int, 1]  # [E]
+    bodies: Annotated[Int, 2]  # [E, N + K] robots, then movable bodies
+    shapes: Annotated[Int, 2]  # [E, any] in build order, those of `bodies` last
+    joints: Annotated[Int, 2]  # [E, 2 K]
+    joint_forces: Annotated[Double, 1]  # [2 K] N, the largest of each joint
+    n_substeps: int  # physics steps in a control step
+    dt: float  # s, of a physics step
+    limits: Annotated[Double, 2]  # [N, 5] of `limits_of`
+    radii: Annotated[Double, 1]  # [N] m
+    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
+    body_shapes: Annotated[Double, 2]  # [K, 3] of `shapes_of`
+    robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
+    movables: Annotated[Double, 3]  # [E, K, 7] columns `state_layout.BODY`
+    solver_dt: Annotated[Double, 1]  # [E] s, of the solver's last step, 0 or `UNWRITTEN`
+
+
+SPACES = bundle_type(Spaces)
 
 
 @kernel
@@ -164,21 +188,7 @@ def _write_space(
 
 @kernel
 def _advance(
-    calls: Int,
-    spaces: Int,
-    bodies: Int,
-    shapes: Int,
-    joints: Int,
-    joint_forces: Double,
-    n_substeps: int,
-    dt: float,
-    limits: Double,
-    radii: Double,
-    half: Double,
-    body_shapes: Double,
-    robots: Double,
-    movables: Double,
-    solver_dt: Double,
+    packed: Int,
     layouts: Float,
     active: Bool,
     commands: Double,
@@ -188,7 +198,11 @@ def _advance(
     events: Counts,
     states: Float,
 ) -> None:
-    """Advances the active copies; takes plain arguments since tuples of arrays are slow to pass."""
+    """Advances the active copies of the packed `Spaces`; the rest is as in `Backend.step`."""
+    (
+        calls, spaces, bodies, shapes, joints, joint_forces, n_substeps, dt, limits, radii, half,
+        body_shapes, robots, movables, solver_dt,
+    ) = unpack(packed, SPACES)  # fmt: skip
     can_be_free = movables.shape[1] == 0
     accelerations, (travel, still) = np.zeros((radii.shape[0], 2)), np.zeros((2, radii.shape[0]))
     for b in range(spaces.shape[0]):
@@ -249,33 +263,33 @@ class FastBackend:
 
     def __init__(self, plan: Plan, n_copies: int, calls: Int) -> None:
         self._plan, spec = plan, plan.spec
-        self._timing = spec.n_substeps, spec.physics_dt
-        self._limits = limits_of(spec)
-        self._radii = np.array([robot.radius for robot in spec.robots])
-        self._half = np.array(spec.half_size)
-        self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
-        self._spaces = np.zeros(n_copies, dtype=np.int64)
         n, k = spec.n_agents, len(plan.movables)
-        self._bodies = np.zeros((n_copies, n + k), dtype=np.int64)
         n_shapes = 4 + n_static_shapes(plan.kinds) + n + k
-        self._shapes = np.zeros((n_copies, n_shapes), dtype=np.int64)
-        n_joints = 2 * k
-        self._joints = np.zeros((n_copies, n_joints), dtype=np.int64)
-        self._joint_forces: Double = np.zeros(n_joints)
+        self.spaces = Spaces(
+            calls=calls,
+            spaces=np.zeros(n_copies, dtype=np.int64),
+            bodies=np.zeros((n_copies, n + k), dtype=np.int64),
+            shapes=np.zeros((n_copies, n_shapes), dtype=np.int64),
+            joints=np.zeros((n_copies, 2 * k), dtype=np.int64),
+            joint_forces=np.zeros(2 * k),
+            n_substeps=spec.n_substeps,
+            dt=spec.physics_dt,
+            limits=limits_of(spec),
+            radii=np.array([robot.radius for robot in spec.robots]),
+            half=np.array(spec.half_size),
+            body_shapes=shapes_of(plan),
+            robots=np.zeros((n_copies, n, 6)),
+            movables=np.zeros((n_copies, k, 7)),
+            solver_dt=np.zeros(n_copies),
+        )
+        self._block = ArgumentBlock(self.spaces, SPACES)
+        self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
         self._layouts: Float | None = None
-        self._robots: Double = np.zeros((n_copies, n, 6))
-        self._movables: Double = np.zeros((n_copies, k, 7))
-        self._solver_dt: Double = np.zeros(n_copies)
-        self._fixed = (
-            calls, self._spaces, self._bodies, self._shapes, self._joints, self._joint_forces,
-            *self._timing, self._limits, self._radii, self._half, shapes_of(plan), self._robots,
-            self._movables, self._solver_dt,
-        )  # fmt: skip
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
         self._layouts = layouts
-        self._robots[copies], self._movables[copies] = robots, bodies
-        self._solver_dt[copies] = UNWRITTEN
+        self.spaces.robots[copies], self.spaces.movables[copies] = robots, bodies
+        self.spaces.solver_dt[copies] = UNWRITTEN
         for row, b in enumerate(copies.tolist()):
             if self._owners[b] is None:
                 self._build(b, layouts[b], robots[row], bodies[row])
@@ -288,15 +302,16 @@ class FastBackend:
 
         space, bodies = build_space(self._plan, layout, robots, movables)
         self._owners[b] = space, bodies
-        self._spaces[b] = address(space._space)
-        self._bodies[b] = [address(body._body) for body in bodies]
-        self._shapes[b] = [address(shape._shape) for shape in space.shapes]
-        self._joints[b] = [address(joint._constraint) for joint in space.constraints]
-        self._joint_forces[:] = [joint.max_force for joint in space.constraints]
+        ours = self.spaces
+        ours.spaces[b] = address(space._space)
+        ours.bodies[b] = [address(body._body) for body in bodies]
+        ours.shapes[b] = [address(shape._shape) for shape in space.shapes]
+        ours.joints[b] = [address(joint._constraint) for joint in space.constraints]
+        ours.joint_forces[:] = [joint.max_force for joint in space.constraints]
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
         if self._layouts is None:
             raise RuntimeError("the world was stepped before its first reset")
-        _advance(*self._fixed, self._layouts, active, commands, *contacts, events, states)
+        _advance(self._block.packed, self._layouts, active, commands, *contacts, events, states)

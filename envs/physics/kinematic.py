@@ -4,27 +4,35 @@ It shows the least that a task needs from a simulator, and lets tests check a ta
 physics. Movable bodies stay where they are.
 """
 
+from typing import Annotated, NamedTuple
+
 import numpy as np
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.dynamics import drive, limits_of
 from swarmdata.envs.physics.free_motion import move
+from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 
+class Motion(NamedTuple):
+    """What moves in E copies, and what is the same in all of their steps."""
+
+    limits: Annotated[Double, 2]  # [N, 5] of `limits_of`
+    n_substeps: int  # physics steps in a control step
+    dt: float  # s, of a physics step
+    robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
+    bodies: Annotated[Double, 3]  # [E, K, 7] columns `state_layout.BODY`
+
+
+MOTION = bundle_type(Motion)
+
+
 @kernel
-def _advance(
-    active: Bool,
-    commands: Double,
-    limits: Double,
-    n_substeps: int,
-    dt: float,
-    robots: Double,
-    bodies: Double,
-    states: Float,
-) -> None:
-    """Moves the robots of the active copies, whatever is in their way."""
+def _advance(packed: Int, active: Bool, commands: Double, states: Float) -> None:
+    """Moves the robots of the active copies in packed `Motion`, whatever is in their way."""
+    limits, n_substeps, dt, robots, bodies = unpack(packed, MOTION)
     accelerations = np.empty((robots.shape[1], 2))
     for b in range(robots.shape[0]):
         if not active[b]:
@@ -40,18 +48,19 @@ class KinematicBackend:
 
     def __init__(self, plan: Plan, n_copies: int) -> None:
         spec = plan.spec
-        self._limits = limits_of(spec)
-        self._n_substeps, self._dt = spec.n_substeps, spec.physics_dt
-        self._robots: Double = np.zeros((n_copies, spec.n_agents, 6))
-        self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
+        self.motion = Motion(
+            limits=limits_of(spec),
+            n_substeps=spec.n_substeps,
+            dt=spec.physics_dt,
+            robots=np.zeros((n_copies, spec.n_agents, 6)),
+            bodies=np.zeros((n_copies, len(plan.movables), 7)),
+        )
+        self._block = ArgumentBlock(self.motion, MOTION)
 
     def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
-        self._robots[copies], self._bodies[copies] = robots, bodies
+        self.motion.robots[copies], self.motion.bodies[copies] = robots, bodies
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
-        _advance(
-            active, commands, self._limits, self._n_substeps, self._dt,
-            self._robots, self._bodies, states,
-        )  # fmt: skip
+        _advance(self._block.packed, active, commands, states)

@@ -5,9 +5,10 @@ import numpy as np
 from swarmdata.envs.physics.backend import Plan
 from swarmdata.envs.world.rewards import reward_terms
 from swarmdata.envs.world.step_buffer import clear_copies, keep_ended
-from swarmdata.envs.world.world import MakeBackend, World, score_steps
+from swarmdata.envs.world.world import SCORING, MakeBackend, Scoring, World, score_steps
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
+from swarmdata.runtime.argument_blocks import ArgumentBlock
 from swarmdata.specs.state_layout import state_size
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
@@ -33,10 +34,18 @@ class CopyBlock:
         self._solved: Bool = np.zeros(n_copies, dtype=np.bool_)
         weights = np.array([term.signed_weight for term in reward_terms(task)])
         self._n_terms = len(weights)
-        self._scoring = (
-            self._world.radii, self._world.half, weights, spec.rules.rewards.team_share,
-            spec.on_collision == "fail", spec.horizon, self._solved, self._world.contacts.slack,
-        )  # fmt: skip
+        scoring = Scoring(
+            radii=self._world.radii,
+            half=self._world.half,
+            weights=weights,
+            team_share=spec.rules.rewards.team_share,
+            is_fatal=spec.on_collision == "fail",
+            horizon=spec.horizon,
+            solved=self._solved,
+            slack=self._world.contacts.slack,
+            active=self._world.active,
+        )
+        self._scoring = ArgumentBlock(scoring, SCORING)
 
     def spawn(self, seeds: Seeds, copies: Int, now: Step) -> None:
         """Draws episodes into the layouts and states of a step; the worlds stay as they are.
@@ -68,7 +77,7 @@ class CopyBlock:
             keep_ended(before, now, active)
         self.task.update(before, now, active, self._solved)
         score_steps(
-            *self._scoring, active, now.states, now.layouts, now.events, now.times,
+            self._scoring.packed, now.states, now.layouts, now.events, now.times,
             now.reward_terms, now.rewards, now.terminations, now.truncations, now.successes,
         )  # fmt: skip
         self._observer.observe(now, actions, active)

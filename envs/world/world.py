@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.numerics.weighted_terms import weigh_terms
+from swarmdata.runtime.argument_blocks import bundle_type, unpack
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
@@ -119,17 +121,26 @@ def proximities(
         out[i] = min(max(1.0 - out[i] / PROXIMITY_RANGE, 0.0), 1.0)
 
 
+class Scoring(NamedTuple):
+    """What `score_steps` reads besides the step."""
+
+    radii: Annotated[Double, 1]  # [N] m
+    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
+    weights: Annotated[Double, 1]  # [R] of all terms, with their signs
+    team_share: float  # part of each reward that is the team's mean
+    is_fatal: bool  # whether a collision fails the task
+    horizon: int  # steps
+    solved: Annotated[Bool, 1]  # [E] whether the task is solved
+    slack: Annotated[Double, 3]  # [E, N, 3] `backend.Contacts.slack`
+    active: Annotated[Bool, 1]  # [E]
+
+
+SCORING = bundle_type(Scoring)
+
+
 @kernel
 def score_steps(
-    radii: Double,
-    half: Double,
-    weights: Double,
-    team_share: float,
-    is_fatal: bool,
-    horizon: int,
-    solved: Bool,
-    slack: Double,
-    active: Bool,
+    packed: Int,
     states: Float,
     layouts: Float,
     events: Counts,
@@ -145,15 +156,7 @@ def score_steps(
     The terms and rewards of the other copies are 0, and their flags stay.
 
     Args:
-        radii: m, [N].
-        half: half width and half height of the arena, m, [2].
-        weights: of all terms, with their signs, [R].
-        team_share: part of each reward that is the team's mean.
-        is_fatal: whether a collision fails the task.
-        horizon: steps.
-        solved: whether the task is solved, [E].
-        slack: `backend.Contacts.slack`, [E, N, 3].
-        active: [E].
+        packed: `Scoring`, of an `ArgumentBlock`.
         states: after the step, [E, S].
         layouts: [E, M, 8].
         events: of the step, [E, N, 4].
@@ -164,6 +167,9 @@ def score_steps(
         truncations: written, [E].
         successes: written, [E].
     """
+    radii, half, weights, team_share, is_fatal, horizon, solved, slack, active = unpack(
+        packed, SCORING
+    )
     n, first = radii.shape[0], weights.shape[0] - N_SHARED_TERMS
     near, places = np.empty(n), np.empty((3, n), np.float32)
     for b in range(states.shape[0]):

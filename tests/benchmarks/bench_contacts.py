@@ -203,7 +203,7 @@ def counted_free_motion(env: VecEnv) -> list[float]:
 
     def counted(actions: Float | Double) -> Step:
         taken = step(actions)
-        shares.append(float((backend._solver_dt <= 0.0).mean()))
+        shares.append(float((backend.spaces.solver_dt <= 0.0).mean()))
         return taken
 
     env.step = counted  # type: ignore[method-assign]

@@ -130,9 +130,11 @@ def physics(spec: TaskSpec, n_copies: int) -> Run:
     shape = (N_ACTIONS, n_copies, spec.n_agents, 2)
     commands = np.random.default_rng(0).uniform(-speed, speed, shape)
 
+    ours = backend.spaces
+
     def advance(k: int) -> None:
         _drive_spaces(
-            calls, backend._spaces, backend._bodies, commands[k % N_ACTIONS], *backend._timing
+            calls, ours.spaces, ours.bodies, commands[k % N_ACTIONS], ours.n_substeps, ours.dt
         )
 
     return timed(advance, n_copies)

@@ -1,6 +1,7 @@
 """The command line: what it prints, and its exit codes."""
 
 import json
+import runpy
 import signal
 import subprocess
 import sys
@@ -52,6 +53,15 @@ def recipe_file(tmp_path: Path) -> Path:
 def test_version_and_list() -> None:
     assert run("--version") == f"swarmdata {__version__}\n"
     assert "coop_nav-random-mini-v1" in run("list")
+
+
+def test_the_package_runs_as_a_module(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["swarmdata", "--version"])
+    with pytest.raises(SystemExit, match="0"):
+        runpy.run_module("swarmdata", run_name="__main__")
+    assert capsys.readouterr().out == f"swarmdata {__version__}\n"
 
 
 def test_info_shows_the_recipe_and_builds_nothing(cache_folder: Path) -> None:

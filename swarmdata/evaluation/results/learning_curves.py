@@ -12,6 +12,9 @@ from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_intervals import seed_interval
 from swarmdata.types import Double
 
+LAST_PART = 0.2
+"""Share of training whose gain tells whether a curve has leveled off."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
@@ -104,6 +107,13 @@ def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list
         task, algorithm = match["task"], match["algorithm"]
         found.setdefault(task, {}).setdefault(algorithm, []).append(file)
     return found
+
+
+def last_gain(curve: Curve) -> float:
+    """Mean over runs at the end, minus the mean before the last fifth of the training."""
+    before = int((curve.progress <= (1 - LAST_PART) * curve.progress[-1]).sum()) - 1
+    means = curve.values.mean(0)
+    return float(means[-1] - means[max(before, 0)])
 
 
 def interval_of(curve: Curve) -> tuple[Double, Double]:

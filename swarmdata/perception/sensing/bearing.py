@@ -5,6 +5,7 @@ and no third robot. Arithmetic as in `geometry`.
 """
 
 import math
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from swarmdata.perception.sensing.sensed_scene import (
     gather,
     write_polar,
 )
+from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.sensing_models import BearingModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Bool, Double, Float, Int
 
 NEIGHBOR_FEATURES = (
     Feature("range", "range", "", "distance between centers / range of the model"),
@@ -33,6 +35,20 @@ NEIGHBOR_FEATURES = (
 """Distance between centres (1 = the model's range); cosine and sine of the bearing."""
 
 _SLOT_WIDTH = len(NEIGHBOR_FEATURES)
+
+
+class BearingConstants(NamedTuple):
+    """What `observe_bearings` needs besides the world."""
+
+    radii: Annotated[Double, 1]  # [N] m
+    ranges: Annotated[Double, 1]  # [N] m, of the robots' sensors
+    bodies: Annotated[Double, 2]  # [K, 3] movable bodies, as in `Scene`
+    n_slots: int
+    span: float  # m, the model's range
+    diagonal: float  # m, of the arena
+
+
+BEARING_CONSTANTS = bundle_type(BearingConstants)
 
 
 class Bearing:
@@ -50,15 +66,21 @@ class Bearing:
         slots = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
         self.features = (*POLAR_FEATURES, *slots)
         self.echoes = NO_ECHOES
-        self._scene, self._ranges = scene, np.minimum(scene.ranges, model.range)
-        self._size = (model.n_neighbors, model.range, scene.diagonal)
+        constants = BearingConstants(
+            radii=scene.radii,
+            ranges=np.minimum(scene.ranges, model.range),
+            bodies=scene.bodies,
+            n_slots=model.n_neighbors,
+            span=model.range,
+            diagonal=scene.diagonal,
+        )
+        self._constants = ArgumentBlock(constants, BEARING_CONSTANTS)
 
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
         """Writes `features` of some robots of the active copies, [E, N, F]."""
-        s, w, size = self._scene, world, self._size
         observe_bearings(
-            w.true_states, w.true_layouts, w.states, s.radii, self._ranges, s.bodies, size,
-            (robots.start, robots.stop), active, out,
+            self._constants.packed, world.true_states, world.true_layouts, world.states,
+            robots.start, robots.stop, active, out,
         )  # fmt: skip
 
 
@@ -122,40 +144,36 @@ def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: f
 
 @kernel
 def observe_bearings(
+    packed: Int,
     states: Float,
     layouts: Float,
     measured: Float,
-    radii: Double,
-    ranges: Double,
-    bodies: Double,
-    size: tuple[int, float, float],
-    robots: tuple[int, int],
+    first_robot: int,
+    end_robot: int,
     active: Bool,
     out: Float,
 ) -> None:
     """Writes the `bearing` observation of some robots in every active copy.
 
     Args:
+        packed: `BearingConstants`, of an `ArgumentBlock`.
         states: true ones, which decide who is hidden, [E, S].
         layouts: true obstacles, [E, M, 8].
         measured: states as measured; a robot that was missed is at NaN, [E, S].
-        radii: m, [N].
-        ranges: of the robots' sensors, m, [N].
-        bodies: movable bodies, as in `Scene`, [K, 3].
-        size: number of slots, the model's range (m), and the arena's diagonal (m).
-        robots: index of the first robot that observes, and one past the last.
+        first_robot: that observes.
+        end_robot: one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
+    radii, ranges, bodies, n_slots, span, diagonal = unpack(packed, BEARING_CONSTANTS)
     n_agents, n_rows = radii.shape[0], layouts.shape[1] + bodies.shape[0]
-    n_slots, span, diagonal = size
     rows, sizes, order = np.empty((n_rows, 8)), np.empty(n_rows), np.empty((n_agents, 2))
     for b in range(states.shape[0]):
         if not active[b]:
             continue
         state, known = states[b], measured[b]
         gather(state, layouts[b], n_agents, bodies, rows, sizes)
-        for i in range(robots[0], robots[1]):
+        for i in range(first_robot, end_robot):
             o = out[b, i]
             write_polar(o, known, i, diagonal)
             o[N_POLAR : N_POLAR + _SLOT_WIDTH * n_slots] = 0.0

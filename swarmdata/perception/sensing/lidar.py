@@ -10,6 +10,7 @@ vectorise its loops.
 """
 
 import math
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -24,11 +25,12 @@ from swarmdata.perception.sensing.sensed_scene import (
     gather,
     write_polar,
 )
+from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Bool, Double, Float, Int
 
 N_LANES = 16
 """Rays of a block."""
@@ -39,6 +41,22 @@ _NOTHING, _ROBOT, _OBSTACLE, _WALL, _PAYLOAD = (np.float32(code) for code in ran
 
 HIT_CHANNELS = ("robot", "obstacle", "wall", "payload")
 """Channels of a beam's hit type; the last only in tasks with movable bodies."""
+
+
+class LidarConstants(NamedTuple):
+    """What `scan` needs besides the world."""
+
+    radii: Annotated[Double, 1]  # [N] m
+    ranges: Annotated[Double, 1]  # [N] m, of each robot's own sensors
+    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
+    bodies: Annotated[Double, 2]  # [K, 3] movable bodies, as in `Scene`
+    rays: Annotated[Float, 3]  # [blocks, 2, N_LANES] from `ray_blocks`
+    n_rays: int
+    span: float  # m, the model's range
+    diagonal: float  # m, of the arena
+
+
+LIDAR_CONSTANTS = bundle_type(LidarConstants)
 
 
 class Lidar:
@@ -62,15 +80,23 @@ class Lidar:
         beams = numbered("beam", model.n_rays, beam)
         self.features = (*POLAR_FEATURES, *beams)
         self.echoes = echoes_of(self.features)
-        self._scene, self._rays = scene, ray_blocks(model.n_rays)
-        self._size = (model.n_rays, model.range, scene.diagonal)
+        constants = LidarConstants(
+            radii=scene.radii,
+            ranges=scene.ranges,
+            half=scene.half,
+            bodies=scene.bodies,
+            rays=ray_blocks(model.n_rays),
+            n_rays=model.n_rays,
+            span=model.range,
+            diagonal=scene.diagonal,
+        )
+        self._constants = ArgumentBlock(constants, LIDAR_CONSTANTS)
 
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
         """Writes `features` of some robots of the active copies, [E, N, F]."""
-        s, w, rays, size = self._scene, world, self._rays, self._size
         scan(
-            w.true_states, w.true_layouts, w.states, s.radii, s.ranges, s.half, s.bodies, rays,
-            size, (robots.start, robots.stop), active, out,
+            self._constants.packed, world.true_states, world.true_layouts, world.states,
+            robots.start, robots.stop, active, out,
         )  # fmt: skip
 
 
@@ -226,37 +252,29 @@ def _write(lanes: Float, out: Float, n_rays: int, n_channels: int, scale: np.flo
 
 @kernel(error_model="numpy")
 def scan(
+    packed: Int,
     states: Float,
     layouts: Float,
     measured: Float,
-    radii: Double,
-    ranges: Double,
-    half: Double,
-    bodies: Double,
-    rays: Float,
-    size: tuple[int, float, float],
-    robots: tuple[int, int],
+    first_robot: int,
+    end_robot: int,
     active: Bool,
     out: Float,
 ) -> None:
     """Writes the `lidar` observation of some robots in every active copy.
 
     Args:
+        packed: `LidarConstants`, of an `ArgumentBlock`.
         states: true ones, which the beams meet, [E, S].
         layouts: true obstacles, [E, M, 8].
         measured: states as measured, for velocity and target, [E, S].
-        radii: m, [N].
-        ranges: m, of each robot's own sensors, [N].
-        half: half width and half height of the arena, m, [2].
-        bodies: movable bodies, as in `Scene`, [K, 3].
-        rays: from `ray_blocks`.
-        size: number of rays, the model's range (m), and the arena's diagonal (m).
-        robots: index of the first robot that observes, and one past the last.
+        first_robot: that observes.
+        end_robot: one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
+    radii, ranges, half, bodies, rays, n_rays, span, diagonal = unpack(packed, LIDAR_CONSTANTS)
     n_agents, n_obstacles, n_bodies = radii.shape[0], layouts.shape[1], bodies.shape[0]
-    n_rays, span, diagonal = size
     n_channels = 4 if n_bodies > 0 else 3
     rows = np.empty((n_obstacles + n_bodies, 8))
     sizes = np.empty(n_obstacles + n_bodies)
@@ -266,7 +284,7 @@ def scan(
             continue
         state = states[b]
         gather(state, layouts[b], n_agents, bodies, rows, sizes)
-        for i in range(robots[0], robots[1]):
+        for i in range(first_robot, end_robot):
             at, reach = N_COLUMNS * i, min(span, ranges[i])
             write_polar(out[b, i], measured[b], i, diagonal)
             for block in range(rays.shape[0]):

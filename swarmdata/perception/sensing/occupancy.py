@@ -4,7 +4,7 @@ Arithmetic as in `geometry`.
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from swarmdata.perception.sensing.sensed_scene import (
     gather,
     write_polar,
 )
+from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered
 from swarmdata.specs.sensing_models import OccupancyModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
-from swarmdata.types import Bool, Double, Float
+from swarmdata.types import Bool, Double, Float, Int
 
 CELL_CHANNELS = ("robot", "static", "payload")
 """Flags of each cell; the last only in tasks with movable bodies."""
@@ -37,6 +38,21 @@ class Grid(NamedTuple):
     cells: int  # in each direction
     size: float  # m, of a cell
     n_channels: int
+
+
+class OccupancyConstants(NamedTuple):
+    """What `observe_grids` needs besides the world."""
+
+    radii: Annotated[Double, 1]  # [N] m
+    ranges: Annotated[Double, 1]  # [N] m, of the robots' sensors
+    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
+    bodies: Annotated[Double, 2]  # [K, 3] movable bodies, as in `Scene`
+    n_cells: int  # in each direction
+    cell_size: float  # m
+    diagonal: float  # m, of the arena
+
+
+OCCUPANCY_CONSTANTS = bundle_type(OccupancyConstants)
 
 
 class Occupancy:
@@ -59,14 +75,22 @@ class Occupancy:
         flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
         self.features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
         self.echoes = echoes_of(self.features)
-        self._scene, self._size = scene, (model.cells, model.cell_size, scene.diagonal)
+        constants = OccupancyConstants(
+            radii=scene.radii,
+            ranges=scene.ranges,
+            half=scene.half,
+            bodies=scene.bodies,
+            n_cells=model.cells,
+            cell_size=model.cell_size,
+            diagonal=scene.diagonal,
+        )
+        self._constants = ArgumentBlock(constants, OCCUPANCY_CONSTANTS)
 
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
         """Writes `features` of some robots of the active copies, [E, N, F]."""
-        s, w, size = self._scene, world, self._size
         observe_grids(
-            w.states, w.layouts, s.radii, s.ranges, s.half, s.bodies, size,
-            (robots.start, robots.stop), active, out,
+            self._constants.packed, world.states, world.layouts, robots.start, robots.stop, active,
+            out,
         )  # fmt: skip
 
 
@@ -135,34 +159,29 @@ def _mark_outside(flags: Float, half: Double, pose: Pose, span: float, grid: Gri
 
 @kernel
 def observe_grids(
+    packed: Int,
     states: Float,
     layouts: Float,
-    radii: Double,
-    ranges: Double,
-    half: Double,
-    bodies: Double,
-    model: tuple[int, float, float],
-    robots: tuple[int, int],
+    first_robot: int,
+    end_robot: int,
     active: Bool,
     out: Float,
 ) -> None:
     """Writes the `occupancy` observation of some robots in every active copy.
 
     Args:
+        packed: `OccupancyConstants`, of an `ArgumentBlock`.
         states: as measured, [E, S].
         layouts: obstacles as measured, [E, M, 8].
-        radii: m, [N].
-        ranges: of the robots' sensors, m, [N].
-        half: half width and half height of the arena, m, [2].
-        bodies: movable bodies, as in `Scene`, [K, 3].
-        model: cells in each direction, size of a cell (m), and the arena's diagonal (m).
-        robots: index of the first robot that observes, and one past the last.
+        first_robot: that observes.
+        end_robot: one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         out: written, [E, N, F].
     """
+    radii, ranges, half, bodies, n_cells, cell_size, diagonal = unpack(packed, OCCUPANCY_CONSTANTS)
     n_agents, n_obstacles, n_bodies = radii.shape[0], layouts.shape[1], bodies.shape[0]
-    n_rows, diagonal = n_obstacles + n_bodies, model[2]
-    grid = Grid(model[0], model[1], 3 if n_bodies > 0 else 2)
+    n_rows = n_obstacles + n_bodies
+    grid = Grid(n_cells, cell_size, 3 if n_bodies > 0 else 2)
     n_flags, half_cell = grid.cells * grid.cells * grid.n_channels, grid.size / 2
     rows, sizes = np.empty((n_rows, 8)), np.empty(n_rows)
     for b in range(active.shape[0]):
@@ -170,7 +189,7 @@ def observe_grids(
             continue
         state = states[b]
         gather(state, layouts[b], n_agents, bodies, rows, sizes)
-        for i in range(robots[0], robots[1]):
+        for i in range(first_robot, end_robot):
             at, span = N_COLUMNS * i, ranges[i]
             px, py = float(state[at + X]), float(state[at + Y])
             ux, uy = float(state[at + UX]), float(state[at + UY])

@@ -4,6 +4,7 @@ Arithmetic as in `geometry`.
 """
 
 import math
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import Scene
 from swarmdata.perception.sensing.smallest import order_keys, take_smallest
+from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, telling_goals, vector
 from swarmdata.specs.sensing_models import StateModel
@@ -71,6 +73,20 @@ excludes an obstacle that the exact test would keep."""
 _OWN, _NEIGHBOR, _OBSTACLE = len(OWN_FEATURES), len(NEIGHBOR_FEATURES), len(OBSTACLE_FEATURES)
 
 
+class StateConstants(NamedTuple):
+    """What `observe_states` needs besides the world."""
+
+    radii: Annotated[Double, 1]  # [N] m
+    limits: Annotated[Double, 1]  # [N] m, gaps beyond which each robot sees nothing
+    n_own: int  # features of the own block
+    n_neighbors: int  # slots
+    n_obstacles: int  # slots
+    reach: float  # m, the gap at which closeness features reach 0
+
+
+STATE_CONSTANTS = bundle_type(StateConstants)
+
+
 class State:
     """Self, nearest robots and nearest obstacles, in the world's frame, as measured.
 
@@ -90,14 +106,21 @@ class State:
         self.features = own + near + around
         limit = np.inf if model.limit is None else model.limit
         self.echoes = NO_ECHOES
-        self._radii, self._limits = scene.radii, np.minimum(scene.ranges, limit)
-        self._slots, self._reach = (len(own), model.n_neighbors, model.n_obstacles), model.range
+        constants = StateConstants(
+            radii=scene.radii,
+            limits=np.minimum(scene.ranges, limit),
+            n_own=len(own),
+            n_neighbors=model.n_neighbors,
+            n_obstacles=model.n_obstacles,
+            reach=model.range,
+        )
+        self._constants = ArgumentBlock(constants, STATE_CONSTANTS)
 
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
         """Writes `features` of some robots of the active copies, [E, N, F]."""
         observe_states(
-            world.states, world.layouts, self._radii, self._limits, self._slots, self._reach,
-            (robots.start, robots.stop), active, out,
+            self._constants.packed, world.states, world.layouts, robots.start, robots.stop, active,
+            out,
         )  # fmt: skip
 
 
@@ -281,30 +304,26 @@ def _obstacles(
 
 @kernel(error_model="numpy")
 def observe_states(
+    packed: Int,
     states: Float,
     layouts: Float,
-    radii: Double,
-    limits: Double,
-    slots: tuple[int, int, int],
-    reach: float,
-    robots: tuple[int, int],
+    first_robot: int,
+    end_robot: int,
     active: Bool,
     observations: Float,
 ) -> None:
     """Writes the `state` observation of some robots in every active copy.
 
     Args:
+        packed: `StateConstants`, of an `ArgumentBlock`.
         states: [E, S]; a robot that was missed is at NaN.
         layouts: obstacles, [E, M, 8]; the same.
-        radii: robot radii, m, [N].
-        limits: gaps beyond which each robot sees nothing, m, [N].
-        slots: length of the own block, number of neighbour and of obstacle slots.
-        reach: gap (m) at which closeness features reach 0.
-        robots: index of the first robot that observes, and one past the last.
+        first_robot: that observes.
+        end_robot: one past the last.
         active: copies to observe, [E]; rows of the others are not written.
         observations: written, [E, N, O].
     """
-    n_own, n_neighbors, n_obstacles = slots
+    radii, limits, n_own, n_neighbors, n_obstacles, reach = unpack(packed, STATE_CONSTANTS)
     n_agents, n_shapes = radii.shape[0], layouts.shape[1]
     found, circles = np.empty((n_obstacles, 4)), np.empty((3, n_shapes))
     gaps, squares, powers = np.empty(n_agents), np.empty(n_shapes), np.empty(n_shapes)
@@ -318,7 +337,7 @@ def observe_states(
             circles[0, m] = layout[m, 1]
             circles[1, m] = layout[m, 2]
             circles[2, m] = bounding_radius(layout[m])
-        for i in range(robots[0], robots[1]):
+        for i in range(first_robot, end_robot):
             out, at = observations[b, i], N_COLUMNS * i
             px, py, radius = state[at + X], state[at + Y], radii[i]
             _own(out, state, at, n_own)

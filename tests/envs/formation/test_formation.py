@@ -154,7 +154,7 @@ def put_in_slots(env: TaskEnv, ids: Seeds, away: Double) -> Step:
     robots[..., [X, Y]] = robots[..., [TX, TY]] + away
     backend = env._blocks[0]._world._backend
     assert isinstance(backend, KinematicBackend)
-    backend._robots[..., :2] = robots[..., :2]
+    backend.motion.robots[..., :2] = robots[..., :2]
     return step
 
 
@@ -181,7 +181,7 @@ def test_one_robot_far_off_spoils_the_formation_and_steps_add_up_over_gaps() -> 
     for t in range(12):
         if t in (3, 6, 8):  # robot 2 to its slot, away, and back
             shift = -0.3 if t != 6 else 0.3
-            backend._robots[0, 2, 0] += shift
+            backend.motion.robots[0, 2, 0] += shift
         drift = step.states[:, None, 34:36].astype(np.float64)
         step = env.step(np.broadcast_to(drift / 0.6, (1, 4, 2)))
         held.append(int(extra(step, task, "steps_held")[0]))

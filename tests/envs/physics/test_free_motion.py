@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import drive, limits_of
-from swarmdata.envs.physics.fast_backend import integrates_exactly
+from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
 from swarmdata.envs.physics.free_motion import (
     EXACT_GAP_LIMIT,
     is_free,
@@ -115,7 +115,8 @@ def test_free_motion_forgets_what_was_before(backend: MakeBackend) -> None:
     step = env.reset(np.array([1], dtype=np.uint64))
     policy.reset(step, np.arange(1))
     world, active = env._blocks[0]._world, np.array([True])
-    robots = world._backend._robots  # type: ignore[attr-defined]  # states are rounded to float32
+    inner = world._backend
+    robots = inner.spaces.robots if isinstance(inner, FastBackend) else inner._robots  # type: ignore[attr-defined]  # states are rounded to float32
     half, has_touched, n_later_contacts = np.array(spec.half_size), False, 0
     other: Backend | None = None
     contacts = world.contacts

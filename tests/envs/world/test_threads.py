@@ -117,7 +117,7 @@ def test_blocks_share_no_space_and_no_task() -> None:
     env.reset(some_seeds(6))
     assert isinstance(env, TaskEnv)
     backends = [block._world._backend for block in env._blocks]
-    spaces = np.concatenate([backend._spaces for backend in backends])  # type: ignore[attr-defined]
+    spaces = np.concatenate([backend.spaces.spaces for backend in backends])  # type: ignore[attr-defined]
     assert len(np.unique(spaces)) == 6
     assert len({id(block.task) for block in env._blocks}) == 3
     env.close()

@@ -43,10 +43,12 @@ class Evidence:
     def compares_rows(self) -> bool:
         """Whether its cells on reserved seeds compare rows on data as recorded.
 
-        Other studies have such cells too, beside those of other views and conditions.
+        Other studies have such cells too, beside those of other views and conditions, or of
+        online algorithms.
         """
         plan = self.found.study
-        return self.is_on_reserved_seeds and not (plan.information or plan.tasks or plan.sweeps)
+        has_others = plan.information or plan.tasks or plan.sweeps or plan.online
+        return self.is_on_reserved_seeds and not has_others
 
 
 @contextmanager

@@ -4,14 +4,17 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from swarmdata.evaluation.study.answers.answer import Answer, Question
+from swarmdata.evaluation.study.answers.conditions.information_regimes import (
+    answer_information_regimes,
+)
+from swarmdata.evaluation.study.answers.conditions.other_places import answer_other_places
+from swarmdata.evaluation.study.answers.conditions.robustness import answer_robustness
 from swarmdata.evaluation.study.answers.data_efficiency import answer_data_efficiency
 from swarmdata.evaluation.study.answers.data_regimes import answer_data_regimes
 from swarmdata.evaluation.study.answers.distance_from_data import answer_distance_from_data
 from swarmdata.evaluation.study.answers.evidence import limits, open_evidence
-from swarmdata.evaluation.study.answers.information_regimes import answer_information_regimes
 from swarmdata.evaluation.study.answers.ingredients import answer_ingredients
-from swarmdata.evaluation.study.answers.other_places import answer_other_places
-from swarmdata.evaluation.study.answers.robustness import answer_robustness
+from swarmdata.evaluation.study.answers.online_algorithms import answer_online_algorithms
 from swarmdata.evaluation.study.answers.safety import answer_safety
 from swarmdata.evaluation.study.answers.training_length import answer_training_length
 from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL
@@ -46,6 +49,14 @@ QUESTIONS = (
         "several datasets on the reserved seeds",
         answer_data_regimes,
         "The same algorithms with the same settings on data of different quality.",
+    ),
+    Question(
+        "online",
+        "How far do algorithms get that learn in the task?",
+        "`online` rows in the task of one of its datasets",
+        answer_online_algorithms,
+        "Online algorithms collect their own data; offline ones learn from what was recorded. Both "
+        "are evaluated on the same episodes, with the last policy of each seed.",
     ),
     Question(
         "information",

@@ -116,7 +116,8 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
         for dataset, view, label in itertools.product(
             seen.datasets, seen.views.values(), seen.algorithms
         ):
-            _add(cells, offline_cell(study, label, dataset, digest_of, view=view))
+            if study.has(label, dataset):
+                _add(cells, offline_cell(study, label, dataset, digest_of, view=view))
     for label, baseline in study.online.items():
         _add(cells, _online_cell(study, label, baseline))
     return list(cells.values())

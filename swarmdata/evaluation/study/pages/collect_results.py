@@ -71,6 +71,8 @@ class Findings:
     def training_curve(self, cell: Cell, column: str, *, file: str = LOSSES) -> Curve | None:
         """A column of a cell's losses or learning curve; None if it was not recorded.
 
+        Its progress is in gradient updates; that of an online cell in joint steps.
+
         Args:
             cell: of the study.
             column: of the file.
@@ -80,10 +82,11 @@ class Findings:
         rows = [row for row in read_table(path) if column in row] if path.exists() else []
         if not rows:
             return None
+        progress = "frames" if cell.kind == "online" else "update"
         rows_by_seed = [[row for row in rows if row["seed"] == seed] for seed in cell.seeds]
         length = min(map(len, rows_by_seed))
         return Curve(
-            np.array([row["update"] for row in rows_by_seed[0][:length]]),
+            np.array([row[progress] for row in rows_by_seed[0][:length]]),
             np.array([[row[column] for row in seed_rows[:length]] for seed_rows in rows_by_seed]),
         )
 

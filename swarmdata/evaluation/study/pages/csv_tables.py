@@ -175,9 +175,10 @@ def cost_rows(found: Findings) -> list[Row]:
 
 
 def curve_rows(found: Findings) -> list[Row]:
-    """One row per point of a learning curve: the mean over seeds, the lowest and the highest."""
+    """One row per point of an offline learning curve: mean over seeds, lowest and highest."""
     rows: list[Row] = []
-    for cell in sorted(found.cells, key=lambda cell: cell.name):
+    offline = [cell for cell in found.cells if cell.kind == "offline"]
+    for cell in sorted(offline, key=lambda cell: cell.name):
         for metric in CURVE_METRICS:
             curve = found.learning_curve(cell, metric)
             if curve is None:

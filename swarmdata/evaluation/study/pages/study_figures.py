@@ -90,8 +90,9 @@ def plot_training_curves(
     factor: float = 1.0,
     is_log: bool = False,
     n_columns: int = 3,
+    xlabel: str = "gradient updates",
 ) -> None:
-    """Draws values over gradient updates: the mean over seeds in a band from lowest to highest.
+    """Draws values over training: the mean over seeds in a band from lowest to highest.
 
     All panels have the same axes, and labels stand at the ends of their lines.
 
@@ -103,6 +104,7 @@ def plot_training_curves(
         factor: from values to that unit.
         is_log: whether the vertical axis is symmetric logarithmic: linear from -2 to 2.
         n_columns: panels in a row, at most.
+        xlabel: of the progress of training.
     """
     _check_not_empty(panels, "curves")
     n_columns = min(n_columns, len(panels))
@@ -122,7 +124,7 @@ def plot_training_curves(
         for axes in grid[: len(panels)]:  # all lines are drawn, so the shared limits are final
             label_ends(axes, axes.get_lines(), CURVE_PANEL_HEIGHT)
         _hide_unused(grid, len(panels), n_columns)
-        drawing.supxlabel("gradient updates", fontsize=8)
+        drawing.supxlabel(xlabel, fontsize=8)
         drawing.supylabel(ylabel, fontsize=8)
 
 

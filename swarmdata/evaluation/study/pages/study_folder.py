@@ -315,15 +315,16 @@ def _online(found: Findings) -> list[Section]:
     return [Section("Online algorithms", table)] if table else []
 
 
-def _online_values(found: Findings, key: str) -> dict[str, Double]:
-    """The main quantity of the online algorithms, [runs, episodes]."""
-    quantity = quantity_of(found.results)
-    return {
-        label: quantity.values(case, label)
-        for case in found.results.baselines
-        if key != "score" or case.reference is not None
-        for label in case.runs
-    }
+def _online_values(found: Findings, key: str) -> dict[str, dict[str, Double]]:
+    """The main quantity of the online algorithms in the world of each dataset."""
+    results, quantity = found.results, quantity_of(found.results)
+    values: dict[str, dict[str, Double]] = {}
+    for case in results.cases:
+        both = results.with_baselines(case)
+        known = key != "score" or case.reference is not None
+        labels = [label for label in both.runs if label not in case.runs] if known else []
+        values[case.name] = {label: quantity.values(both, label) for label in labels}
+    return values
 
 
 def _overall(found: Findings, out: Path) -> list[Section]:

@@ -124,29 +124,43 @@ def against_data(board: Scoreboard) -> list[str]:
     return sentences
 
 
-def surprises(board: Scoreboard, clean: Scoreboard, online: Mapping[str, Double]) -> list[str]:
+def surprises(
+    board: Scoreboard, clean: Scoreboard, online: Mapping[str, Mapping[str, Double]]
+) -> list[str]:
     """Results that the tables of scores alone do not suggest.
 
     Args:
         board: the main quantity.
         clean: clean success, for the same datasets and labels.
-        online: the main quantity of algorithms that learned in the task, [runs, episodes].
+        online: dataset -> algorithms that learned in its world -> the main quantity,
+            [runs, episodes].
     """
-    sentences = [*_rank_shifts(board), *_unclean_winners(board, clean)]
-    if online and board.values:
-        label = max(online, key=lambda name: float(online[name].mean()))
-        above = []
-        for dataset, found in board.values.items():
-            best = found[board.ranking(dataset)[0]]
-            if difference_interval(best, online[label]).low > 0.0:
-                above.append(without_version(dataset))
-        sentences.append(
+    return [*_rank_shifts(board), *_unclean_winners(board, clean), *_beside_online(board, online)]
+
+
+def _beside_online(board: Scoreboard, online: Mapping[str, Mapping[str, Double]]) -> Iterator[str]:
+    """On how many datasets of a world offline algorithms exceed those that learned in it."""
+    worlds: dict[tuple[str, ...], list[str]] = {}
+    for dataset in board.values:
+        if labels := tuple(online.get(dataset, ())):
+            worlds.setdefault(labels, []).append(dataset)
+    for labels, datasets in worlds.items():
+        values = online[datasets[0]]
+        label = max(labels, key=lambda name: float(values[name].mean()))
+        above = [
+            without_version(dataset)
+            for dataset in datasets
+            if difference_interval(
+                board.values[dataset][board.ranking(dataset)[0]], values[label]
+            ).low
+            > 0.0
+        ]
+        yield (
             f"The best online algorithm, `{label}`, reaches "
-            f"{format_with_unit(estimate_values(online[label], board.column), board)}; the best "
+            f"{format_with_unit(estimate_values(values[label], board.column), board)}; the best "
             f"offline algorithm clearly exceeds it, paired by episode, on {len(above)} of "
-            f"{len(board.values)} datasets" + (f" ({', '.join(above)})." if above else ".")
+            f"{len(datasets)} datasets" + (f" ({', '.join(above)})." if above else ".")
         )
-    return sentences
 
 
 def _rank_shifts(board: Scoreboard) -> Iterator[str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.results.estimate_table import UNDEFINED
-from swarmdata.evaluation.results.learning_curves import Curve
+from swarmdata.evaluation.results.learning_curves import Curve, last_gain
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
@@ -13,9 +13,6 @@ from swarmdata.evaluation.study.plan import LossesPlan
 
 MAX_ON_LINEAR_AXIS = 50.0
 """Values beyond this one get a logarithmic axis, so that small ones beside them stay visible."""
-
-LAST_PART = 0.2
-"""Share of training whose gain tells whether a curve has leveled off."""
 
 Panels = dict[str, dict[str, Curve]]
 
@@ -63,20 +60,13 @@ def _gain_table(panels: Panels) -> str:
 def _format_gain(curve: Curve | None) -> str:
     if curve is None:
         return UNDEFINED
-    return f"{100 * curve.values[:, -1].mean():.1f} ({100 * _last_gain(curve):+.1f})"
+    return f"{100 * curve.values[:, -1].mean():.1f} ({100 * last_gain(curve):+.1f})"
 
 
 def _offline_grid(found: Findings) -> list[Cell]:
     return [
         cell for cell in found.cells if cell.kind == "offline" and is_in_grid(found.study, cell)
     ]
-
-
-def _last_gain(curve: Curve) -> float:
-    """Mean over seeds at the end, minus the mean before the last part of the updates."""
-    before = int((curve.progress <= (1 - LAST_PART) * curve.progress[-1]).sum()) - 1
-    means = curve.values.mean(0)
-    return float(means[-1] - means[max(before, 0)])
 
 
 def loss_sections(found: Findings, out: Path) -> dict[str, str]:

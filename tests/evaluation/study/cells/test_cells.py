@@ -152,6 +152,22 @@ def test_rewards_that_do_not_fit_are_refused_before_anything_runs(
         cells(make_study(algorithms={"x": row}, datasets=["coop_nav-medium"]))
 
 
+def test_views_are_of_the_datasets_that_a_row_is_trained_on(make_study: Make) -> None:
+    study = make_study(
+        datasets=["coop_nav-medium", "coop_nav-expert"],
+        algorithms={"bc": BC, "few": {**BC, "datasets": ["coop_nav-expert"]}},
+        information={
+            "datasets": ["coop_nav-medium", "coop_nav-expert"],
+            "algorithms": ["bc", "few"],
+            "views": {"near": {"observation": "state-1"}},
+        },
+    )
+    views = {name for name, cell in cells(study).items() if cell.observation}
+    assert views == {
+        "bc/coop_nav-medium~state-1", "bc/coop_nav-expert~state-1", "few/coop_nav-expert~state-1"
+    }  # fmt: skip
+
+
 def test_online_trainings_are_cells_of_their_task(make_study: Make) -> None:
     online = {"on": {"algorithm": "mappo", "task": "coop_nav", "frames": 500}}
     cell = cells(make_study(online=online))["on/coop_nav"]

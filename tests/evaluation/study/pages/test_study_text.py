@@ -92,13 +92,25 @@ def test_surprises_are_shifts_touches_and_online_teams() -> None:
     scores = {"x": {"bc": 1, "vdn": 9, "qmix": 8, "omar": 7}}
     scores["y"] = {"bc": 9, "vdn": 2, "qmix": 3, "omar": 4}
     clean = make_board({"x": {"vdn": 0.2, "bc": 0.7}}, {}, width=0.01, column=CLEAN)
-    sentences = study_text.surprises(make_board(scores, {}), clean, {"mappo": np.full((2, 4), 8.5)})
+    board = make_board(scores, {})
+    strong, weak = ({"mappo": np.full((2, 4), value)} for value in (8.5, 1.5))
+    sentences = study_text.surprises(board, clean, {"x": strong, "y": strong})
     assert "`bc` has rank 1 of 4 on y, but rank 4 of 4 on x." in sentences
     assert any("`vdn` solves 20.0 [19.0, 21.0] % of the episodes" in each for each in sentences)
     assert sentences[-1].endswith("exceeds it, paired by episode, on 0 of 2 datasets.")
-    weak = study_text.surprises(make_board(scores, {}), clean, {"mappo": np.full((2, 4), 1.5)})
-    assert weak[-1].endswith("exceeds it, paired by episode, on 2 of 2 datasets (x, y).")
-    assert "`mappo`, reaches 1.5 [1.5, 1.5]; the best" in weak[-1]
+    last = study_text.surprises(board, clean, {"x": weak, "y": weak})[-1]
+    assert last.endswith("exceeds it, paired by episode, on 2 of 2 datasets (x, y).")
+    assert "`mappo`, reaches 1.5 [1.5, 1.5]; the best" in last
+
+
+def test_online_algorithms_are_compared_in_their_own_worlds() -> None:
+    board = make_board({"x": {"bc": 5}, "y": {"bc": 5}}, {})
+    online = {"x": {"mappo-x": np.full((2, 4), 8.0)}, "y": {"mappo-y": np.full((2, 4), 1.0)}}
+    first, second = study_text.surprises(board, board, online)[-2:]
+    assert "`mappo-x`, reaches 8.0" in first
+    assert first.endswith("on 0 of 1 datasets.")
+    assert "`mappo-y`, reaches 1.0" in second
+    assert second.endswith("on 1 of 1 datasets (y).")
 
 
 def test_failures_are_cells_worse_teams_and_seeds_apart() -> None:

@@ -8,8 +8,8 @@ from swarmdata.drawing import markdown
 from swarmdata.evaluation.figures.score_matrix import plot_score_matrix
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
 from swarmdata.evaluation.study.answers.answer import Answer
+from swarmdata.evaluation.study.answers.conditions.transferred_views import describe_transfers
 from swarmdata.evaluation.study.answers.evidence import Evidence
-from swarmdata.evaluation.study.answers.transferred_views import describe_transfers
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.information_section import view_columns
 from swarmdata.evaluation.study.pages.row_differences import Verdict, format_difference, verdict_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.study.answers.information_regimes import (
+from swarmdata.evaluation.study.answers.conditions.information_regimes import (
     Views,
     memory_sentence,
     view_sentence,

@@ -1,0 +1,132 @@
+"""Arguments of kernels that stay the same from call to call, passed as one array of addresses.
+
+numba unpacks each array that a kernel gets from Python, which takes 60 ns, and a small world has
+dozens of them. What lives as long as the world is a NamedTuple instead. It is packed once, and its
+kernels take the result and unpack it in compiled code, where that is a few loads:
+
+    class Drive(NamedTuple):
+        limits: Annotated[Double, 2]  # [N, 5]
+        dt: float  # s
+
+    DRIVE = bundle_type(Drive)
+
+    @kernel
+    def advance(packed: Int, robots: Double) -> None:
+        drive = unpack(packed, DRIVE)
+
+    advance(ArgumentBlock(drive, DRIVE).packed, robots)
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+import numba
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+from swarmdata.types import Int
+
+_SCALARS = {bool: types.boolean, int: types.int64, float: types.float64}
+
+
+def bundle_type(bundle: type[NamedTuple]) -> types.NamedTuple:
+    """Returns numba's type of a NamedTuple, from its annotations.
+
+    Args:
+        bundle: its fields are `bool`, `int`, `float`, or C-contiguous arrays, such as
+            `Annotated[Double, 2]` for one with two axes.
+    """
+    hints = get_type_hints(bundle, include_extras=True)
+    return types.NamedTuple([_field_type(hint) for hint in hints.values()], bundle)
+
+
+def _field_type(hint: Any) -> types.Type:
+    if get_origin(hint) is not Annotated:
+        return _SCALARS[hint]
+    array, n_axes = get_args(hint)
+    dtype = np.dtype(get_args(get_args(array)[1])[0])
+    return types.Array(numba.from_dtype(dtype), n_axes, "C")
+
+
+class ArgumentBlock:
+    """A bundle, and what kernels get of it; the arrays live as long as the block.
+
+    Args:
+        bundle: the arguments.
+        kind: the type that the kernels unpack, of `bundle_type`.
+
+    Attributes:
+        packed: of each array its address and shape, of each number its bits.
+
+    Raises:
+        TypeError: an argument is not of its type.
+    """
+
+    def __init__(self, bundle: Any, kind: types.NamedTuple) -> None:
+        self._bundle = bundle
+        words = [
+            word
+            for name, value, expected in zip(kind.fields, bundle, kind.types, strict=True)
+            for word in _words(name, value, expected)
+        ]
+        self.packed: Int = np.array(words, dtype=np.int64)
+
+
+def _words(name: str, value: Any, expected: types.Type) -> Iterator[int]:
+    found = numba.typeof(value)
+    if found != expected:
+        raise TypeError(f"argument {name} is {found}, expected {expected}: mend its annotation")
+    if isinstance(expected, types.Array):
+        yield value.ctypes.data
+        yield from value.shape
+    elif isinstance(expected, types.Float):
+        yield int(np.float64(value).view(np.int64))
+    else:
+        yield int(value)
+
+
+@intrinsic
+def unpack(_context: Any, packed: Any, kind: Any) -> Any:
+    """In a kernel: the bundle of an `ArgumentBlock`, whose type `kind` must be a constant."""
+    bundle = kind.instance_type
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        words = _Words(builder, data)
+        values = [_read(context, words, field) for field in bundle.types]
+        return context.make_tuple(builder, bundle, values)
+
+    return bundle(packed, kind), generate
+
+
+class _Words:
+    """Generates code that reads one word after another."""
+
+    def __init__(self, builder: Any, data: Any) -> None:
+        self.builder, self._data, self._at = builder, data, 0
+
+    def read(self) -> Any:
+        word = self.builder.load(cgutils.gep(self.builder, self._data, self._at))
+        self._at += 1
+        return word
+
+
+def _read(context: Any, words: _Words, kind: types.Type) -> Any:
+    """Generates code that reads a value."""
+    builder, word = words.builder, words.read()
+    if isinstance(kind, types.Float):
+        return builder.bitcast(word, context.get_value_type(kind))
+    if not isinstance(kind, types.Array):
+        return context.cast(builder, word, types.int64, kind)
+    array = context.make_array(kind)(context, builder)
+    shape = [words.read() for _ in range(kind.ndim)]
+    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    strides = [size]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    pointer = builder.inttoptr(word, context.get_data_type(kind.dtype).as_pointer())
+    populate_array(array, pointer, shape, strides, size, meminfo=None)
+    return array._getvalue()
