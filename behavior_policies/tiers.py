@@ -33,7 +33,7 @@ N_STEPS, MINI_STEPS = 1_000_000, 50_000
 
 LEARNED_FAMILIES = (
     "coop_nav", "formation", "transport", "warehouse", "coop_nav-n8", "formation-n8",
-    "intersection",
+    "intersection", "search",
 )  # fmt: skip
 """Presets that have datasets of learned policies."""
 
