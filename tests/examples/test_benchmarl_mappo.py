@@ -18,10 +18,3 @@ def test_two_iterations_are_trained_and_scored(tmp_path: Path) -> None:
     assert set(experiment.observation_spec.keys(True, True)) == {(example.GROUP, "observation")}
     result = example.score(experiment, "coop_nav", n_episodes=4)
     assert np.isfinite(result.metrics["return"]).all()
-
-
-@pytest.mark.learns
-def test_what_is_learned_solves_the_task(tmp_path: Path) -> None:
-    from tests.examples import benchmarl_mappo as example
-
-    assert example.main(tmp_path, n_iterations=150) > 0.3

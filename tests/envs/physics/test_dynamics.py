@@ -86,7 +86,9 @@ def test_a_heavy_robot_is_hardly_stopped_by_a_light_one(backend: str) -> None:
     """Plastic impact: v = m u / (m + 1) (Newton), while nobody is driven."""
     rows = [(-0.16, 0.0, 0.6, 0.0), (0.1, 0.0, 0.0, 0.0)]
     for mass in (1.0, 4.0):
-        robots = [{"mass": mass, "command": "acceleration"}, {"command": "acceleration"}]
+        robots: list[dict[str, Any]] = [
+            {"mass": mass, "command": "acceleration"}, {"command": "acceleration"}
+        ]  # fmt: skip
         speeds = drive(backend, robots, rows, [(0.0, 0.0)] * 2, 4)[-1, :, 2]
         np.testing.assert_allclose(speeds @ [mass, 1.0], 0.6 * mass, rtol=0.01)
         np.testing.assert_allclose(speeds[0], 0.6 * mass / (mass + 1.0), rtol=0.1)

@@ -26,8 +26,11 @@ def play(spec: TaskSpec) -> Episode:
 def test_png_shows_more_with_rays_and_messages(tmp_path: Path) -> None:
     base = TaskSpec(horizon=20)
     pictures = []
-    for name, models in {"plain": (), "rays": ("lidar",), "radio": ("lidar", "lossy-40")}.items():
-        spec = with_models(base, *models)
+    for name, models in {
+        "plain": (None, None), "rays": ("lidar", None), "radio": ("lidar", "lossy-40")
+    }.items():  # fmt: skip
+        observation, communication = models
+        spec = with_models(base, observation, communication)
         out = tmp_path / "deep" / f"{name}.png"
         write_clip(play(spec), spec, out)
         pictures.append(np.asarray(pil.open(out).convert("RGB")))

@@ -110,7 +110,7 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     from swarmdata.learn.training.run_folder import read_run
 
     monkeypatch.setattr(request, "find_recipe", lambda _: TINY)
-    models = {"observation": "lidar", "communication": "lossy-30"}
+    models: dict[str, Any] = {"observation": "lidar", "communication": "lossy-30"}
     settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
 
     def train_tiny(**chosen: Any) -> None:

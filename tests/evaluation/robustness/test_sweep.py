@@ -109,7 +109,7 @@ def test_a_sweep_leaves_results_tables_and_figures(swept: Path) -> None:
     ],
 )
 def test_a_point_is_what_evaluate_measures(
-    swept: Path, runs: Path, tmp_path: Path, point: str, models: dict[str, str]
+    swept: Path, runs: Path, tmp_path: Path, point: str, models: dict[str, Any]
 ) -> None:
     target, out = find_target(str(runs / "talks"), **models), tmp_path / "results" / point
     evaluate_target(target, N, out, progress=False)
