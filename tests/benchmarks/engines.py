@@ -131,9 +131,8 @@ def physics(spec: TaskSpec, n_copies: int) -> Run:
     shape = (N_ACTIONS, n_copies, spec.n_agents, 2)
     commands = np.random.default_rng(0).uniform(-speed, speed, shape)
 
-    ours = backend.spaces
-
     def advance(k: int) -> None:
+        ours = backend.spaces  # the backend owns what the addresses point to
         _drive_spaces(
             calls, ours.spaces, ours.bodies, commands[k % N_ACTIONS], ours.n_substeps, ours.dt
         )

@@ -80,7 +80,9 @@ class _Playback:
         self._t = 0
         self.motion: LoggedMotion | None = None
 
-    def reset(self, copies: Int, layouts: Float, robots: Double, bodies: Double) -> None:
+    def reset(
+        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+    ) -> None:
         self._layout, self._t = layouts[0].copy(), 0
 
     def step(

@@ -35,6 +35,7 @@ DIFFERENCES: dict[str, dict[str, object]] = {
 
 ELSEWHERE = {
     "data-regimes.md": "no study has several datasets on the reserved seeds",
+    "online.md": "no study has `online` rows in the task of one of its datasets",
     "robustness.md": "no study has measured `sweeps`",
     "places.md": "no study has policies evaluated in other `tasks`",
     "data-efficiency.md": "no study has measured `sizes`",
