@@ -20,7 +20,7 @@ def answer_other_places(evidence: Sequence[Evidence], out: Path) -> Answer | Non
         rows = read_shifts(each.folder / TASKS_FILE)
         for dataset in dict.fromkeys(row.dataset for row in rows):
             here = [row for row in rows if row.dataset == dataset]
-            sentences += list(_sentences(dataset, here))
+            sentences += list(place_sentences(dataset, here))
             figures.append(f"places-{each.name}-{dataset}.png")
             plot_score_matrix(
                 _success(here), out / figures[-1], label=SUCCESS.column.header, decimals=0
@@ -38,7 +38,7 @@ def answer_other_places(evidence: Sequence[Evidence], out: Path) -> Answer | Non
     return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
 
 
-def _sentences(dataset: str, rows: Sequence[Shifted]) -> Iterator[str]:
+def place_sentences(dataset: str, rows: Sequence[Shifted]) -> Iterator[str]:
     """The policies that solve most in each task."""
     for task in dict.fromkeys(row.used_with for row in rows):
         known = [
@@ -47,6 +47,11 @@ def _sentences(dataset: str, rows: Sequence[Shifted]) -> Iterator[str]:
         best = max(known, key=lambda row: row.estimates[SUCCESS.column.key].value, default=None)
         if best is None:
             yield f"On {task}, no policies that learned on {dataset} fit."
+        elif best.estimates[SUCCESS.column.key].value == 0.0:
+            yield (
+                f"On {task}, no policies that learned on {dataset} solve any of "
+                f"{best.n_episodes:,} episodes."
+            )
         else:
             yield (
                 f"On {task}, of policies that learned on {dataset}, those of `{best.label}` solve "
