@@ -86,6 +86,7 @@ def test_any_number_of_workers_gives_the_same_digest(
     Dataset.open(folder, verify="full")
 
 
+@pytest.mark.slow
 def test_kills_at_random_moments_change_nothing(tmp_path: Path, digest: str) -> None:
     out, rng = tmp_path / "d", random.Random(3)
     for _ in range(3):

@@ -73,6 +73,7 @@ def test_the_table_says_what_the_dataset_has(site: Path) -> None:
     assert all(isinstance(seed, str) for seed in episodes["seed"])  # too large for numbers
 
 
+@pytest.mark.slow
 def test_a_catalogue_is_the_same_every_time(shown: dict[str, Path], tmp_path: Path) -> None:
     names = [str(shown["tiny"]), str(shown["images"])]
     for out in ("one", "two"):
@@ -136,6 +137,7 @@ def test_an_unknown_name_is_refused_before_anything_is_written(tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_failure_leaves_the_earlier_catalogue(
     shown: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

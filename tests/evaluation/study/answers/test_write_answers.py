@@ -124,6 +124,7 @@ def test_a_study_answers_what_it_measured(
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_other_conditions_places_and_sizes_have_pages(
     make_study: Callable[..., Study], data: Path, tmp_path: Path
