@@ -179,13 +179,9 @@ machine the ratios with VMAS and with the physics were higher (*Low-dimensional 
 
 - Steps with random actions, 64 copies: about 70 % are physics and contacts, 19 % observations, 8 %
   scores. Calling kernels takes 7 us of some 200, so fewer kernels would gain 3 %.
-- One copy: of 11 us a step, 7 us called five kernels, whose 65 arguments are unpacked one by one at
-  60 ns for an array, and made the arrays of the step. The physics takes 2 us. Since then 27 of the
-  arguments, those that last, reach kernels packed (`runtime.argument_blocks`). With a load of 8,
-  when all took 1.6 times as long, a step of an ended copy took 6.3 us instead of 8.6 between its
-  begin and its end. In 60 pairs of 50 ms with the code before, at a load of 9, whole steps were 1.1
-  times as fast (quartiles 1.03 and 1.2). The table is of the code before. The goal would need the
-  whole step in one call, sensors and tasks included: an estimated 5 us.
+- One copy: of 11 us a step, 7 us called five kernels, whose 65 arguments are unpacked one by one,
+  and made the arrays of the step. The physics takes 2 us. Since then 27 of the arguments, those
+  that last, reach kernels packed (`runtime.argument_blocks`); the table is of the code before.
 - Threads: the caller divides the arrays and begins the step for all blocks, and the threads hand
   over the interpreter's lock at every kernel: about 25 us, and 13 us in which they meet. Against
   two processes with half of the copies each, in turns on two cores with a load of 20, two threads
