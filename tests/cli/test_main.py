@@ -59,6 +59,7 @@ def test_the_package_runs_as_a_module(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["swarmdata", "--version"])
+    monkeypatch.delitem(sys.modules, "swarmdata.__main__", raising=False)  # others may import it
     with pytest.raises(SystemExit, match="0"):
         runpy.run_module("swarmdata", run_name="__main__")
     assert capsys.readouterr().out == f"swarmdata {__version__}\n"
