@@ -46,7 +46,13 @@ class Backend(Protocol):
     """
 
     def reset(
-        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+        self,
+        copies: Int,
+        layouts: Float,
+        robots: Double,
+        bodies: Double,
+        limits: Double,
+        payloads: Double,
     ) -> None:
         """Starts new worlds in `copies`, from which their history must not show in any bit.
 
@@ -57,6 +63,8 @@ class Backend(Protocol):
             bodies: movable bodies of these copies, with their velocities, [C, K, 7].
             limits: of the robots, `dynamics.limits_of`, [N, 8], or those of each of these
                 copies, [C, N, 8].
+            payloads: of the movable bodies, `episode_bodies.payload_rows`, [K, 4], or those of
+                each of these copies, [C, K, 4].
         """
         ...
 

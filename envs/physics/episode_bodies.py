@@ -1,4 +1,7 @@
-"""The robots of each episode: those of the spec, with what the episode has drawn instead."""
+"""The bodies of each episode: those of the spec, with what the episode has drawn instead."""
+
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,7 +15,9 @@ from swarmdata.envs.physics.dynamics import (
     UNICYCLE,
     limits_of,
 )
-from swarmdata.numerics.episode_draws import drawn_values
+from swarmdata.numerics.episode_draws import draw, drawn_values
+from swarmdata.specs.randomization import PAYLOAD_RANGES
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Seeds
 
@@ -24,6 +29,9 @@ COLUMNS = {
     "wheel_grip": GRIP,
 }
 """Columns of the limits that are fields of robots; accelerations follow from three of them."""
+
+PAYLOAD_MASS, MOMENT, SLIDE_FRICTION, TURN_FRICTION = range(4)
+"""Columns of payloads: kg, kg m^2, and the most (N, N m) with which the floor holds them."""
 
 
 def episode_limits(spec: TaskSpec, seeds: Seeds) -> Double:
@@ -42,3 +50,38 @@ def episode_limits(spec: TaskSpec, seeds: Seeds) -> Double:
     gripped = np.minimum(driven, limits[..., GRIP])
     limits[..., ACCELERATION] = np.where(limits[..., UNICYCLE] == 1.0, gripped, driven)
     return limits
+
+
+def payload_rows(payloads: Sequence[Payload]) -> Double:
+    """Returns what payloads weigh and how the floor holds them, [K, 4]."""
+    rows = [_payload_row(each) for each in payloads]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def episode_payloads(spec: TaskSpec, payloads: Sequence[Payload], seeds: Seeds) -> Double:
+    """Returns `payload_rows` of some episodes, [E, K, 4].
+
+    Args:
+        spec: of the episodes.
+        payloads: of the spec, K of them.
+        seeds: of the episodes, [E].
+    """
+    names = PAYLOAD_RANGES.keys() & spec.randomization.ranges.keys()
+    drawn = {PAYLOAD_RANGES[name]: draw(spec, name, seeds)[:, 0].tolist() for name in names}
+    rows = np.empty((len(seeds), len(payloads), 4))
+    for b in range(len(seeds)):
+        changes = {field: values[b] for field, values in drawn.items()}
+        rows[b] = payload_rows([each.model_copy(update=changes) for each in payloads])
+    return rows
+
+
+def _payload_row(payload: Payload) -> tuple[float, float, float, float]:
+    """Moments of inertia by the formulas of Munk2D; torques as of a disc of equal area."""
+    mass, friction = payload.mass, payload.friction
+    length, width = 2 * payload.half_length, 2 * payload.half_width
+    if payload.shape == "circle":
+        moment = mass * (0.5 * payload.half_length**2)
+        area = math.pi * payload.half_length**2
+    else:
+        moment, area = mass * (length * length + width * width) / 12.0, length * width
+    return mass, moment, friction, friction * 2 / 3 * math.sqrt(area / math.pi)

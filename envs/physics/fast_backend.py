@@ -20,6 +20,12 @@ import pymunk
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import FRICTION, MASS, drive
+from swarmdata.envs.physics.episode_bodies import (
+    MOMENT,
+    PAYLOAD_MASS,
+    SLIDE_FRICTION,
+    TURN_FRICTION,
+)
 from swarmdata.envs.physics.free_motion import is_free, move, write_travel_bounds
 from swarmdata.envs.physics.impacts import time_to_impact
 from swarmdata.envs.physics.munk_calls import (
@@ -35,6 +41,7 @@ from swarmdata.envs.physics.munk_calls import (
     SET_ID,
     SET_MASS,
     SET_MAX_FORCE,
+    SET_MOMENT,
     SET_OFFSET,
     SET_POSITION,
     SET_RADIUS,
@@ -69,7 +76,7 @@ class Spaces(NamedTuple):
     bodies: Annotated[Int, 2]  # [E, N + K] robots, then movable bodies
     shapes: Annotated[Int, 2]  # [E, any] in build order, those of `bodies` last
     joints: Annotated[Int, 2]  # [E, 2 K]
-    joint_forces: Annotated[Double, 1]  # [2 K] N, the largest of each joint
+    payloads: Annotated[Double, 3]  # [E, K, 4] of `payload_rows`
     n_substeps: int  # physics steps in a control step
     dt: float  # s, of a physics step
     limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
@@ -161,7 +168,7 @@ def _write_space(
     shapes: Int,
     bodies: Int,
     joints: Int,
-    joint_forces: Double,
+    payloads: Double,
     layout: Float,
     robots: Double,
     movables: Double,
@@ -176,15 +183,17 @@ def _write_space(
     for joint in joints:
         call_pd(calls[SET_MAX_FORCE], joint, 0.0)
     call_pd(calls[STEP], space, dt)  # clears overlap velocities, and impulses by forces of 0
-    for j in range(joints.shape[0]):
-        call_pd(calls[SET_MAX_FORCE], joints[j], joint_forces[j])
     for i in range(n):
         call_pv(calls[SET_POSITION], bodies[i], robots[i, 0], robots[i, 1])
         call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
         call_pd(calls[SET_MASS], bodies[i], limits[i, MASS])
         call_pd(calls[SET_FRICTION], shapes[first + i], limits[i, FRICTION])
     for k in range(movables.shape[0]):
-        body, row = bodies[n + k], movables[k]
+        body, row, load = bodies[n + k], movables[k], payloads[k]
+        call_pd(calls[SET_MASS], body, load[PAYLOAD_MASS])
+        call_pd(calls[SET_MOMENT], body, load[MOMENT])
+        call_pd(calls[SET_MAX_FORCE], joints[2 * k], load[SLIDE_FRICTION])
+        call_pd(calls[SET_MAX_FORCE], joints[2 * k + 1], load[TURN_FRICTION])
         call_pv(calls[SET_POSITION], body, row[0], row[1])
         call_pd(calls[SET_ANGLE], body, math.atan2(row[5], row[4]))
         call_pv(calls[SET_VELOCITY], body, 0.0, 0.0)
@@ -214,7 +223,7 @@ def _advance(
 ) -> None:
     """Advances the active copies of the packed `Spaces`; the rest is as in `Backend.step`."""
     (
-        calls, spaces, bodies, shapes, joints, joint_forces, n_substeps, dt, limits, radii, half,
+        calls, spaces, bodies, shapes, joints, payloads, n_substeps, dt, limits, radii, half,
         body_shapes, robots, movables, solver_dt,
     ) = unpack(packed, SPACES)  # fmt: skip
     can_be_free = movables.shape[1] == 0
@@ -242,7 +251,7 @@ def _advance(
                 left -= part
                 if solver_dt[b] < 0.0:
                     _write_space(
-                        calls, spaces[b], shapes[b], bodies[b], joints[b], joint_forces, layout,
+                        calls, spaces[b], shapes[b], bodies[b], joints[b], payloads[b], layout,
                         team, movables[b], limits[b], dt,
                     )  # fmt: skip
                 elif part != solver_dt[b]:
@@ -285,7 +294,7 @@ class FastBackend:
             bodies=np.zeros((n_copies, n + k), dtype=np.int64),
             shapes=np.zeros((n_copies, n_shapes), dtype=np.int64),
             joints=np.zeros((n_copies, 2 * k), dtype=np.int64),
-            joint_forces=np.zeros(2 * k),
+            payloads=np.zeros((n_copies, k, 4)),
             n_substeps=spec.n_substeps,
             dt=spec.physics_dt,
             limits=np.zeros((n_copies, n, 8)),
@@ -301,11 +310,18 @@ class FastBackend:
         self._layouts: Float | None = None
 
     def reset(
-        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+        self,
+        copies: Int,
+        layouts: Float,
+        robots: Double,
+        bodies: Double,
+        limits: Double,
+        payloads: Double,
     ) -> None:
         self._layouts = layouts
         self.spaces.robots[copies], self.spaces.movables[copies] = robots, bodies
-        self.spaces.limits[copies], self.spaces.solver_dt[copies] = limits, UNWRITTEN
+        self.spaces.limits[copies], self.spaces.payloads[copies] = limits, payloads
+        self.spaces.solver_dt[copies] = UNWRITTEN
         for row, b in enumerate(copies.tolist()):
             if self._owners[b] is None:
                 self._build(b, layouts[b], robots[row], bodies[row])
@@ -316,14 +332,15 @@ class FastBackend:
         def address(pointer: Any) -> int:
             return int(ffi.cast("uintptr_t", pointer))
 
-        space, bodies = build_space(self._plan, layout, robots, movables, self.spaces.limits[b])
-        self._owners[b] = space, bodies
         ours = self.spaces
+        space, bodies = build_space(
+            self._plan, layout, robots, movables, ours.limits[b], ours.payloads[b]
+        )
+        self._owners[b] = space, bodies
         ours.spaces[b] = address(space._space)
         ours.bodies[b] = [address(body._body) for body in bodies]
         ours.shapes[b] = [address(shape._shape) for shape in space.shapes]
         ours.joints[b] = [address(joint._constraint) for joint in space.constraints]
-        ours.joint_forces[:] = [joint.max_force for joint in space.constraints]
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float

@@ -58,7 +58,13 @@ class KinematicBackend:
         self._block = ArgumentBlock(self.motion, MOTION)
 
     def reset(
-        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+        self,
+        copies: Int,
+        layouts: Float,
+        robots: Double,
+        bodies: Double,
+        limits: Double,
+        payloads: Double,
     ) -> None:
         self.motion.robots[copies], self.motion.bodies[copies] = robots, bodies
         self.motion.limits[copies] = limits

@@ -11,7 +11,7 @@ versions may give others.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,6 +25,7 @@ from swarmdata.envs.physics.mujoco_wheels import N_POSITIONS, N_VELOCITIES, whee
 from swarmdata.envs.physics.mujoco_wheels import read as read_wheeled
 from swarmdata.envs.physics.mujoco_wheels import start as start_wheeled
 from swarmdata.errors import SimulationError
+from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
@@ -46,157 +47,234 @@ class _Copy(NamedTuple):
     data: Any  # mujoco.MjData
     option: Any  # of the model
     forces: Double  # N, or rad/s of wheels, [2 N]
-    positions: Double  # of all joints
-    velocities: Double  # of all joints
+    positions: Double  # of all joints, [P]
+    velocities: Double  # of all joints, [V]
     warnings: Int  # how many of each kind
+    limits: Double  # [N, 8] as written in the model
+    payloads: Double  # [K, 4] as written in the model
+
+
+class Worlds(NamedTuple):
+    """What kernels read and write of E copies in every step."""
+
+    limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
+    n_substeps: int  # physics steps in a control step
+    dt: float  # s, of a physics step
+    n_short: int  # MuJoCo's steps in one near contacts
+    can_be_free: bool  # whether a physics step can be one step of MuJoCo
+    radii: Annotated[Double, 1]  # [N] m
+    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
+    joints: Annotated[Int, 2]  # [N + K, 3] of `_joints`
+    layouts: Annotated[Float, 3]  # [E, M, 8]
+    robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
+    bodies: Annotated[Double, 3]  # [E, K, 7] columns `state_layout.BODY`
+    accelerations: Annotated[Double, 3]  # [E, N, 2] m/s^2
+    forces: Annotated[Double, 2]  # [E, 2 N] N, or rad/s of wheels
+    positions: Annotated[Double, 2]  # [E, P] of all joints
+    velocities: Annotated[Double, 2]  # [E, V] of all joints
+    n_steps: Annotated[Int, 1]  # [E] MuJoCo's steps in this physics step, 0 in copies that ended
+    is_free: Annotated[Bool, 1]  # [E] whether nothing can touch in this physics step
+
+
+WORLDS = bundle_type(Worlds)
 
 
 @kernel
-def _push(
-    b: int, k: int, robots: Double, commands: Double, limits: Double, n_substeps: int, dt: float,
-    accelerations: Double, forces: Double, can_be_free: bool, radii: Double, half: Double,
-    layouts: Float, joints: Int, slack: Double,
-) -> bool:  # fmt: skip
-    """Writes what the motors do in physics step `k`; returns whether it is free."""
-    drive(robots[b], commands[b], limits[b], n_substeps, dt, k, accelerations)
-    for i in range(accelerations.shape[0]):
-        if not joints[i, WHEELS]:
-            for c in range(2):
-                forces[2 * i + c] = limits[b, i, MASS] * accelerations[i, c]
-    if not can_be_free:
-        return False
-    travel = np.empty(radii.shape[0])  # beyond that by the velocities
-    for i in range(travel.shape[0]):
-        ax, ay = accelerations[i, 0], accelerations[i, 1]
-        travel[i] = math.sqrt(ax * ax + ay * ay) * dt * dt
-    return is_free(robots[b], dt, travel, radii, layouts[b], half, slack[b])
+def _push(packed: Int, k: int, active: Bool, commands: Double, slack: Double) -> None:
+    """Writes what the motors do in physics step `k`, and how many steps of MuJoCo it takes."""
+    ours = unpack(packed, WORLDS)
+    travel = np.empty(ours.radii.shape[0])  # beyond that by the velocities
+    for b in range(active.shape[0]):
+        ours.n_steps[b] = ours.n_short if active[b] else 0
+        if not active[b]:
+            continue
+        limits, accelerations = ours.limits[b], ours.accelerations[b]
+        drive(ours.robots[b], commands[b], limits, ours.n_substeps, ours.dt, k, accelerations)
+        for i in range(travel.shape[0]):
+            ax, ay = accelerations[i, 0], accelerations[i, 1]
+            travel[i] = math.sqrt(ax * ax + ay * ay) * ours.dt * ours.dt
+            if not ours.joints[i, WHEELS]:
+                ours.forces[b, 2 * i] = limits[i, MASS] * ax
+                ours.forces[b, 2 * i + 1] = limits[i, MASS] * ay
+        ours.is_free[b] = ours.can_be_free and is_free(
+            ours.robots[b], ours.dt, travel, ours.radii, ours.layouts[b], ours.half, slack[b]
+        )
+        if ours.is_free[b]:
+            ours.n_steps[b] = 1
 
 
 @kernel
-def _steer(
-    b: int, robots: Double, commands: Double, limits: Double, radii: Double, joints: Int,
-    forces: Double,
-) -> None:  # fmt: skip
-    """Writes the wheels' speeds in a step of MuJoCo."""
-    for i in range(radii.shape[0]):
-        if joints[i, WHEELS]:
-            forces[2 * i], forces[2 * i + 1] = wheel_speeds(
-                robots[b, i], commands[b, i], limits[b, i], radii[i]
-            )
+def _steer(packed: Int, s: int, commands: Double) -> None:
+    """Writes the wheels' speeds in step `s` of MuJoCo."""
+    ours = unpack(packed, WORLDS)
+    for b in range(ours.n_steps.shape[0]):
+        if ours.n_steps[b] <= s:
+            continue
+        for i in range(ours.radii.shape[0]):
+            if ours.joints[i, WHEELS]:
+                ours.forces[b, 2 * i], ours.forces[b, 2 * i + 1] = wheel_speeds(
+                    ours.robots[b, i], commands[b, i], ours.limits[b, i], ours.radii[i]
+                )
 
 
 @kernel
-def _read(
-    b: int, positions: Double, velocities: Double, robots: Double, bodies: Double, radii: Double,
-    half: Double, layouts: Float, joints: Int, touching: Bool, static: Bool, slack: Double,
-    events: Counts,
-) -> None:  # fmt: skip
-    """Reads what moves in copy `b`, and finds its contacts."""
-    n = robots.shape[1]
+def _read_bodies(
+    positions: Double, velocities: Double, joints: Int, robots: Double, bodies: Double
+) -> None:
+    """Reads what moves in one copy from its joints."""
+    n = robots.shape[0]
     for i in range(n):
         place, speed = joints[i, PLACE], joints[i, SPEED]
         if joints[i, WHEELS]:
-            read_wheeled(positions, velocities, place, speed, robots[b, i])
+            read_wheeled(positions, velocities, place, speed, robots[i])
             continue
         for c in range(2):
-            robots[b, i, c], robots[b, i, 2 + c] = positions[place + c], velocities[speed + c]
-    for k in range(bodies.shape[1]):
-        place, speed, row = joints[n + k, PLACE], joints[n + k, SPEED], bodies[b, k]
+            robots[i, c], robots[i, 2 + c] = positions[place + c], velocities[speed + c]
+    for k in range(bodies.shape[0]):
+        place, speed, row = joints[n + k, PLACE], joints[n + k, SPEED], bodies[k]
         for c in range(2):
             row[c], row[2 + c] = positions[place + c], velocities[speed + c]
         row[4], row[5] = math.cos(positions[place + 3]), math.sin(positions[place + 3])
         row[6] = velocities[speed + 3]
-    update_contacts(
-        robots[b], radii, layouts[b], half, touching[b], static[b], slack[b], events[b]
-    )  # fmt: skip
 
 
 @kernel
-def _write(b: int, robots: Double, bodies: Double, states: Float) -> None:
-    write_state(robots[b], bodies[b], states[b])
+def _read(packed: Int, s: int, touching: Bool, static: Bool, slack: Double, events: Counts) -> None:
+    """Reads what moves after step `s` of MuJoCo, and finds contacts."""
+    ours = unpack(packed, WORLDS)
+    for b in range(ours.n_steps.shape[0]):
+        if ours.n_steps[b] > s:
+            _read_bodies(
+                ours.positions[b], ours.velocities[b], ours.joints, ours.robots[b], ours.bodies[b]
+            )
+            update_contacts(
+                ours.robots[b], ours.radii, ours.layouts[b], ours.half, touching[b], static[b],
+                slack[b], events[b],
+            )  # fmt: skip
+
+
+@kernel
+def _write(packed: Int, active: Bool, states: Float) -> None:
+    """Writes the states of the active copies."""
+    ours = unpack(packed, WORLDS)
+    for b in range(active.shape[0]):
+        if active[b]:
+            write_state(ours.robots[b], ours.bodies[b], states[b])
 
 
 class MujocoBackend:
     """Implements `Backend` with MuJoCo."""
 
     def __init__(self, plan: Plan, n_copies: int) -> None:
-        spec = plan.spec
-        n, k = spec.n_agents, len(plan.movables)
-        self._world = WorldModel(plan)
-        self._n_substeps, self._dt = spec.n_substeps, spec.physics_dt
-        self._n_short = steps_in(self._dt)
-        self._joints = _joints(plan)
-        self._has_wheels = bool(self._joints[:, WHEELS].any())
-        self._can_be_free = k == 0 and not self._has_wheels
+        spec, (n, k) = plan.spec, (plan.spec.n_agents, len(plan.movables))
+        self._model = WorldModel(plan)
+        joints = _joints(plan)
+        self._has_wheels = bool(joints[:, WHEELS].any())
+        n_positions, n_velocities = self._model.n_coordinates
+        self.worlds = Worlds(
+            limits=np.zeros((n_copies, n, 8)),
+            n_substeps=spec.n_substeps,
+            dt=spec.physics_dt,
+            n_short=steps_in(spec.physics_dt),
+            can_be_free=k == 0 and not self._has_wheels,
+            radii=np.array([robot.radius for robot in spec.robots]),
+            half=np.array(spec.half_size),
+            joints=joints,
+            layouts=np.zeros((n_copies, len(plan.kinds), 8), np.float32),
+            robots=np.zeros((n_copies, n, 6)),
+            bodies=np.zeros((n_copies, k, 7)),
+            accelerations=np.zeros((n_copies, n, 2)),
+            forces=np.zeros((n_copies, 2 * n)),
+            positions=np.zeros((n_copies, n_positions)),
+            velocities=np.zeros((n_copies, n_velocities)),
+            n_steps=np.zeros(n_copies, np.int64),
+            is_free=np.zeros(n_copies, np.bool_),
+        )
+        self._block = ArgumentBlock(self.worlds, WORLDS)
         self._copies: list[_Copy | None] = [None] * n_copies
-        self._layouts: Float = np.zeros((n_copies, len(plan.kinds), 8), np.float32)
-        self._robots: Double = np.zeros((n_copies, n, 6))
-        self._bodies: Double = np.zeros((n_copies, k, 7))
-        self._limits: Double = np.zeros((n_copies, n, 8))
-        self._radii = np.array([robot.radius for robot in spec.robots])
-        self._half = np.array(spec.half_size)
-        self._accelerations: Double = np.zeros((n, 2))
+        self._warnings: Int = np.zeros((n_copies, mujoco.mjtWarning.mjNWARNING), np.int64)
 
     def reset(
-        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+        self,
+        copies: Int,
+        layouts: Float,
+        robots: Double,
+        bodies: Double,
+        limits: Double,
+        payloads: Double,
     ) -> None:
-        self._robots[copies], self._bodies[copies] = robots, bodies
-        self._layouts[copies], self._limits[copies] = layouts[copies], limits
-        for b in copies.tolist():
-            self._copies[b] = self._start(b)
+        ours = self.worlds
+        ours.robots[copies], ours.bodies[copies] = robots, bodies
+        ours.layouts[copies], ours.limits[copies] = layouts[copies], limits
+        loads = np.broadcast_to(payloads, (len(copies), *payloads.shape[-2:]))
+        for b, load in zip(copies.tolist(), loads, strict=True):
+            self._start(b, load)
 
-    def _start(self, b: int) -> _Copy:
-        model, used = self._world.compile(self._layouts[b], self._limits[b]), self._copies[b]
-        data = mujoco.MjData(model) if used is None else used.data  # all models have its sizes
-        mujoco.mj_resetData(model, data)
-        numbers = data.warning.number
-        copy = _Copy(model, data, model.opt, data.ctrl, data.qpos, data.qvel, numbers)
-        rows = (*self._robots[b], *self._bodies[b])
-        for k, (row, (place, speed, on_wheels)) in enumerate(zip(rows, self._joints, strict=True)):
+    def _start(self, b: int, payloads: Double) -> None:
+        """Begins an episode in copy `b`."""
+        ours, copy = self.worlds, self._copies[b] or self._new(len(payloads))
+        self._copies[b] = copy
+        self._model.write_obstacles(copy.model, ours.layouts[b])
+        is_same = np.array_equal(copy.limits, ours.limits[b])
+        if not (is_same and np.array_equal(copy.payloads, payloads)):
+            copy.limits[:], copy.payloads[:] = ours.limits[b], payloads
+            self._model.write_bodies(copy.model, copy.data, copy.limits, copy.payloads)
+        mujoco.mj_resetData(copy.model, copy.data)
+        rows = (*ours.robots[b], *ours.bodies[b])
+        for k, (row, (place, speed, on_wheels)) in enumerate(zip(rows, ours.joints, strict=True)):
             positions, velocities = copy.positions[place:], copy.velocities[speed:]
             if on_wheels:
                 start_wheeled(row, positions, velocities)
                 continue
             positions[:2], velocities[:2] = row[:2], row[2:4]
-            if k >= self._robots.shape[1]:
+            if k >= ours.robots.shape[1]:
                 positions[3], velocities[3] = np.arctan2(row[5], row[4]), row[6]
-        return copy
+
+    def _new(self, n_payloads: int) -> _Copy:
+        """Returns a copy of the world in which no episode has begun."""
+        model, n = self._model.new(), len(self.worlds.radii)
+        data = mujoco.MjData(model)
+        unwritten = np.full((n, 8), np.nan), np.full((n_payloads, 4), np.nan)
+        numbers = data.warning.number
+        return _Copy(model, data, model.opt, data.ctrl, data.qpos, data.qvel, numbers, *unwritten)
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
-        for b in np.flatnonzero(active).tolist():
-            copy = self._copies[b]
-            if copy is None:
-                raise RuntimeError(f"copy {b} was stepped before its first reset")
-            self._advance(b, copy, commands, contacts, events)
-            _write(b, self._robots, self._bodies, states)
-
-    def _advance(
-        self, b: int, copy: _Copy, commands: Double, contacts: Contacts, events: Counts
-    ) -> None:
-        """Makes one control step of copy `b`."""
-        for k in range(self._n_substeps):
-            is_open = _push(
-                b, k, self._robots, commands, self._limits, self._n_substeps, self._dt,
-                self._accelerations, copy.forces, self._can_be_free, self._radii, self._half,
-                self._layouts, self._joints, contacts.slack,
-            )  # fmt: skip
-            n_steps = 1 if is_open else self._n_short
-            copy.option.timestep = self._dt / n_steps
-            copy.option.disableflags = NO_CONTACTS if is_open else NO_MIDPHASE
-            for _ in range(n_steps):
+        packed, ours = self._block.packed, self.worlds
+        for k in range(ours.n_substeps):
+            _push(packed, k, active, commands, contacts.slack)
+            for b in np.flatnonzero(active).tolist():
+                self._prepare(b)
+            for s in range(ours.n_short):
                 if self._has_wheels:
-                    _steer(
-                        b, self._robots, commands, self._limits, self._radii, self._joints,
-                        copy.forces,
-                    )  # fmt: skip
-                mujoco.mj_step(copy.model, copy.data)
-                _read(
-                    b, copy.positions, copy.velocities, self._robots, self._bodies, self._radii,
-                    self._half, self._layouts, self._joints, *contacts, events,
-                )  # fmt: skip
-        _check_warnings(copy.warnings)
+                    _steer(packed, s, commands)
+                for b in np.flatnonzero(ours.n_steps > s).tolist():
+                    self._move(b)
+                _read(packed, s, *contacts, events)
+        _write(packed, active, states)
+        for b in np.flatnonzero(active).tolist():
+            self._warnings[b] = self._copy(b).warnings
+        _check_warnings(self._warnings)
+
+    def _prepare(self, b: int) -> None:
+        """Chooses how MuJoCo steps copy `b` in this physics step."""
+        ours, option = self.worlds, self._copy(b).option
+        option.timestep = ours.dt / ours.n_steps[b]
+        option.disableflags = NO_CONTACTS if ours.is_free[b] else NO_MIDPHASE
+
+    def _move(self, b: int) -> None:
+        """Makes one step of MuJoCo in copy `b`."""
+        copy, ours = self._copy(b), self.worlds
+        copy.forces[:] = ours.forces[b]
+        mujoco.mj_step(copy.model, copy.data)
+        ours.positions[b], ours.velocities[b] = copy.positions, copy.velocities
+
+    def _copy(self, b: int) -> _Copy:
+        copy = self._copies[b]
+        if copy is None:
+            raise RuntimeError(f"copy {b} was stepped before its first reset")
+        return copy
 
 
 def _joints(plan: Plan) -> Int:
@@ -214,11 +292,14 @@ def _joints(plan: Plan) -> Int:
 def _check_warnings(numbers: Int) -> None:
     """Checks that MuJoCo had room for all contacts, and did not start anew after diverging.
 
+    Args:
+        numbers: of warnings of each kind, [E, W].
+
     Raises:
         SimulationError: it warned.
     """
     if numbers.any():
-        kinds = [mujoco.mjtWarning(k).name for k in np.flatnonzero(numbers).tolist()]
+        kinds = [mujoco.mjtWarning(k).name for k in np.flatnonzero(numbers.any(0)).tolist()]
         raise SimulationError(
             f"MuJoCo {mujoco.__version__} warned in a world: {', '.join(kinds)}, expected no "
             "warning; its positions cannot be trusted. Use fewer robots or a shorter physics_dt, "

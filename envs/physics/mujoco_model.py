@@ -8,16 +8,27 @@ one foot, whose contact with the floor has the dry friction of the spec in every
 
 MuJoCo's contacts are soft: bodies sink into each other before they are stopped.
 `LONGEST_STEP` bounds how deep, since a contact cannot be stiffer than a step allows.
+
+A model is compiled once. Episodes differ in numbers only, which are written into copies of it,
+with all that MuJoCo's compiler derives from them but its trees of boxes, which are switched off.
 """
 
+import copy
 import itertools
 import math
 from typing import Any, NamedTuple
 
 import mujoco
+import numpy as np
 
 from swarmdata.envs.physics.backend import Plan
 from swarmdata.envs.physics.dynamics import FRICTION, MASS
+from swarmdata.envs.physics.episode_bodies import (
+    MOMENT,
+    PAYLOAD_MASS,
+    SLIDE_FRICTION,
+    TURN_FRICTION,
+)
 from swarmdata.envs.physics.mujoco_wheels import (
     FLOOR,
     GRAVITY,
@@ -27,9 +38,10 @@ from swarmdata.envs.physics.mujoco_wheels import (
     add_wheeled,
 )
 from swarmdata.numerics.geometry import CIRCLE, bar_box
+from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import SURFACE_FRICTION, Robot
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Int
 
 LONGEST_STEP = 0.0125
 """Largest length (s) of MuJoCo's steps near contacts; a physics step has a whole number of them."""
@@ -61,26 +73,87 @@ def steps_in(physics_dt: float) -> int:
     return math.ceil(physics_dt / LONGEST_STEP - 1e-9)
 
 
+@kernel
+def _write_shapes(
+    layout: Float, geoms: Int, pos: Double, quat: Double, size: Double, reach: Double, box: Double
+) -> None:
+    """Writes obstacles to the geoms of a model.
+
+    Args:
+        layout: obstacles, [M, 8].
+        geoms: their geoms, as many as each has bars, at least one.
+        pos: m, [G, 3].
+        quat: [G, 4].
+        size: radius or half lengths, m, [G, 3].
+        reach: of the bounding spheres, m, [G].
+        box: bounding boxes, centre and half lengths, m, [G, 6].
+    """
+    s = 0
+    for m in range(layout.shape[0]):
+        row = layout[m].astype(np.float64)
+        kind, x, y, ux, uy, a, b, t = row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]
+        for k in range(max(int(kind), 1)):
+            g, s = geoms[s], s + 1
+            pos[g], quat[g], size[g] = 0.0, 0.0, 0.0
+            if kind == CIRCLE:
+                pos[g, 0], pos[g, 1] = x, y
+                quat[g, 0], size[g, 0], reach[g], box[g, 3:] = 1.0, a, a, a
+                continue
+            cx, cy, hx, hy = bar_box(kind, a, b, t, k)
+            pos[g, 0], pos[g, 1] = x + cx * ux - cy * uy, y + cx * uy + cy * ux
+            half = 0.5 * math.atan2(uy, ux)
+            quat[g, 0], quat[g, 3] = math.cos(half), math.sin(half)
+            size[g, 0], size[g, 1], size[g, 2] = hx, hy, TALL
+            reach[g], box[g, 3:] = math.sqrt(hx * hx + hy * hy + TALL * TALL), size[g]
+
+
 class _Planar(NamedTuple):
     """The parts of a robot on slides that episodes change."""
 
     body: Any
     hull: Any  # a geom
 
-    def write(self, row: list[float]) -> None:
+    def write(self, model: Any, row: list[float]) -> None:
         """Gives the robot the body of an episode, `dynamics.limits_of`, [8]."""
-        self.body.mass = row[MASS]
-        self.hull.friction = (SURFACE_FRICTION * row[FRICTION], 0.0, 0.0)
+        model.body_mass[self.body.id] = row[MASS]
+        model.geom_friction[self.hull.id, 0] = SURFACE_FRICTION * row[FRICTION]
+
+
+class _Pushed(NamedTuple):
+    """The parts of a payload that episodes change."""
+
+    body: Any
+    foot: Any  # a geom
+
+    def write(self, model: Any, row: list[float]) -> None:
+        """Gives the payload the body of an episode, `episode_bodies.payload_rows`, [4]."""
+        weight = row[PAYLOAD_MASS] * GRAVITY
+        model.body_mass[self.body.id], model.body_inertia[self.body.id] = (
+            row[PAYLOAD_MASS],
+            row[MOMENT],
+        )
+        model.geom_friction[self.foot.id, :2] = (
+            row[SLIDE_FRICTION] / weight,
+            row[TURN_FRICTION] / weight,
+        )
 
 
 class WorldModel:
-    """Builds the models of a plan's episodes, which differ in their obstacles only."""
+    """Gives the models of a plan's episodes, which differ in numbers only.
+
+    Positions of joints are those of bodies in the world, and angles those of payloads: x and y of
+    each planar robot and `mujoco_wheels.N_POSITIONS` of each other one, then x, y, height and angle
+    of each payload.
+
+    Attributes:
+        source: a `mujoco.MjSpec`; models are made from it.
+    """
 
     def __init__(self, plan: Plan) -> None:
         spec = plan.spec
-        self._model = mujoco.MjSpec()
-        self._model.memory = MEMORY_BYTES * (1 + spec.n_agents // 8)
-        option = self._model.option
+        self.source = mujoco.MjSpec()
+        self.source.memory = MEMORY_BYTES * (1 + spec.n_agents // 8)
+        option = self.source.option
         option.timestep = spec.physics_dt / steps_in(spec.physics_dt)
         has_floor = bool(plan.movables) or any(robot.base == "wheels" for robot in spec.robots)
         option.gravity = (0.0, 0.0, -GRAVITY if has_floor else 0.0)
@@ -93,9 +166,7 @@ class WorldModel:
             "conaffinity": BODIES,
         }
         self._add_walls(plan)
-        self._bars = [
-            [self._static(kind) for _ in range(max(int(kind), 1))] for kind in plan.kinds.tolist()
-        ]
+        bars = [self._static(kind) for kind in plan.kinds.tolist() for _ in range(max(kind, 1))]
         self._robots = [self._add_robot(f"robot_{i}", robot) for i, robot in enumerate(spec.robots)]
         is_usual = spec.randomization.friction is None and all(
             robot.friction == SURFACE_FRICTION for robot in spec.robots
@@ -103,43 +174,51 @@ class WorldModel:
         self._pairs = [] if is_usual else self._add_pairs(spec.n_agents)
         if has_floor:
             self._add_floor()
-        for k, payload in enumerate(plan.movables):
-            self._add_payload(f"payload_{k}", payload)
+        self._payloads = [
+            self._add_payload(f"payload_{k}", each) for k, each in enumerate(plan.movables)
+        ]
+        self._compiled = self.source.compile()
+        self._bars: Int = np.array([bar.id for bar in bars], np.int64)
 
-    def compile(self, layout: Float, limits: Double) -> Any:
-        """Returns the `mujoco.MjModel` of an episode.
+    def new(self) -> Any:
+        """Returns a `mujoco.MjModel`, of which nothing has been written yet."""
+        return copy.copy(self._compiled)
 
-        Positions of joints are those of bodies in the world, and angles those of payloads:
-        x and y of each planar robot and `mujoco_wheels.N_POSITIONS` of each other one, then x, y,
-        height and angle of each payload.
+    @property
+    def n_coordinates(self) -> tuple[int, int]:
+        """How many positions and velocities all joints have."""
+        return self._compiled.nq, self._compiled.nv
+
+    def write_obstacles(self, model: Any, layout: Float) -> None:
+        """Writes the obstacles of an episode, [M, 8]."""
+        _write_shapes(
+            layout, self._bars, model.geom_pos, model.geom_quat, model.geom_size,
+            model.geom_rbound, model.geom_aabb,
+        )  # fmt: skip
+
+    def write_bodies(self, model: Any, data: Any, limits: Double, payloads: Double) -> None:
+        """Writes what moves in an episode.
 
         Args:
-            layout: its obstacles, [M, 8].
+            model: written.
+            data: of this model, left at the start of an episode.
             limits: of its robots, `dynamics.limits_of`, [N, 8].
+            payloads: `episode_bodies.payload_rows`, [K, 4].
         """
-        for row, geoms in zip(layout.tolist(), self._bars, strict=True):
-            _, x, y, ux, uy, a, b, t = row
-            for k, geom in enumerate(geoms):
-                if row[0] == CIRCLE:
-                    geom.pos, geom.size = (x, y, 0.0), (a, 0.0, 0.0)
-                    continue
-                cx, cy, hx, hy = bar_box(row[0], a, b, t, k)
-                angle = math.atan2(uy, ux)
-                geom.pos = (x + cx * ux - cy * uy, y + cx * uy + cy * ux, 0.0)
-                geom.quat = (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
-                geom.size = (hx, hy, TALL)
         for robot, row in zip(self._robots, limits.tolist(), strict=True):
-            robot.write(row)
+            robot.write(model, row)
+        for payload, row in zip(self._payloads, payloads.tolist(), strict=True):
+            payload.write(model, row)
         for pair, i, j in self._pairs:
-            slide = limits[i, FRICTION] * limits[j, FRICTION]
-            pair.friction = (slide, slide, 0.0, 0.0, 0.0)
-        return self._model.compile()
+            model.pair_friction[pair.id, :2] = limits[i, FRICTION] * limits[j, FRICTION]
+        mujoco.mj_setConst(model, data)
+        model.stat.meaninertia = sum(model.dof_M0.tolist()) / model.nv  # the solver's unit
 
     def _add_robot(self, name: str, robot: Robot) -> "_Planar | Wheeled":
         """Adds a robot on two driven slides, or on wheels."""
         if robot.base == "wheels":
-            return add_wheeled(self._model, name, robot, self._contact)
-        body = self._add_body(name, 1.0, 1.0)
+            return add_wheeled(self.source, name, robot, self._contact)
+        body = self._add_body(name)
         for axis in range(2):
             self._add_slide(body, f"{name}_{'xy'[axis]}", axis, is_driven=True)
         sphere, size = mujoco.mjtGeom.mjGEOM_SPHERE, (robot.radius, 0.0, 0.0)
@@ -149,8 +228,8 @@ class WorldModel:
         """Adds a contact of its own friction for every pair of robots."""
         found = []
         for i, j in itertools.combinations(range(n_agents), 2):
-            pair = self._model.add_pair(geomname1=f"robot_{i}", geomname2=f"robot_{j}")
-            pair.solref = self._contact["solref"]
+            pair = self.source.add_pair(geomname1=f"robot_{i}", geomname2=f"robot_{j}")
+            pair.solref, pair.friction = self._contact["solref"], (1.0, 1.0, 0.0, 0.0, 0.0)
             found.append((pair, i, j))
         return found
 
@@ -161,20 +240,21 @@ class WorldModel:
                 ((sign * (x + t), 0.0, 0.0), (t, y + 2.0 * t, TALL)),
                 ((0.0, sign * (y + t), 0.0), (x + 2.0 * t, t, TALL)),
             ):
-                self._add_geom(self._model.worldbody, mujoco.mjtGeom.mjGEOM_BOX, size, pos=pos)
+                self._add_geom(self.source.worldbody, mujoco.mjtGeom.mjGEOM_BOX, size, pos=pos)
 
     def _static(self, kind: float) -> Any:
-        """Adds one shape of an obstacle, whose place and size `compile` writes."""
+        """Adds one shape of an obstacle, not in the middle, where MuJoCo would skip its pose."""
         shape = mujoco.mjtGeom.mjGEOM_SPHERE if kind == CIRCLE else mujoco.mjtGeom.mjGEOM_BOX
-        return self._add_geom(self._model.worldbody, shape, (1.0, 1.0, 1.0))
+        turned = {"pos": (1.0, 1.0, 0.0), "quat": (0.6, 0.0, 0.0, 0.8)}
+        return self._add_geom(self.source.worldbody, shape, (1.0, 1.0, 1.0), **turned)
 
     def _add_geom(self, body: Any, shape: Any, size: tuple[float, ...], **more: Any) -> Any:
         return body.add_geom(type=shape, size=size, mass=0.0, **{**self._contact, **more})
 
-    def _add_body(self, name: str, mass: float, moment: float) -> Any:
-        """Adds a body of this moment of inertia (kg m^2) about every axis."""
-        return self._model.worldbody.add_body(
-            name=name, explicitinertial=True, mass=mass, inertia=(moment, moment, moment)
+    def _add_body(self, name: str) -> Any:
+        """Adds a body of 1 kg and 1 kg m^2 about every axis."""
+        return self.source.worldbody.add_body(
+            name=name, explicitinertial=True, mass=1.0, inertia=(1.0, 1.0, 1.0)
         )
 
     def _add_slide(self, body: Any, name: str, axis: int, *, is_driven: bool = False) -> None:
@@ -183,16 +263,11 @@ class WorldModel:
         body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=direction)
         if is_driven:  # a motor: its control is a force, N
             joint = mujoco.mjtTrn.mjTRN_JOINT
-            self._model.add_actuator(name=name, target=name, trntype=joint)
+            self.source.add_actuator(name=name, target=name, trntype=joint)
 
-    def _add_payload(self, name: str, payload: Payload) -> None:
-        """Adds a body that slides on the floor; its friction is that of `public_backend`."""
-        length, width, mass = payload.half_length, payload.half_width, payload.mass
-        if payload.shape == "circle":
-            moment, area = mass * length**2 / 2, math.pi * length**2
-        else:
-            moment, area = mass * (length**2 + width**2) / 3, 4 * length * width
-        body = self._add_body(name, mass, moment)
+    def _add_payload(self, name: str, payload: Payload) -> _Pushed:
+        """Adds a body that slides on the floor."""
+        length, width, body = payload.half_length, payload.half_width, self._add_body(name)
         for axis in range(3):
             self._add_slide(body, f"{name}_{'xyz'[axis]}", axis)
         body.add_joint(name=f"{name}_angle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 0, 1))
@@ -200,20 +275,13 @@ class WorldModel:
             self._add_geom(body, mujoco.mjtGeom.mjGEOM_SPHERE, (length, 0.0, 0.0))
         else:
             self._add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, (length, width, TALL / 2))
-        slide = payload.friction / (mass * GRAVITY)
-        turn = slide * 2 / 3 * math.sqrt(area / math.pi)  # m, of a disc of equal area
-        on_floor = {
-            "friction": (slide, turn, 0.0),
-            "condim": 4,
-            **ON_FLOOR,
-        }
-        foot = (WHEEL_RADIUS, 0.0, 0.0)
-        self._add_geom(body, mujoco.mjtGeom.mjGEOM_SPHERE, foot, **on_floor)
+        sphere, size = mujoco.mjtGeom.mjGEOM_SPHERE, (WHEEL_RADIUS, 0.0, 0.0)
+        return _Pushed(body, self._add_geom(body, sphere, size, condim=4, **ON_FLOOR))
 
     def _add_floor(self) -> None:
         """Adds a floor without friction: of both geoms in contact, the larger one is taken."""
         floor, place = mujoco.mjtGeom.mjGEOM_PLANE, (0.0, 0.0, -WHEEL_RADIUS)
         on_floor = {**ON_FLOOR, "contype": FLOOR, "conaffinity": 0, "friction": (0.0, 0.0, 0.0)}
         self._add_geom(
-            self._model.worldbody, floor, (1.0, 1.0, 1.0), pos=place, condim=1, **on_floor
+            self.source.worldbody, floor, (1.0, 1.0, 1.0), pos=place, condim=1, **on_floor
         )

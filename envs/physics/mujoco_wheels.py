@@ -76,21 +76,25 @@ class Wheeled(NamedTuple):
     axles: tuple[Any, ...]  # joints
     tyres: tuple[Any, ...]  # geoms
 
-    def write(self, row: list[float]) -> None:
+    def write(self, model: Any, row: list[float]) -> None:
         """Gives the robot the body of an episode, `dynamics.limits_of`, [8]."""
         mass = row[MASS]
         rest, area = mass * (1.0 - ROTOR_SHARE - 2.0 * WHEEL_MASS), self.radius**2
-        self.chassis.mass = rest
-        self.chassis.inertia = (rest * area / 4, rest * area / 4, rest * area / 2)
+        masses, inertias, frictions = model.body_mass, model.body_inertia, model.geom_friction
+        masses[self.chassis.id] = rest
+        inertias[self.chassis.id] = rest * area / 4, rest * area / 4, rest * area / 2
         for wheel in self.wheels:
             moment = WHEEL_MASS * mass * WHEEL_RADIUS**2
-            wheel.mass, wheel.inertia = WHEEL_MASS * mass, (moment / 4, moment / 2, moment / 4)
+            masses[wheel.id], inertias[wheel.id] = (
+                WHEEL_MASS * mass,
+                (moment / 4, moment / 2, moment / 4),
+            )
         for axle in self.axles:
-            axle.armature = ROTOR_SHARE * mass * WHEEL_RADIUS**2 / 2.0
-        slide = row[GRIP] / (GRAVITY * WHEEL_SHARE * (1.0 - ROTOR_SHARE))
+            dof = model.jnt_dofadr[axle.id]
+            model.dof_armature[dof] = ROTOR_SHARE * mass * WHEEL_RADIUS**2 / 2.0
         for tyre in self.tyres:
-            tyre.friction = (slide, 0.0, 0.0)
-        self.hull.friction = (SURFACE_FRICTION * row[FRICTION], 0.0, 0.0)
+            frictions[tyre.id, 0] = row[GRIP] / (GRAVITY * WHEEL_SHARE * (1.0 - ROTOR_SHARE))
+        frictions[self.hull.id, 0] = SURFACE_FRICTION * row[FRICTION]
 
 
 def add_wheeled(model: Any, name: str, robot: Robot, contact: dict[str, Any]) -> Wheeled:
@@ -102,8 +106,9 @@ def add_wheeled(model: Any, name: str, robot: Robot, contact: dict[str, Any]) ->
         robot: what it is.
         contact: of its hull, as of all bodies.
     """
+    solid = {"explicitinertial": True, "mass": 1.0, "inertia": (1.0, 1.0, 1.0)}
     chassis = model.worldbody.add_body(
-        name=name, explicitinertial=True, ipos=(-MASS_CENTRE * robot.radius, 0.0, 0.0)
+        name=name, ipos=(-MASS_CENTRE * robot.radius, 0.0, 0.0), **solid
     )
     chassis.add_freejoint()
     sphere, size = mujoco.mjtGeom.mjGEOM_SPHERE, (WHEEL_RADIUS, 0.0, 0.0)
@@ -116,13 +121,12 @@ def add_wheeled(model: Any, name: str, robot: Robot, contact: dict[str, Any]) ->
     wheels, axles, tyres = [], [], []
     for side, place in (("left", 1.0), ("right", -1.0)):
         wheel = chassis.add_body(
-            name=f"{name}_{side}",
-            explicitinertial=True,
-            pos=(0.0, place * TRACK * robot.radius / 2.0, 0.0),
+            name=f"{name}_{side}", pos=(0.0, place * TRACK * robot.radius / 2.0, 0.0), **solid
         )
         hinge = mujoco.mjtJoint.mjJNT_HINGE
         axles.append(wheel.add_joint(name=f"{name}_{side}", type=hinge, axis=(0, 1, 0)))
-        tyres.append(wheel.add_geom(size=size, condim=3, **shape, **ON_FLOOR))
+        smooth = {"friction": (0.0, 0.0, 0.0), "condim": 3}
+        tyres.append(wheel.add_geom(size=size, **smooth, **shape, **ON_FLOOR))
         wheels.append(wheel)
         _add_motor(model, f"{name}_{side}", robot.max_acceleration)
     return Wheeled(robot.radius, chassis, hull, tuple(wheels), tuple(axles), tuple(tyres))

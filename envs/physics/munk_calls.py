@@ -36,13 +36,14 @@ MUNK_FUNCTIONS = (
     "cpConstraintSetMaxForce",
     "cpBodySetMass",
     "cpShapeSetFriction",
+    "cpBodySetMoment",
 )
 STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
 GET_ROTATION, GET_TURN_RATE, UPDATE_POSITION, SET_ANGLE, SET_TURN_RATE, SET_MAX_FORCE = range(
     12, 18
 )
-SET_MASS, SET_FRICTION = range(18, 20)
+SET_MASS, SET_FRICTION, SET_MOMENT = range(18, 21)
 """Indices into the addresses of `MUNK_FUNCTIONS`."""
 
 FLOAT64_TYPE = ir.DoubleType()

@@ -14,6 +14,12 @@ import pymunk
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import FRICTION, MASS, drive
+from swarmdata.envs.physics.episode_bodies import (
+    MOMENT,
+    PAYLOAD_MASS,
+    SLIDE_FRICTION,
+    TURN_FRICTION,
+)
 from swarmdata.envs.physics.free_motion import is_free, move
 from swarmdata.envs.physics.impacts import time_to_impact
 from swarmdata.numerics.geometry import BOX, CIRCLE, bar_box
@@ -76,29 +82,24 @@ def shapes_of(plan: Plan) -> Double:
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def _movable(space: pymunk.Space, payload: Payload, pose: list[float]) -> pymunk.Shape:
+def _movable(
+    space: pymunk.Space, payload: Payload, row: list[float], pose: list[float]
+) -> pymunk.Shape:
     """Adds a body that slides on the floor; returns its shape, which is not in the space yet.
 
     Dry friction with the floor is modelled by two joints of limited force, which the solver weighs
     against the contacts: a push weaker than the friction moves nothing.
     """
-    half = payload.half_length, payload.half_width
-    if payload.shape == "circle":
-        moment, area = pymunk.moment_for_circle(payload.mass, 0, half[0]), math.pi * half[0] ** 2
-    else:
-        size = 2 * half[0], 2 * half[1]
-        moment, area = pymunk.moment_for_box(payload.mass, size), size[0] * size[1]
-    body = pymunk.Body(payload.mass, moment)
+    body = pymunk.Body(row[PAYLOAD_MASS], row[MOMENT])
     body.position, body.angle = (pose[0], pose[1]), math.atan2(pose[5], pose[4])
     slide = pymunk.PivotJoint(space.static_body, body, (0, 0), (0, 0))
     turn = pymunk.GearJoint(space.static_body, body, 0.0, 1.0)
     slide.max_bias = turn.max_bias = 0.0
-    slide.max_force = payload.friction
-    turn.max_force = payload.friction * 2 / 3 * math.sqrt(area / math.pi)  # of a disc of equal area
+    slide.max_force, turn.max_force = row[SLIDE_FRICTION], row[TURN_FRICTION]
     space.add(body, slide, turn)
     if payload.shape == "circle":
-        return pymunk.Circle(body, half[0])
-    return pymunk.Poly.create_box(body, (2 * half[0], 2 * half[1]))
+        return pymunk.Circle(body, payload.half_length)
+    return pymunk.Poly.create_box(body, (2 * payload.half_length, 2 * payload.half_width))
 
 
 def _static_shapes(ground: pymunk.Body, plan: Plan, layout: Float) -> list[pymunk.Shape]:
@@ -123,7 +124,12 @@ def _static_shapes(ground: pymunk.Body, plan: Plan, layout: Float) -> list[pymun
 
 
 def build_space(
-    plan: Plan, layout: Float, robots: Double, movables: Double, limits: Double
+    plan: Plan,
+    layout: Float,
+    robots: Double,
+    movables: Double,
+    limits: Double,
+    payloads: Double,
 ) -> tuple[pymunk.Space, list[pymunk.Body]]:
     """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
 
@@ -133,6 +139,7 @@ def build_space(
         robots: [N, 6].
         movables: [K, 7].
         limits: `dynamics.limits_of`, [N, 8].
+        payloads: `episode_bodies.payload_rows`, [K, 4].
 
     Returns:
         The space, and the bodies of robots and movables.
@@ -150,8 +157,8 @@ def build_space(
         shapes.append(pymunk.Circle(body, robot.radius))
         bodies.append(body)
     space.add(*bodies)
-    for payload, pose in zip(plan.movables, movables.tolist(), strict=True):
-        shapes.append(_movable(space, payload, pose))
+    for payload, row, pose in zip(plan.movables, payloads.tolist(), movables.tolist(), strict=True):
+        shapes.append(_movable(space, payload, row, pose))
         bodies.append(shapes[-1].body)
     for shape in shapes:
         shape.friction, shape.elasticity = SURFACE_FRICTION, 0.0
@@ -169,6 +176,7 @@ class PublicBackend:
         self._plan, spec = plan, plan.spec
         n = spec.n_agents
         self._limits: Double = np.zeros((n_copies, n, 8))
+        self._payloads: Double = np.zeros((n_copies, len(plan.movables), 4))
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array(spec.half_size)
         self._shapes = shapes_of(plan)
@@ -180,17 +188,25 @@ class PublicBackend:
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
     def reset(
-        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+        self,
+        copies: Int,
+        layouts: Float,
+        robots: Double,
+        bodies: Double,
+        limits: Double,
+        payloads: Double,
     ) -> None:
         self._robots[copies], self._bodies[copies] = robots, bodies
-        self._limits[copies] = limits
+        self._limits[copies], self._payloads[copies] = limits, payloads
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
             self._worlds[b] = self._new_world(b) if self._plan.movables else None
 
     def _new_world(self, b: int) -> tuple[pymunk.Space, list[pymunk.Body]]:
         robots, movables = self._robots[b], self._bodies[b]
-        space, bodies = build_space(self._plan, self._layouts[b], robots, movables, self._limits[b])
+        space, bodies = build_space(
+            self._plan, self._layouts[b], robots, movables, self._limits[b], self._payloads[b]
+        )
         for body, row in zip(bodies, [*robots.tolist(), *movables.tolist()], strict=True):
             body.velocity = row[2], row[3]
         for body, row in zip(bodies[len(robots) :], movables.tolist(), strict=True):

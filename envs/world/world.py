@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
-from swarmdata.envs.physics.episode_bodies import episode_limits
+from swarmdata.envs.physics.episode_bodies import episode_limits, episode_payloads, payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.motors import Motors
@@ -243,11 +243,11 @@ class World:
             slack=np.zeros((n_copies, n, 3)),
         )
         self._backend = backend(plan, n_copies)
-        self._n_movables = len(plan.movables)
         self._commands: Double = np.zeros((n_copies, n, 2))
         self._motors = Motors.of(spec, n_copies)
         limits = limits_of(spec)
         self._spec, self._is_random = spec, bool(spec.randomization.ranges)
+        self._movables, self._payloads = plan.movables, payload_rows(plan.movables)
         self._fixed = (limits, self.active, self._commands)
 
     def reset(self, copies: Int, seeds: Seeds, layouts: Float, states: Float) -> None:
@@ -259,12 +259,15 @@ class World:
             layouts: of all copies, [E, M, 8].
             states: of all copies, [E, S].
         """
-        n, k = len(self.radii), self._n_movables
+        n, k = len(self.radii), len(self._movables)
         robots: Double = np.empty((len(copies), n, 6))
         bodies: Double = np.empty((len(copies), k, 7))
         begin_worlds(copies, states, *self.contacts, robots, bodies)
-        limits = episode_limits(self._spec, seeds) if self._is_random else self._fixed[0]
-        self._backend.reset(copies, layouts, robots, bodies, limits)
+        limits, payloads = self._fixed[0], self._payloads
+        if self._is_random:
+            limits = episode_limits(self._spec, seeds)
+            payloads = episode_payloads(self._spec, self._movables, seeds)
+        self._backend.reset(copies, layouts, robots, bodies, limits, payloads)
         if self._motors is not None:
             self._motors.reset(copies, seeds)
 

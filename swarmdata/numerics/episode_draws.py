@@ -4,7 +4,8 @@ The draw of field k, the k-th of `randomization.RANDOM_FIELDS`, for robot i is
 
     low + (high - low) u    u = uniform(derive(seed, STREAMS["body"], k, i))
 
-and low + floor((high - low + 1) u) for whole numbers. A team's value is that of robot 0.
+and low + floor((high - low + 1) u) for whole numbers. The only value of a field that robots do not
+have each is that of robot 0.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.randomization import RANDOM_FIELDS
+from swarmdata.specs.randomization import RANDOM_FIELDS, TEAM_RANGES
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Seeds
 
@@ -37,10 +38,10 @@ def draw(spec: TaskSpec, name: str, seeds: Seeds) -> Double:
         seeds: of the episodes, [E].
 
     Returns:
-        [E, N]; of the team's only value, [E, 1].
+        [E, N]; of fields in `TEAM_RANGES`, [E, 1].
     """
     low, high = spec.randomization.ranges[name]
-    n = 1 if name == "drop_probability" else spec.n_agents
+    n = 1 if name in TEAM_RANGES else spec.n_agents
     given = np.asarray(seeds, dtype=np.uint64)[:, None]
     shares = uniform(derive(given, _STREAM, RANDOM_FIELDS.index(name), np.arange(n)))
     if name == "command_delay":
@@ -57,6 +58,7 @@ def drawn_values(spec: TaskSpec, seeds: Seeds) -> dict[str, Double]:
 
     Returns:
         By field of `spec.randomization`, in the units of the spec: one value for each robot,
-        [E, N]; of `drop_probability`, one for the team, [E, 1]. Empty without randomization.
+        [E, N]; of `drop_probability` and of the payload, one value, [E, 1]. Empty without
+        randomization.
     """
     return {name: draw(spec, name, seeds) for name in spec.randomization.ranges}

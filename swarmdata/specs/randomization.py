@@ -13,6 +13,7 @@ from swarmdata.specs.frozen import Frozen, NonNegative, Probability
 from swarmdata.specs.quantities import (
     Acceleration,
     Delay,
+    Force,
     Friction,
     Lag,
     Mass,
@@ -28,7 +29,8 @@ class Randomization(Frozen):
     """Ranges, both ends included, from which each episode draws uniformly.
 
     Each robot draws its own values, from its episode's seed. They replace those of the spec, which
-    are all that controllers and layouts know of the robots. What is None stays as in the spec.
+    are all that controllers and layouts know of robots and payload. What is None stays as in the
+    spec.
     """
 
     max_speed: Annotated[tuple[Speed, Speed], _Ordered] | None = None  # m/s
@@ -44,6 +46,8 @@ class Randomization(Frozen):
     """Deviation of all noise of a robot's sensors (m, m/s, rad), as in the name `noise-0.05`."""
     drop_probability: Annotated[tuple[Probability, Probability], _Ordered] | None = None
     """Chance that a message is lost, one value for the team."""
+    payload_mass: Annotated[tuple[Mass, Mass], _Ordered] | None = None  # kg
+    payload_friction: Annotated[tuple[Force, Force], _Ordered] | None = None  # N, of the floor
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -56,3 +60,9 @@ RANDOM_FIELDS = tuple(Randomization.model_fields)
 
 BODY_RANGES = RANDOM_FIELDS[:8]
 """Those of `task_spec.Robot`."""
+
+PAYLOAD_RANGES = {"payload_mass": "mass", "payload_friction": "friction"}
+"""Those of `rules.Payload`, and its fields."""
+
+TEAM_RANGES = ("drop_probability", *PAYLOAD_RANGES)
+"""Those of which an episode draws one value instead of one for each robot."""

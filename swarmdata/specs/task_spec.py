@@ -36,8 +36,8 @@ from swarmdata.specs.quantities import (
     Speed,
     TurnRate,
 )
-from swarmdata.specs.randomization import Randomization
-from swarmdata.specs.rules import NavigationRules, Rules
+from swarmdata.specs.randomization import PAYLOAD_RANGES, Randomization
+from swarmdata.specs.rules import NavigationRules, Rules, TransportRules
 from swarmdata.specs.sensing_models import (
     AnyCommunicationModel,
     AnyObservationModel,
@@ -352,6 +352,14 @@ def _unsimulated(spec: TaskSpec) -> Iterator[str]:
         for name in ("max_turn_rate", "wheel_grip"):
             if name in drawn:
                 yield f"randomization.{name} is of unicycles, but no robot is one. Leave it out"
+    for name in PAYLOAD_RANGES.keys() & drawn.keys():
+        if not isinstance(spec.rules, TransportRules):
+            yield f"randomization.{name} needs a payload, got task {spec.task}. Leave it out"
+        elif spec.backend == "kinematic":
+            yield (
+                f"randomization.{name} has no effect in backend kinematic, whose payloads stay "
+                "where they are. Leave it out, or use backend pymunk or mujoco"
+            )
     if "drop_probability" in drawn and not isinstance(spec.communication, Broadcast):
         yield (
             "randomization.drop_probability needs messages, got communication none. Leave it out, "

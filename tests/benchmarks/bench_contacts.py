@@ -25,6 +25,7 @@ from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.envs.physics import fast_backend
 from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
+from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.public_backend import SOLVER_ITERATIONS, PublicBackend, build_space
 from swarmdata.envs.transport.payload import place_row, shape_of
 from swarmdata.hub.catalog.catalog import load
@@ -173,7 +174,10 @@ def again(episode: Episode, spec: TaskSpec, t: int) -> Float:
     first, last = N_COLUMNS * n, N_COLUMNS * n + len(BODY) * len(task.movables)
     robots = state[:, :first].reshape(1, n, N_COLUMNS)[..., :6].astype(np.float64)
     bodies = state[:, first:last].reshape(1, -1, len(BODY)).astype(np.float64)
-    backend.reset(np.zeros(1, np.int64), episode.layout[None], robots, bodies, limits_of(spec))
+    backend.reset(
+        np.zeros(1, np.int64), episode.layout[None], robots, bodies, limits_of(spec),
+        payload_rows(task.movables),
+    )  # fmt: skip
     commands = episode.actions[t, :, :2].astype(np.float64)
     if spec.robots[0].dynamics == "holonomic":
         commands /= np.maximum(np.hypot(*commands.T), 1.0)[:, None]

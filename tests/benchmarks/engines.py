@@ -15,6 +15,7 @@ from numba import njit
 
 from swarmdata.envs.physics.backend import Plan
 from swarmdata.envs.physics.dynamics import limits_of
+from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend
 from swarmdata.envs.physics.munk_calls import (
     GET_VELOCITY,
@@ -126,6 +127,7 @@ def physics(spec: TaskSpec, n_copies: int) -> Run:
     backend.reset(
         np.arange(n_copies), step.layouts, robots[..., :6].astype(np.float64),
         bodies.reshape(n_copies, -1, 7).astype(np.float64), limits_of(spec),
+        payload_rows(task.movables),
     )  # fmt: skip
     speed = spec.robots[0].max_speed
     shape = (N_ACTIONS, n_copies, spec.n_agents, 2)

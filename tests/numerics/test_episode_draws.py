@@ -51,6 +51,20 @@ def test_values_are_uniform_in_their_ranges_and_robots_differ() -> None:
     np.testing.assert_allclose(counts / counts.sum(), 1 / 3, atol=0.02)
 
 
+def test_an_episode_has_one_payload() -> None:
+    ranges = {"payload_mass": (2.0, 8.0), "payload_friction": (1.0, 4.0)}
+    spec = TaskSpec.parse({"rules": {"task": "transport"}, "randomization": ranges})
+    found = drawn_values(spec, SEEDS)
+    assert {name: values.shape for name, values in found.items()} == dict.fromkeys(
+        ranges, (len(SEEDS), 1)
+    )
+    for name, (low, high) in ranges.items():
+        np.testing.assert_allclose(found[name].mean(), (low + high) / 2, rtol=0.03)
+    assert (
+        abs(np.corrcoef(found["payload_mass"][:, 0], found["payload_friction"][:, 0])[0, 1]) < 0.06
+    )
+
+
 def test_a_draw_depends_on_its_seed_alone() -> None:
     """A golden value: seeds of recorded episodes must give the same bodies for ever."""
     whole = draw(SPEC, "mass", SEEDS)

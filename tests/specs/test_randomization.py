@@ -7,7 +7,14 @@ import pytest
 
 from swarmdata.errors import SpecError
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.randomization import BODY_RANGES, RANDOM_FIELDS, Randomization
+from swarmdata.specs.randomization import (
+    BODY_RANGES,
+    PAYLOAD_RANGES,
+    RANDOM_FIELDS,
+    TEAM_RANGES,
+    Randomization,
+)
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import Robot, TaskSpec
 
 
@@ -26,7 +33,18 @@ def test_a_range_may_begin_at_zero_and_have_no_width() -> None:
 
 def test_ranges_of_bodies_are_fields_of_robots() -> None:
     assert set(BODY_RANGES) <= set(Robot.model_fields)
-    assert set(RANDOM_FIELDS) - set(BODY_RANGES) == {"noise", "drop_probability"}
+    assert set(RANDOM_FIELDS) - set(BODY_RANGES) == {"noise", *TEAM_RANGES}
+    assert set(PAYLOAD_RANGES) < set(TEAM_RANGES)
+    assert set(PAYLOAD_RANGES.values()) <= set(Payload.model_fields)
+
+
+def test_new_fields_come_last() -> None:
+    """Draws depend on the index of a field, and recorded episodes must keep theirs."""
+    assert RANDOM_FIELDS == (
+        "max_speed", "max_acceleration", "max_turn_rate", "mass", "friction", "wheel_grip",
+        "command_delay", "actuator_lag", "noise", "drop_probability", "payload_mass",
+        "payload_friction",
+    )  # fmt: skip
 
 
 def test_the_largest_value_is_that_of_any_episode() -> None:
@@ -53,6 +71,19 @@ def test_ranges_are_replaced_and_taken_away() -> None:
         ({"randomization": {"max_turn_rate": [1, 2]}}, "of unicycles, but no robot is one"),
         ({"randomization": {"drop_probability": [0, 0.5]}}, "needs messages, got communication"),
         ({"randomization": {"friction": [0, 1]}, "backend": "kinematic"}, "has no contacts"),
+        ({"randomization": {"payload_mass": [1, 2]}}, "needs a payload, got task coop_nav"),
+        (
+            {
+                "rules": {"task": "transport"},
+                "randomization": {"payload_friction": [1, 2]},
+                "backend": "kinematic",
+            },
+            "payload_friction has no effect in backend kinematic",
+        ),
+        (
+            {"rules": {"task": "transport"}, "randomization": {"payload_friction": [0, 2]}},
+            "payload_friction",
+        ),
     ],
 )
 def test_what_nothing_has_is_refused(fields: dict[str, Any], message: str) -> None:

@@ -5,7 +5,7 @@ Its name is a field of the communication or observation model, such as `delay` o
 or one of the short names below. Fields that change the number or the unit of the
 features cannot be axes: a policy would misread its observations rather than observe less.
 An axis of the body is a limit of all robots, or what a payload weighs and how it rubs
-(`BODY_FIELDS`, `PAYLOAD_FIELDS`), in any simulator.
+(`BODY_FIELDS`, `PAYLOAD_RANGES`), in any simulator.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,6 +20,7 @@ from swarmdata.registry.components import make_task
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import check_senses, describe
+from swarmdata.specs.randomization import PAYLOAD_RANGES
 from swarmdata.specs.rules import TransportRules
 from swarmdata.specs.sensing_models import (
     BearingModel,
@@ -51,9 +52,6 @@ BODY_FIELDS = (
 
 UNICYCLE_FIELDS = ("max_turn_rate", "wheel_grip")
 """Those of them that only unicycles have."""
-
-PAYLOAD_FIELDS = {"payload_mass": "mass", "payload_friction": "friction"}
-"""Axes of the body where robots push a payload, and its fields."""
 
 EXAMPLES: Mapping[Part, str] = {
     "communication": "drop=0..0.8",
@@ -246,7 +244,7 @@ def _body_parameters(spec: TaskSpec) -> dict[str, tuple[Place, ...]]:
         if roles:
             found[name] = tuple(("team", k, "robot", name) for k in roles)
     if isinstance(spec.rules, TransportRules):
-        found |= {name: (("rules", "payload", key),) for name, key in PAYLOAD_FIELDS.items()}
+        found |= {name: (("rules", "payload", key),) for name, key in PAYLOAD_RANGES.items()}
     return found
 
 
@@ -277,6 +275,8 @@ def _range_of(place: Place) -> str | int:
             return "noise"
         case ("team" | "communication", *_):
             return place[-1]
+        case ("rules", "payload", field):
+            return f"payload_{field}"
     return ""
 
 

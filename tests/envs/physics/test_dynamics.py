@@ -9,6 +9,7 @@ import pytest
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
+from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.world import make_backend
 from swarmdata.errors import SpecError
@@ -51,7 +52,9 @@ def drive(
     spec, n = TaskSpec(team=tuple(team), arena=Arena(width=4.0, height=4.0)), len(robots)
     world, state = make(backend, spec), np.zeros((1, n, 6))
     state[0, :, :4], state[0, :, 4] = rows, 1.0
-    world.reset(np.arange(1), NOTHING, state, np.zeros((1, 0, 7)), limits_of(spec)[None])
+    world.reset(
+        np.arange(1), NOTHING, state, np.zeros((1, 0, 7)), limits_of(spec)[None], payload_rows(())
+    )
     contacts = Contacts(
         np.zeros((1, n, n), np.bool_), np.zeros((1, n, 4), np.bool_), np.zeros((1, n, 3))
     )

@@ -3,16 +3,25 @@
 from typing import Any
 
 import numpy as np
+import pymunk
 import pytest
 
 from swarmdata.envs.physics.dynamics import limits_of
-from swarmdata.envs.physics.episode_bodies import episode_limits
+from swarmdata.envs.physics.episode_bodies import (
+    MOMENT,
+    PAYLOAD_MASS,
+    SLIDE_FRICTION,
+    episode_limits,
+    episode_payloads,
+    payload_rows,
+)
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.specs.randomization import BODY_RANGES, Randomization
+from swarmdata.specs.randomization import BODY_RANGES, PAYLOAD_RANGES, Randomization
+from swarmdata.specs.rules import Payload, TransportRules
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Seeds, Step
 
@@ -28,6 +37,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "actuator_lag": (0.0, 0.3),
 }
 """Of all bodies of unicycles."""
+
+LOADS: dict[str, tuple[float, float]] = {"payload_mass": (1.0, 9.0), "payload_friction": (0.5, 6.0)}
 
 
 def randomized(backend: str) -> TaskSpec:
@@ -50,6 +61,22 @@ def fixed(spec: TaskSpec, seed: int) -> TaskSpec:
     return spec.with_updates(team=team, randomization=Randomization())
 
 
+def loaded(backend: str) -> TaskSpec:
+    """A payload whose mass and friction each episode draws."""
+    if backend == "mujoco":
+        pytest.importorskip("mujoco", reason="mujoco is not installed")
+    return preset("transport").with_updates(backend=backend, randomization=LOADS)
+
+
+def fixed_payload(spec: TaskSpec, seed: int) -> TaskSpec:
+    """The spec with the payload that an episode draws, which has no ranges."""
+    drawn = drawn_values(spec, np.array([seed], np.uint64))
+    assert isinstance(spec.rules, TransportRules)
+    values = {field: drawn[name][0, 0].item() for name, field in PAYLOAD_RANGES.items()}
+    rules = spec.rules.model_copy(update={"payload": spec.rules.payload.model_copy(update=values)})
+    return spec.with_updates(rules=rules, randomization=Randomization())
+
+
 def play(env: VecEnv, seeds: Seeds, n_steps: int = 40) -> list[Step]:
     """Random commands, held for a while, that depend on the seed and the time only."""
     steps = [env.reset(seeds)]
@@ -60,8 +87,19 @@ def play(env: VecEnv, seeds: Seeds, n_steps: int = 40) -> list[Step]:
     return steps
 
 
+def push(env: VecEnv, seeds: Seeds) -> list[Step]:
+    """All robots drive at the payload, and on when they are there."""
+    steps = [env.reset(seeds)]
+    for _ in range(60):
+        n, states = env.spec.n_agents, steps[-1].states
+        robots, payload = states[:, : 8 * n].reshape(len(seeds), n, 8), states[:, None, -7:-5]
+        steps += [env.step(payload - robots[..., :2])]
+    return steps
+
+
 def test_all_fields_of_bodies_are_tested_here() -> None:
     assert set(RANGES) == set(BODY_RANGES)
+    assert set(LOADS) == set(PAYLOAD_RANGES)
 
 
 @pytest.mark.parametrize("backend", ["pymunk", "mujoco", "kinematic"])
@@ -77,6 +115,43 @@ def test_an_episode_is_that_of_the_drawn_values(backend: str) -> None:
     usual = play(make_env(spec.with_updates(randomization=Randomization()), 4), SEEDS)
     np.testing.assert_array_equal(usual[0].states, found[0].states)
     assert not np.array_equal(usual[-1].states, found[-1].states)
+
+
+@pytest.mark.parametrize("backend", ["pymunk", "mujoco"])
+def test_a_payload_is_the_one_that_an_episode_draws(backend: str) -> None:
+    """In used worlds too, in which episodes with other payloads ended."""
+    spec = loaded(backend)
+    used = make_env(spec, 4)
+    push(used, SEEDS + np.uint64(100))
+    found = push(used, SEEDS)
+    for b, seed in enumerate(SEEDS.tolist()):
+        alone = push(make_env(fixed_payload(spec, seed)), SEEDS[b : b + 1])
+        for ours, theirs in zip(found, alone, strict=True):
+            np.testing.assert_array_equal(ours.states[b], theirs.states[0])
+    usual = push(make_env(spec.with_updates(randomization=Randomization()), 4), SEEDS)
+    moved = np.abs(found[-1].states[:, -7:-5] - found[0].states[:, -7:-5]).max(1)
+    assert (moved > 0.1).any()
+    assert not np.array_equal(usual[-1].states[:, -7:], found[-1].states[:, -7:])
+
+
+def test_payloads_have_the_moments_of_munk() -> None:
+    box = Payload(shape="box", half_length=0.37, half_width=0.21, mass=3.3)
+    disc = box.model_copy(update={"shape": "circle"})
+    rows = payload_rows((box, disc))
+    assert rows[0, MOMENT] == pymunk.moment_for_box(3.3, (0.74, 0.42))
+    assert rows[1, MOMENT] == pymunk.moment_for_circle(3.3, 0, 0.37)
+    assert payload_rows(()).shape == (0, 4)
+
+
+def test_payloads_follow_from_the_drawn_values() -> None:
+    spec = loaded("pymunk")
+    payload, drawn = Payload(), drawn_values(spec, SEEDS)
+    rows = episode_payloads(spec, (payload,), SEEDS)
+    np.testing.assert_array_equal(rows[:, 0, PAYLOAD_MASS], drawn["payload_mass"][:, 0])
+    np.testing.assert_array_equal(rows[:, 0, SLIDE_FRICTION], drawn["payload_friction"][:, 0])
+    light = spec.with_updates(randomization={"payload_mass": (1.0, 9.0)})
+    rows = episode_payloads(light, (payload,), SEEDS)
+    np.testing.assert_array_equal(rows[:, 0, SLIDE_FRICTION], payload.friction)
 
 
 @pytest.mark.parametrize("backend", ["pymunk", "mujoco"])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
+from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.impacts import CREEP, DEEPEST_OVERLAP, MOST_PARTS, time_to_impact
 from swarmdata.envs.world.world import make_backend
 from swarmdata.numerics.geometry import clearance, nearest
@@ -37,7 +38,9 @@ def drive(
     robots, bodies = np.zeros((1, n, 6)), np.zeros((1, len(movables), 7))
     robots[0, :, :2], robots[0, :, 2:4] = places, SPEED * np.array(commands)
     robots[0, :, 4], bodies[..., 4] = 1.0, 1.0
-    backend.reset(np.arange(1), layout[None], robots, bodies, limits_of(spec)[None])
+    backend.reset(
+        np.arange(1), layout[None], robots, bodies, limits_of(spec)[None], payload_rows(movables)
+    )
     contacts = Contacts(
         np.zeros((1, n, n), np.bool_),
         np.zeros((1, n, len(kinds) + 4), np.bool_),

@@ -7,6 +7,7 @@ import pytest
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
+from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.world import make_backend
 from swarmdata.numerics.random import derive, uniform
@@ -31,7 +32,7 @@ class Scene:
         n = len(levers)
         spec = TaskSpec(team=(Role(count=n),), arena=Arena(width=12.0, height=12.0))
         plan = Plan(spec, np.zeros(0, np.int64), (payload,))
-        self.limits = limits_of(spec)[None]
+        self.limits, self.payloads = limits_of(spec)[None], payload_rows(plan.movables)
         self.backend: Backend = PublicBackend(plan, 1) if public else make_backend(plan, 1)
         self.robots: Double = np.zeros((1, n, 6))
         self.robots[0, :, 0], self.robots[0, :, 4] = levers, 1.0
@@ -51,7 +52,9 @@ class Scene:
             obstacles=np.zeros((1, n, 4), np.bool_),
             slack=np.zeros((1, n, 3)),
         )
-        self.backend.reset(np.array([0]), NO_OBSTACLES, self.robots, bodies, self.limits)
+        self.backend.reset(
+            np.array([0]), NO_OBSTACLES, self.robots, bodies, self.limits, self.payloads
+        )
 
     def drive(self, commands: Sequence[Sequence[float]], n_steps: int) -> Double:
         """The payload's rows while the robots keep to commands, [n_steps, 7]."""

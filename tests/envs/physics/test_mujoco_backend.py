@@ -1,6 +1,7 @@
 """MuJoCo as a simulator: commands and events as in Pymunk, repeatable, no deep overlaps."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ pytest.importorskip("mujoco", reason="mujoco is not installed")
 
 from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
-from swarmdata.envs.physics.mujoco_backend import MujocoBackend, _check_warnings
-from swarmdata.envs.physics.mujoco_model import LONGEST_STEP, WorldModel, steps_in
+from swarmdata.envs.physics.episode_bodies import payload_rows
+from swarmdata.envs.physics.mujoco_backend import MujocoBackend
+from swarmdata.envs.physics.mujoco_model import LONGEST_STEP, steps_in
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SimulationError
 from swarmdata.numerics.geometry import clearance
@@ -57,7 +59,10 @@ class Scene:
         )
         self.states: Float = np.zeros((1, N_COLUMNS * n + 7 * len(movables)), np.float32)
         self.events = np.zeros((1, n, 4), np.uint8)
-        self.backend.reset(np.arange(1), layout[None], robots, bodies, limits_of(spec)[None])
+        self.backend.reset(
+            np.arange(1), layout[None], robots, bodies, limits_of(spec)[None],
+            payload_rows(movables),
+        )  # fmt: skip
 
     def drive(self, commands: Sequence[Sequence[float] | Double], n_steps: int) -> Double:
         """The states while robots keep to commands, [n_steps, S]."""
@@ -210,16 +215,59 @@ def test_steps_near_contacts_are_short() -> None:
 def test_a_warning_of_mujoco_is_an_error() -> None:
     import mujoco
 
-    spec = preset("coop_nav")
-    task = make_task(spec)
-    model = WorldModel(Plan(spec, task.kinds, ()))
-    layouts = np.zeros((1, len(task.kinds), 8), np.float32)
-    task.spawn(
-        np.zeros(1, np.uint64), np.zeros(1, np.int64), layouts, np.zeros((1, 32), np.float32)
-    )
-    data = mujoco.MjData(model.compile(layouts[0], limits_of(spec)))
-    numbers = data.warning.number
-    _check_warnings(numbers)
+    scene = Scene([[0.0, 0.0], [0.5, 0.0]])
+    data = scene.backend._copy(0).data
+    scene.drive([[1, 0], [-1, 0]], 1)
     data.warning[mujoco.mjtWarning.mjWARN_CONTACTFULL].number = 2
     with pytest.raises(SimulationError, match="mjWARN_CONTACTFULL"):
-        _check_warnings(numbers)
+        scene.drive([[1, 0], [-1, 0]], 1)
+
+
+DERIVED_TREES = {"bvh_aabb", "bvh_nodeid"}
+"""What the compiler derives and `WorldModel` does not write: trees that are switched off."""
+
+
+def numbers_of(model: Any) -> dict[str, Any]:
+    """All arrays and statistics of a model, by name."""
+    found = {name: getattr(model, name) for name in dir(model) if not name.startswith("_")}
+    arrays = {name: value.copy() for name, value in found.items() if isinstance(value, np.ndarray)}
+    return arrays | {"meaninertia": model.stat.meaninertia}
+
+
+@pytest.mark.parametrize(
+    ("name", "ranges"),
+    [
+        ("coop_nav", {}),
+        ("coop_nav", {"mass": (0.5, 2.0), "friction": (0.0, 1.0)}),
+        ("transport", {"payload_mass": (1.0, 9.0), "payload_friction": (0.5, 6.0)}),
+        ("coop_nav-wheeled", {"mass": (0.5, 2.0), "wheel_grip": (1.0, 6.0)}),
+    ],
+)
+def test_a_written_model_is_the_compiled_one(name: str, ranges: dict[str, Any]) -> None:
+    """MuJoCo's compiler, given the numbers that were written, derives the same ones."""
+    spec = preset(name).with_updates(backend="mujoco", randomization=ranges)
+    env = make_env(spec, 2)
+    assert isinstance(env, TaskEnv)
+    for seed in (1, 3):  # new worlds, and used ones
+        env.reset(np.array([seed, seed + 1], np.uint64))
+    backend = env._blocks[0]._world._backend
+    assert isinstance(backend, MujocoBackend)
+    for b in range(2):
+        written, source = numbers_of(backend._copy(b).model), backend._model.source.copy()
+        for geom in source.geoms:
+            geom.pos, geom.quat, geom.size, geom.friction = (
+                written[f"geom_{field}"][geom.id] for field in ("pos", "quat", "size", "friction")
+            )
+        for body in source.bodies[1:]:
+            body.mass, body.inertia = (
+                written["body_mass"][body.id],
+                written["body_inertia"][body.id],
+            )
+        for joint in source.joints:
+            joint.armature = written["dof_armature"][written["jnt_dofadr"][joint.id]]
+        for pair, slide in zip(source.pairs, written["pair_friction"], strict=True):
+            pair.friction = slide
+        compiled = numbers_of(source.compile())
+        for field, values in compiled.items():
+            if field not in DERIVED_TREES:
+                np.testing.assert_array_equal(written[field], values, err_msg=field)

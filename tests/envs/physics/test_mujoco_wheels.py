@@ -10,6 +10,7 @@ pytest.importorskip("mujoco", reason="mujoco is not installed")
 
 from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
+from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.mujoco_backend import MujocoBackend
 from swarmdata.envs.physics.mujoco_wheels import WHEEL_RADIUS
 from swarmdata.errors import SpecError
@@ -35,7 +36,9 @@ class Scene:
         if len(rows[0]) == 4:
             state[0, :, 4] = 1.0
         layouts, bodies = np.zeros((1, 0, 8), np.float32), np.zeros((1, 0, 7))
-        self.backend.reset(np.arange(1), layouts, state, bodies, limits_of(spec)[None])
+        self.backend.reset(
+            np.arange(1), layouts, state, bodies, limits_of(spec)[None], payload_rows(())
+        )
         self.contacts = Contacts(
             np.zeros((1, n, n), np.bool_), np.zeros((1, n, 4), np.bool_), np.zeros((1, n, 3))
         )

@@ -245,6 +245,8 @@ def test_a_value_of_an_axis_is_no_longer_drawn() -> None:
     for part, text, name in cases:
         for found in specs_along_axis(parse_axis(text, part), "bc", spec).specs:
             assert found.randomization.ranges.keys() == ranges.keys() - {name}
-    payload = preset("transport").with_updates(randomization={"mass": (1.0, 2.0)})
-    found = specs_along_axis(parse_axis("payload_mass=2,4", "body"), "bc", payload).specs[0]
-    assert found.randomization == payload.randomization
+    ranges = {"mass": (1.0, 2.0), "payload_mass": (2.0, 8.0), "payload_friction": (1.0, 4.0)}
+    payload = preset("transport").with_updates(randomization=ranges)
+    for name in ("payload_mass", "payload_friction"):
+        for found in specs_along_axis(parse_axis(f"{name}=2,4", "body"), "bc", payload).specs:
+            assert found.randomization.ranges.keys() == ranges.keys() - {name}
