@@ -40,16 +40,28 @@ PLACE, SPEED, WHEELS = range(3)
 """Columns of the joints: first position, first velocity, whether it is a robot on wheels."""
 
 
+class Coordinates(NamedTuple):
+    """What kernels read and write of one copy: memory of MuJoCo."""
+
+    forces: Annotated[Double, 1]  # [2 N] N, or rad/s of wheels
+    positions: Annotated[Double, 1]  # [P] of all joints
+    velocities: Annotated[Double, 1]  # [V] of all joints
+
+
+COORDINATES = bundle_type(Coordinates)
+
+N_WORDS = 2 * len(Coordinates._fields)
+"""Of packed `Coordinates`: an address and a length for each."""
+
+
 class _Copy(NamedTuple):
-    """The world of one copy; the arrays are memory of MuJoCo."""
+    """The world of one copy."""
 
     model: Any  # mujoco.MjModel
     data: Any  # mujoco.MjData
     option: Any  # of the model
-    forces: Double  # N, or rad/s of wheels, [2 N]
-    positions: Double  # of all joints, [P]
-    velocities: Double  # of all joints, [V]
-    warnings: Int  # how many of each kind
+    coordinates: Coordinates
+    warnings: Int  # how many of each kind; memory of MuJoCo
     limits: Double  # [N, 8] as written in the model
     payloads: Double  # [K, 4] as written in the model
 
@@ -69,9 +81,7 @@ class Worlds(NamedTuple):
     robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
     bodies: Annotated[Double, 3]  # [E, K, 7] columns `state_layout.BODY`
     accelerations: Annotated[Double, 3]  # [E, N, 2] m/s^2
-    forces: Annotated[Double, 2]  # [E, 2 N] N, or rad/s of wheels
-    positions: Annotated[Double, 2]  # [E, P] of all joints
-    velocities: Annotated[Double, 2]  # [E, V] of all joints
+    coordinates: Annotated[Int, 2]  # [E, N_WORDS] packed `Coordinates` of each copy
     n_steps: Annotated[Int, 1]  # [E] MuJoCo's steps in this physics step, 0 in copies that ended
     is_free: Annotated[Bool, 1]  # [E] whether nothing can touch in this physics step
 
@@ -89,13 +99,13 @@ def _push(packed: Int, k: int, active: Bool, commands: Double, slack: Double) ->
         if not active[b]:
             continue
         limits, accelerations = ours.limits[b], ours.accelerations[b]
+        forces = unpack(ours.coordinates[b], COORDINATES).forces
         drive(ours.robots[b], commands[b], limits, ours.n_substeps, ours.dt, k, accelerations)
         for i in range(travel.shape[0]):
             ax, ay = accelerations[i, 0], accelerations[i, 1]
             travel[i] = math.sqrt(ax * ax + ay * ay) * ours.dt * ours.dt
             if not ours.joints[i, WHEELS]:
-                ours.forces[b, 2 * i] = limits[i, MASS] * ax
-                ours.forces[b, 2 * i + 1] = limits[i, MASS] * ay
+                forces[2 * i], forces[2 * i + 1] = limits[i, MASS] * ax, limits[i, MASS] * ay
         ours.is_free[b] = ours.can_be_free and is_free(
             ours.robots[b], ours.dt, travel, ours.radii, ours.layouts[b], ours.half, slack[b]
         )
@@ -110,9 +120,10 @@ def _steer(packed: Int, s: int, commands: Double) -> None:
     for b in range(ours.n_steps.shape[0]):
         if ours.n_steps[b] <= s:
             continue
+        forces = unpack(ours.coordinates[b], COORDINATES).forces
         for i in range(ours.radii.shape[0]):
             if ours.joints[i, WHEELS]:
-                ours.forces[b, 2 * i], ours.forces[b, 2 * i + 1] = wheel_speeds(
+                forces[2 * i], forces[2 * i + 1] = wheel_speeds(
                     ours.robots[b, i], commands[b, i], ours.limits[b, i], ours.radii[i]
                 )
 
@@ -144,9 +155,8 @@ def _read(packed: Int, s: int, touching: Bool, static: Bool, slack: Double, even
     ours = unpack(packed, WORLDS)
     for b in range(ours.n_steps.shape[0]):
         if ours.n_steps[b] > s:
-            _read_bodies(
-                ours.positions[b], ours.velocities[b], ours.joints, ours.robots[b], ours.bodies[b]
-            )
+            _, positions, velocities = unpack(ours.coordinates[b], COORDINATES)
+            _read_bodies(positions, velocities, ours.joints, ours.robots[b], ours.bodies[b])
             update_contacts(
                 ours.robots[b], ours.radii, ours.layouts[b], ours.half, touching[b], static[b],
                 slack[b], events[b],
@@ -170,7 +180,6 @@ class MujocoBackend:
         self._model = WorldModel(plan)
         joints = _joints(plan)
         self._has_wheels = bool(joints[:, WHEELS].any())
-        n_positions, n_velocities = self._model.n_coordinates
         self.worlds = Worlds(
             limits=np.zeros((n_copies, n, 8)),
             n_substeps=spec.n_substeps,
@@ -184,15 +193,13 @@ class MujocoBackend:
             robots=np.zeros((n_copies, n, 6)),
             bodies=np.zeros((n_copies, k, 7)),
             accelerations=np.zeros((n_copies, n, 2)),
-            forces=np.zeros((n_copies, 2 * n)),
-            positions=np.zeros((n_copies, n_positions)),
-            velocities=np.zeros((n_copies, n_velocities)),
+            coordinates=np.zeros((n_copies, N_WORDS), np.int64),
             n_steps=np.zeros(n_copies, np.int64),
             is_free=np.zeros(n_copies, np.bool_),
         )
         self._block = ArgumentBlock(self.worlds, WORLDS)
         self._copies: list[_Copy | None] = [None] * n_copies
-        self._warnings: Int = np.zeros((n_copies, mujoco.mjtWarning.mjNWARNING), np.int64)
+        self._is_open: Bool = np.zeros(n_copies, np.bool_)  # whether MuJoCo looks for no contacts
 
     def reset(
         self,
@@ -212,17 +219,16 @@ class MujocoBackend:
 
     def _start(self, b: int, payloads: Double) -> None:
         """Begins an episode in copy `b`."""
-        ours, copy = self.worlds, self._copies[b] or self._new(len(payloads))
-        self._copies[b] = copy
+        ours, copy = self.worlds, self._copies[b] or self._new(b)
         self._model.write_obstacles(copy.model, ours.layouts[b])
         is_same = np.array_equal(copy.limits, ours.limits[b])
         if not (is_same and np.array_equal(copy.payloads, payloads)):
             copy.limits[:], copy.payloads[:] = ours.limits[b], payloads
             self._model.write_bodies(copy.model, copy.data, copy.limits, copy.payloads)
         mujoco.mj_resetData(copy.model, copy.data)
-        rows = (*ours.robots[b], *ours.bodies[b])
+        rows, joints = (*ours.robots[b], *ours.bodies[b]), copy.coordinates
         for k, (row, (place, speed, on_wheels)) in enumerate(zip(rows, ours.joints, strict=True)):
-            positions, velocities = copy.positions[place:], copy.velocities[speed:]
+            positions, velocities = joints.positions[place:], joints.velocities[speed:]
             if on_wheels:
                 start_wheeled(row, positions, velocities)
                 continue
@@ -230,45 +236,46 @@ class MujocoBackend:
             if k >= ours.robots.shape[1]:
                 positions[3], velocities[3] = np.arctan2(row[5], row[4]), row[6]
 
-    def _new(self, n_payloads: int) -> _Copy:
-        """Returns a copy of the world in which no episode has begun."""
-        model, n = self._model.new(), len(self.worlds.radii)
+    def _new(self, b: int) -> _Copy:
+        """Makes the world of copy `b`, in which no episode has begun."""
+        model, ours = self._model.new(), self.worlds
         data = mujoco.MjData(model)
-        unwritten = np.full((n, 8), np.nan), np.full((n_payloads, 4), np.nan)
-        numbers = data.warning.number
-        return _Copy(model, data, model.opt, data.ctrl, data.qpos, data.qvel, numbers, *unwritten)
+        found = Coordinates(data.ctrl, data.qpos, data.qvel)
+        ours.coordinates[b] = ArgumentBlock(found, COORDINATES).packed
+        unwritten = (
+            np.full((len(ours.radii), 8), np.nan),
+            np.full((ours.bodies.shape[1], 4), np.nan),
+        )
+        copy = _Copy(model, data, model.opt, found, data.warning.number, *unwritten)
+        copy.option.disableflags = NO_MIDPHASE
+        self._copies[b] = copy
+        return copy
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
         packed, ours = self._block.packed, self.worlds
+        copies = [self._copy(b) for b in np.flatnonzero(active).tolist()]
         for k in range(ours.n_substeps):
             _push(packed, k, active, commands, contacts.slack)
-            for b in np.flatnonzero(active).tolist():
-                self._prepare(b)
+            for b in np.flatnonzero(active & (ours.is_free != self._is_open)).tolist():
+                self._switch(b)
             for s in range(ours.n_short):
                 if self._has_wheels:
                     _steer(packed, s, commands)
                 for b in np.flatnonzero(ours.n_steps > s).tolist():
-                    self._move(b)
+                    copy = self._copy(b)
+                    mujoco.mj_step(copy.model, copy.data)
                 _read(packed, s, *contacts, events)
         _write(packed, active, states)
-        for b in np.flatnonzero(active).tolist():
-            self._warnings[b] = self._copy(b).warnings
-        _check_warnings(self._warnings)
+        _check_warnings(np.array([copy.warnings for copy in copies]))
 
-    def _prepare(self, b: int) -> None:
-        """Chooses how MuJoCo steps copy `b` in this physics step."""
+    def _switch(self, b: int) -> None:
+        """Makes MuJoCo look for contacts in copy `b`, or take one long step without."""
         ours, option = self.worlds, self._copy(b).option
+        self._is_open[b] = ours.is_free[b]
         option.timestep = ours.dt / ours.n_steps[b]
         option.disableflags = NO_CONTACTS if ours.is_free[b] else NO_MIDPHASE
-
-    def _move(self, b: int) -> None:
-        """Makes one step of MuJoCo in copy `b`."""
-        copy, ours = self._copy(b), self.worlds
-        copy.forces[:] = ours.forces[b]
-        mujoco.mj_step(copy.model, copy.data)
-        ours.positions[b], ours.velocities[b] = copy.positions, copy.velocities
 
     def _copy(self, b: int) -> _Copy:
         copy = self._copies[b]

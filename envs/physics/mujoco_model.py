@@ -184,11 +184,6 @@ class WorldModel:
         """Returns a `mujoco.MjModel`, of which nothing has been written yet."""
         return copy.copy(self._compiled)
 
-    @property
-    def n_coordinates(self) -> tuple[int, int]:
-        """How many positions and velocities all joints have."""
-        return self._compiled.nq, self._compiled.nv
-
     def write_obstacles(self, model: Any, layout: Float) -> None:
         """Writes the obstacles of an episode, [M, 8]."""
         _write_shapes(

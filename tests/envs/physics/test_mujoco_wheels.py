@@ -144,7 +144,7 @@ def test_it_stands_on_the_floor() -> None:
     scene.drive([(0.5, 0.5), (0, 0)], 10)
     copy = scene.backend._copies[0]
     assert copy is not None
-    assert abs(copy.positions[2]) < 0.01 * WHEEL_RADIUS, "it sinks in"
+    assert abs(copy.coordinates.positions[2]) < 0.01 * WHEEL_RADIUS, "it sinks in"
     assert copy.data.ncon == 3, "two wheels and a caster"
 
 
