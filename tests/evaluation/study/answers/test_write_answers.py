@@ -167,6 +167,7 @@ def _check_report(text: str) -> None:
     assert "(safety.png)" in text
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_page_without_an_answer_goes_and_a_folder_without_studies_is_refused(
     tmp_path: Path,
 ) -> None:
