@@ -225,7 +225,6 @@ def figure(
         for file in files_of(path, medium):
             with staged(file) as target:
                 drawing.savefig(target, dpi=DPI[medium], metadata=_DATELESS[file.suffix.lower()])
-            drawing.set_layout_engine("none")  # found once, and the same in both files
 
 
 def files_of(path: Path, medium: Medium = "paper") -> tuple[Path, ...]:
