@@ -1,7 +1,9 @@
 """Settings that every test shares."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +18,10 @@ if TYPE_CHECKING:
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # `cache_folder` below moves the cache for every test, and compiling takes a minute
 os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("swarmdata") / "kernels"))
+
+# a shell starts background jobs with the interrupt ignored, and the processes of tests inherit that
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # the default run is the same every time; the nightly profile explores
 settings.register_profile("quick", deadline=None, max_examples=15, derandomize=True)
@@ -35,10 +41,18 @@ def update_golden(request: pytest.FixtureRequest) -> bool:
     return bool(request.config.getoption("--update-golden"))
 
 
+@pytest.fixture(scope="session")
+def caches(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Folders that do not exist yet; `mktemp` lists all folders of the session each time."""
+    root = tmp_path_factory.mktemp("caches")
+    return (root / str(number) for number in count())
+
+
 @pytest.fixture(autouse=True)
-def cache_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cache_folder(caches: Iterator[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty dataset cache and no remotes, so that no test reads or fills the user's."""
-    folder = tmp_path_factory.mktemp("cache")
+    folder = next(caches)
+    folder.mkdir()
     monkeypatch.setenv("SWARMDATA_CACHE", str(folder))
     monkeypatch.setenv("SWARMDATA_REMOTES", "")
     return folder

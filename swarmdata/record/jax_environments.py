@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import BuildError, SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.record.batch_recording import check_request, record_batches
 from swarmdata.record.foreign_environment import clean_name, library_of
 from swarmdata.record.recording_description import foreign_spec, make_recording
-from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
+from swarmdata.record.recording_folder import Limits
 from swarmdata.record.reset_seeds import SeedStream, default_seed
 from swarmdata.specs.gymnasium_spaces import common_bound, space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
@@ -85,10 +86,7 @@ def record_jax(
         SchemaError: an episode is longer than the horizon, or a value is not finite.
         BuildError: `path` exists, or another process is recording to it.
     """
-    if Path(path).exists():
-        raise BuildError(f"{path} exists. Record to another path, or delete it.")
-    if len(policies) != 1:
-        raise SpecError(f"policies are {policies}, expected one: record_jax plays one policy")
+    check_request(path, policies)
     seed = default_seed(id) if seed is None else seed
     world = _world_of(env, horizon, solved)
     player = _Player(world, policy, horizon)
@@ -96,16 +94,11 @@ def record_jax(
     player.find_horizon([first.draw() for _ in range(n_copies)])
     spec = _spec_of(env, world, task, options, player)
     recording = make_recording(spec, id, policies, metadata, seed, splits or Splits())
-    folder = RecordingFolder(Path(path), limits)
-    try:
-        folder.claim(Session(recording=recording, log_probs=False, masks=False))
-        seeds = SeedStream(seed, folder.seeds())
-        while (missing := n_episodes - folder.n_episodes) > 0:
-            for episode in player.play([seeds.draw() for _ in range(n_copies)])[:missing]:
-                folder.add(episode)
-        return folder.finish()
-    finally:
-        folder.release()
+
+    def play(seeds: SeedStream) -> list[Episode]:
+        return player.play([seeds.draw() for _ in range(n_copies)])
+
+    return record_batches(recording, path, n_episodes, limits, play, drawn=lambda seed: seed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,18 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import BuildError, SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.record.agent_reader import SUCCESS_KEYS, combine_outcomes
+from swarmdata.record.batch_recording import check_request, record_batches
 from swarmdata.record.episode_buffer import EpisodeBuffer, Outcome, StateRow, StepRow
 from swarmdata.record.foreign_environment import clean_name, library_version
 from swarmdata.record.recording_description import foreign_spec, make_recording
-from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
+from swarmdata.record.recording_folder import Limits
 from swarmdata.record.reset_seeds import SeedStream, default_seed
 from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import stack_agents, width
-from swarmdata.types import Bool, Float, no_messages
+from swarmdata.types import Bool, Episode, Float, no_messages
 
 VmasPolicy = Callable[[Any], Any]
 """Maps VMAS's observations, a list or dictionary of tensors [E, ...], to actions of all agents, a
@@ -70,23 +71,17 @@ def record_vmas(
         SchemaError: a value is not finite or has the wrong shape.
         BuildError: `path` exists, or another process is recording to it.
     """
-    if Path(path).exists():
-        raise BuildError(f"{path} exists. Record to another path, or delete it.")
-    if len(policies) != 1:
-        raise SpecError(f"policies are {policies}, expected one: record_vmas plays one policy")
+    check_request(path, policies)
     spec = _spec_of(env, task, options)
     seed = default_seed(id) if seed is None else seed
     recording = make_recording(spec, id, policies, metadata, seed, splits or Splits())
-    folder = RecordingFolder(Path(path), limits)
-    try:
-        folder.claim(Session(recording=recording, log_probs=False, masks=False))
-        seeds = SeedStream(seed, {value // env.num_envs for value in folder.seeds()})
-        while (missing := n_episodes - folder.n_episodes) > 0:
-            for episode in _play(env, policy, spec, seeds.draw())[:missing]:
-                folder.add(episode)
-        return folder.finish()
-    finally:
-        folder.release()
+
+    def play(seeds: SeedStream) -> list[Episode]:
+        return _play(env, policy, spec, seeds.draw())
+
+    return record_batches(
+        recording, path, n_episodes, limits, play, drawn=lambda seed: seed // int(env.num_envs)
+    )
 
 
 def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> RecordedSpec:
@@ -113,7 +108,7 @@ def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> R
     return spec.model_copy(update={"state_size": size})
 
 
-def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[Any]:
+def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[Episode]:
     """Plays one episode in each copy, from one reset."""
     E = env.num_envs
     alive = np.ones(E, np.bool_)

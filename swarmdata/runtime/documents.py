@@ -195,11 +195,16 @@ _HOOKS: Any = {
 }
 
 
+_CONTAINERS = frozenset({dict, list})
+
+
 def _check_depth(data: Any, source: str) -> None:
     level = [data]
     for _ in range(MAX_DEPTH):
         inside = (each.values() if isinstance(each, dict) else each for each in level)
-        level = [each for values in inside for each in values if isinstance(each, dict | list)]
+        # of the lists of a result, nearly all are of numbers only: no step in Python for each
+        deeper = (values for values in inside if not _CONTAINERS.isdisjoint(map(type, values)))
+        level = [each for values in deeper for each in values if type(each) in _CONTAINERS]
         if not level:
             return
     raise SpecError(f"{source} is nested deeper than {MAX_DEPTH}, the most allowed.")

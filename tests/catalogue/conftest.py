@@ -10,6 +10,7 @@ import pytest
 
 from swarmdata.cards.card import write_card
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
+from swarmdata.catalogue.result_sources import own_sources
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.registry.presets import preset
@@ -18,7 +19,20 @@ from tests.support.browser import CHROMIUM, TIMEOUT, Visit
 from tests.support.image_world import record_images
 from tests.support.tiny import TINY, make_tiny
 
+STUDY = Path(__file__).parents[2] / "cards" / "studies" / "goals"
 TASKS = ("formation", "transport", "warehouse")
+
+
+@contextmanager
+def one_study() -> Iterator[None]:
+    """Of the committed studies, one is shown: reading all takes most of the time of a catalogue.
+
+    `test_result_sources.py` reads all.
+    """
+    sources = own_sources([STUDY])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", lambda: sources)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -60,14 +74,15 @@ def measured(shown: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -
 def site(shown: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a catalogue of these datasets."""
     out = tmp_path_factory.mktemp("catalogue") / "site"
-    build_catalogue([str(folder) for folder in shown.values()], out, CatalogueChoices())
+    with one_study():
+        build_catalogue([str(folder) for folder in shown.values()], out, CatalogueChoices())
     return out
 
 
 @pytest.fixture(scope="session")
 def results_site(measured: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a catalogue with results whose run is at hand, and of committed studies."""
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, one_study():
         patch.setenv("SWARMDATA_CACHE", str(tmp_path_factory.mktemp("empty")))
         out = tmp_path_factory.mktemp("results_catalogue") / "site"
         build_catalogue([], out, CatalogueChoices(results=(measured,)))

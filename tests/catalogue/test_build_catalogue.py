@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,17 @@ from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogu
 from swarmdata.catalogue.entries import find_entries
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import list_datasets
+from tests.catalogue.conftest import one_study
 from tests.support.tiny import TINY, make_tiny
 
 MOST_BYTES_OF_A_MINI = 2_000_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def committed_results() -> Iterator[None]:
+    """The studies of every catalogue in this file."""
+    with one_study():
+        yield
 
 
 def table_of(site: Path, key: str) -> dict[str, object]:

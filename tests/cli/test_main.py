@@ -386,7 +386,7 @@ def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path
     while process.poll() is None and not build_folder(out).exists():
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
+    _, stderr = process.communicate(timeout=300)
 
     assert process.returncode == 130
     assert stderr.endswith("Stopped. Run the same command again to resume.\n")

@@ -325,8 +325,19 @@ class Reached(Exception):  # noqa: N818  (it ends a command, and is no error)
     """A boundary was called."""
 
 
+RAN: dict[tuple[Any, ...], tuple[int, str]] = {}
+"""What was run once already, by the index of the case: two tests ask for the same."""
+
+
 def run(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
     """Exit code, and the output with the arguments of the boundary."""
+    key = (CASES.index(case), *extra)
+    if key not in RAN:
+        RAN[key] = run_anew(case, extra, monkeypatch)
+    return RAN[key]
+
+
+def run_anew(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
     called: list[str] = []
 
     def boundary(name: str) -> Any:

@@ -62,7 +62,7 @@ SMALL: dict[str, dict[str, Any]] = {
 def test_the_algorithm_keeps_the_contract(name: str) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**SMALL.get(name, {}))
-    check_algorithm(kind, config=config)
+    check_algorithm(kind, config=config, n_updates=20)
 
 
 CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))

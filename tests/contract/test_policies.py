@@ -25,6 +25,18 @@ SHIPPED = [
 ]
 """The first actor of every shipped tier, with its preset; the others are run by the same code."""
 
+NOISY = [
+    pytest.param(
+        *actor.values,
+        noise,
+        id=f"{actor.id}-{noise}",
+        marks=[pytest.mark.slow] if (k + turn) % 2 else [],
+    )
+    for k, actor in enumerate(SHIPPED)
+    for turn, noise in enumerate((0.0, 0.2))
+]
+"""By default, every other actor has noise."""
+
 
 @pytest.mark.parametrize("name", sorted({*components.POLICIES} - {*components.CHECKPOINT_POLICIES}))
 def test_registered_policies_keep_the_contract(name: str) -> None:
@@ -39,8 +51,7 @@ def test_scripted_policies_of_all_tasks_keep_the_contract(task: str, noise: floa
     check_policy(policy, spec, make_env, n_episodes=3, n_steps=5)
 
 
-@pytest.mark.parametrize(("family", "shipped"), SHIPPED)
-@pytest.mark.parametrize("noise", [0.0, 0.2])
+@pytest.mark.parametrize(("family", "shipped", "noise"), NOISY)
 def test_shipped_actors_keep_the_contract(family: str, shipped: Checkpoint, noise: float) -> None:
     spec = preset(family).with_updates(horizon=12)
     policy = make_policy(

@@ -10,6 +10,7 @@ from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.testing.task_contract import check_task
+from tests.support.pairs import pairwise
 
 OBSERVATIONS = (
     "state",
@@ -57,9 +58,10 @@ def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
     return spec.with_updates(team=team)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("robot", [*ROBOTS, *BODIES])
-@pytest.mark.parametrize("backend", ["mujoco", "kinematic", "pymunk"])
+@pytest.mark.parametrize(
+    ("task", "robot", "backend"),
+    pairwise(tuple(TASKS), (*ROBOTS, *BODIES), ("mujoco", "kinematic", "pymunk")),
+)
 def test_every_simulator_keeps_the_contract(task: str, robot: str, backend: str) -> None:
     if backend == "mujoco":
         pytest.importorskip("mujoco", reason="mujoco is not installed")
@@ -114,10 +116,10 @@ def test_the_horizon_truncates(task: str, horizon: int) -> None:
     check_task(make_env, preset(task).with_updates(horizon=horizon), n_steps=25)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize(
+    ("task", "robot", "observation", "channel"),
+    pairwise(tuple(TASKS), tuple(ROBOTS), OBSERVATIONS, CHANNELS),
+)
 def test_models_and_drives_keep_the_contract(
     task: str, robot: str, observation: str, channel: str
 ) -> None:

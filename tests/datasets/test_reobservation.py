@@ -31,6 +31,7 @@ from swarmdata.store import assemble, merge_order
 from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import write_streams
 from swarmdata.types import Episode
+from tests.support.pairs import pairwise
 
 OBSERVATIONS = (
     "state",
@@ -48,11 +49,11 @@ COMMUNICATIONS = (
     "state+bandwidth-1+ring+range-1.5",
     "learned-3+aloha-4+bits-6",
 )
-MODELS = [
-    *product(OBSERVATIONS, COMMUNICATIONS),
+PAIRED = (
     ("state-0+goal-for-0+no-velocities", "errand"),
     ("bearing+goal-for-3+delay-1+stack-2", "errand+lossy-40+delayed-1+expires-2"),
-]
+)
+MODELS = [*product(OBSERVATIONS, COMMUNICATIONS), *PAIRED]
 WORLDS = [
     name
     for name in preset_names()
@@ -115,8 +116,13 @@ def view(dataset: Dataset) -> Dataset:
     return dataset.reobserve("lidar", "lossy-30", progress=False)
 
 
-@pytest.mark.parametrize(("observation", "communication"), MODELS)
-@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.parametrize(
+    ("world", "observation", "communication"),
+    [
+        *pairwise(WORLDS, OBSERVATIONS, COMMUNICATIONS),
+        *((world, *models) for world in WORLDS for models in PAIRED),
+    ],
+)
 def test_the_recorded_models_give_the_recorded_bits(
     world: str, observation: str, communication: str
 ) -> None:

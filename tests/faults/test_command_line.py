@@ -23,7 +23,7 @@ def shell(command: str) -> tuple[int, str, str]:
     found = subprocess.run(
         ["bash", "-c", f"{ours}; {command}; exit ${{PIPESTATUS[0]}}"],
         env={**os.environ, "PYTHON": sys.executable, "SCRIPT": script},
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     return found.returncode, found.stdout, found.stderr
 

@@ -60,7 +60,7 @@ def load_without_network(*names: str, **variables: str) -> list[str]:
     script = SCRIPT.format(path=sys.path, patched=not isolated)
     found = subprocess.run(
         [*(NO_NETWORK if isolated else []), sys.executable, "-c", script, *names],
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False, timeout=300,
         env={**os.environ, "SWARMDATA_REMOTES": "hf://swarmdata-test", **variables},
     )  # fmt: skip
     assert found.returncode == 0, found.stderr

@@ -61,7 +61,7 @@ def run_and_kill(code: str, path: Path, delay: float) -> tuple[int, list[str]]:
     process.send_signal(signal.SIGKILL)
     lines = process.stdout.read().splitlines()
     process.stdout.close()
-    return process.wait(timeout=60), lines
+    return process.wait(timeout=300), lines
 
 
 def check_whole(dataset: Dataset) -> None:

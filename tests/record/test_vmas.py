@@ -134,7 +134,7 @@ def test_wrong_shapes_and_values_are_refused(tmp_path: Path) -> None:
     for wrong in (np.full((4, 1), np.nan), np.zeros((4, 2))):
         with pytest.raises(SchemaError, match="actions of a have shape"):
             record_vmas(Halving(), lambda _, wrong=wrong: [wrong, wrong], 4, **options)  # type: ignore[misc]
-    with pytest.raises(SpecError, match="plays one policy"):
+    with pytest.raises(SpecError, match="play the same policy"):
         record_vmas(Halving(), act, 4, **options, policies=("a", "b"))
 
 

@@ -52,7 +52,7 @@ def test_no_change_of_many_processes_is_lost(tmp_path: Path) -> None:
     path = tmp_path / "count"
     path.write_text("0")
     processes = [start(COUNT, path) for _ in range(3)]
-    results = [process.communicate(timeout=60) for process in processes]
+    results = [process.communicate(timeout=300) for process in processes]
     assert [process.returncode for process in processes] == [0, 0, 0], results
     assert path.read_text() == "150"
     assert [each.name for each in tmp_path.iterdir()] == ["count"], "no lock is left"

@@ -6,6 +6,8 @@ import uuid
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from swarmdata.building.build import build
 from swarmdata.errors import HubError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
@@ -14,6 +16,7 @@ from swarmdata.runtime.atomic import MARKER_FILE, TEMPORARY_PREFIX
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.manifest import _ZEROS, _digest
+from tests.support.one_process import use_one_process
 
 TINY = Recipe(
     id="coop_nav-tiny-v0",
@@ -30,8 +33,10 @@ TINY = Recipe(
 
 
 def make_tiny(out: Path, **changes: Any) -> Path:
-    """Builds the tiny dataset, or one with other fields; use it where `Crew` is replaced."""
-    return build(TINY.model_copy(update=changes), out, workers=1, progress=False)
+    """Builds the tiny dataset, or one with other fields, in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        use_one_process(patch)
+        return build(TINY.model_copy(update=changes), out, workers=1, progress=False)
 
 
 def sign(path: Path, content: dict[str, Any]) -> None:

@@ -150,9 +150,8 @@ def load_result(path: Path) -> Result:
         provenance, spec = _provenance_of_format_1(document, path), _spec_of(document, path)
     else:
         provenance, spec = document.provenance, document.spec
-    metrics = {
-        name: np.array([math.nan if v is None else v for v in values], np.float64)
-        for name, values in document.metrics.items()
+    metrics = {  # NumPy reads None as NaN
+        name: np.array(values, np.float64) for name, values in document.metrics.items()
     }
     seeds = np.array(document.seeds, np.uint64)
     evaluation = EvalResult(provenance.label, document.task, document.spec_hash, seeds, metrics)

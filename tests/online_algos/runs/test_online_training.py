@@ -117,7 +117,7 @@ def test_a_killed_run_ends_as_a_whole_one(tmp_path: Path) -> None:
         while process.poll() is None:
             if len(list(cut.glob("policies/seed-3/*"))) >= n_checkpoints:
                 os.kill(process.pid, signal.SIGKILL)  # while it measures or saves the rest
-                process.wait(60)
+                process.wait(300)
         assert process.returncode == -signal.SIGKILL, "it ended before it could be killed"
     train_run(RUN, cut)
     assert_same_run(whole, cut)

@@ -20,6 +20,7 @@ from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
+from tests.support.pairs import pairwise
 
 STD = 0.2
 NOISE = {"position": STD, "velocity": STD, "direction": STD, "range": STD}
@@ -129,9 +130,10 @@ RADIOS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("radio", RADIOS)
-@pytest.mark.parametrize("modifiers", MODIFIERS)
-@pytest.mark.parametrize("kind", ["state", "lidar", "bearing", "occupancy"])
+@pytest.mark.parametrize(
+    ("kind", "modifiers", "radio"),
+    pairwise(("state", "lidar", "bearing", "occupancy"), tuple(MODIFIERS), tuple(RADIOS)),
+)
 def test_noise_hides_what_it_is_added_to(
     scenes: Any, kind: str, modifiers: str, radio: str
 ) -> None:

@@ -22,6 +22,7 @@ from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
 from tests.support.one_process import use_one_process
+from tests.support.pairs import pairwise
 from tests.support.tiny import make_tiny
 
 WITH_COLUMNS = (
@@ -94,9 +95,9 @@ def test_every_column_of_every_preset_is_named(name: str) -> None:
     check(make_env(preset(name)))
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize(
+    ("task", "observation", "channel"), pairwise(tuple(TASKS), OBSERVATIONS, CHANNELS)
+)
 def test_every_column_of_every_model_is_named(task: str, observation: str, channel: str) -> None:
     model, radio = observation_model(observation), communication_model(channel)
     check(make_env(preset(task).with_updates(observation=model, communication=radio)))
@@ -150,9 +151,9 @@ def steps_of(env: VecEnv, n_steps: int) -> Iterator[tuple[Step, Any]]:
         yield env.step(actions), actions
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize(
+    ("task", "observation", "channel"), pairwise(tuple(TASKS), OBSERVATIONS, CHANNELS)
+)
 def test_values_keep_their_ranges(task: str, observation: str, channel: str) -> None:
     model, radio = observation_model(observation), communication_model(channel)
     env = make_env(preset(task).with_updates(observation=model, communication=radio), 4)

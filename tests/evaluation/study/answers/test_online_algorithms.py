@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch", reason="a study needs the torch extra")
-pytest.importorskip("matplotlib", reason="figures need the plots extra")
 
 import swarmdata
 from swarmdata.evaluation.study.answers.write_answers import write_answers
@@ -17,7 +16,7 @@ from tests.evaluation.study.conftest import BC
 TINY = {"n_copies": 2, "rollout_steps": 16, "minibatch": 32, "n_epochs": 1, "hidden": 8}
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "empty_figures")
 def test_online_rows_stand_beside_the_offline_ones_of_their_task(
     make_study: Callable[..., Study], data: Path, tmp_path: Path
 ) -> None:

@@ -43,6 +43,7 @@ ELSEWHERE = {
 """Pages that the study of the second test does not answer, and why."""
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_committed_pages_are_what_the_command_writes(tmp_path: Path) -> None:
     """`swarmdata study-pages` writes all but those of other commands, and an index of all."""
     (tmp_path / "cards").mkdir()
@@ -166,6 +167,7 @@ def _check_report(text: str) -> None:
     assert "(safety.png)" in text
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_page_without_an_answer_goes_and_a_folder_without_studies_is_refused(
     tmp_path: Path,
 ) -> None:

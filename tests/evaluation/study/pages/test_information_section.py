@@ -13,7 +13,7 @@ from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
 
-pytestmark = pytest.mark.usefixtures("here")
+pytestmark = pytest.mark.usefixtures("here", "empty_figures")
 
 VIEWS = {
     "recorded": {},
@@ -42,7 +42,6 @@ def rows_below(page: str, title: str) -> dict[str, list[str]]:
 
 
 def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
     failures, files = run_study(study, options, "x")
     assert failures == {}
@@ -58,6 +57,8 @@ def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Pat
     assert moved["`recorded`"][0] != moved["`recorded`"][1]
     assert {path.name for path in tmp_path.glob("work/transfer/bc/*/*")} == set(VIEWS)
     assert (tmp_path / "out" / "information-coop_nav-tiny-v0.png").exists()
+    recorded = (tmp_path / "out" / "results.csv").read_text()
+    assert "@" not in recorded, "the grid stays as recorded"
     again, _ = run_study(study, options, "x")
     assert again == {}
     assert files[0].read_text() == page
@@ -66,7 +67,6 @@ def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Pat
 def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
     study: Study, tmp_path: Path
 ) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/*", progress=False)
     title = "## Information: learned with one, used with another"
     _, (page, *_) = run_study(study, options, "x")
@@ -82,12 +82,6 @@ def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
     assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
     rewrite_pages(tmp_path / "out")
     assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
-
-
-def test_the_grid_stays_as_recorded(study: Study, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
-    run_study(study, StudyOptions(tmp_path / "out", tmp_path / "work", progress=False), "x")
-    assert "@" not in (tmp_path / "out" / "results.csv").read_text()
 
 
 def test_transfer_names_algorithms_of_the_views(

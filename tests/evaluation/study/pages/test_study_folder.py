@@ -44,8 +44,8 @@ def rows(file: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(file.read_text())))
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
     failures, files = run_study(study, options, "swarmdata study tiny.yaml")
     assert failures == {}
@@ -70,10 +70,10 @@ def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) 
     assert Study.from_file(tmp_path / "out" / "study.yaml") == study
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_mixture_is_a_dataset_of_its_own(
     data: Path, other_data: Path, make_study: Callable[..., Study], tmp_path: Path
 ) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     parts = {str(data): 3, str(other_data): 1}
     views = {"recorded": {}, "lidar": {"observation": "lidar-8"}}
     study = make_study(
@@ -148,13 +148,13 @@ def test_pages_are_made_again_from_the_folder_alone(
         rewrite_pages(moved)
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     make_study: Callable[..., Study],
     data: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     other = tmp_path / "other-v0"
     shutil.copytree(data, other)
     study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
@@ -174,10 +174,10 @@ def _run_out_of_space(*_: object) -> None:
     raise DiskFullError("no space is left")
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_row_with_other_rewards_stands_beside_the_one_without(
     make_study: Callable[..., Study], data: Path, tmp_path: Path
 ) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     study = make_study(algorithms={"m": MADDPG, "strict": {**MADDPG, "rewards": {"time": 9.0}}})
     options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
     failures, (page, *_) = run_study(study, options, "x")

@@ -12,7 +12,7 @@ from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC
 
-pytestmark = pytest.mark.usefixtures("here")
+pytestmark = pytest.mark.usefixtures("here", "empty_figures")
 
 SETS = {**BC, "settings": {"policy_network": "deep_sets"}}
 
@@ -29,7 +29,6 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     tasks = ["coop_nav-easy", "coop_nav-n8"]
     plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
     study = make_study(algorithms={"bc": BC, "sets": SETS}, tasks=plan)

@@ -9,13 +9,12 @@ from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
 
-pytestmark = pytest.mark.usefixtures("here")
+pytestmark = pytest.mark.usefixtures("here", "empty_figures")
 
 
 def test_the_best_of_each_family_is_swept(
     data: Path, make_study: Callable[..., Study], tmp_path: Path
 ) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     shared = {"dataset": str(data), "points": 2, "episodes": 2}
     study = make_study(
         algorithms={"bc": BC, "clipped": {**BC, "updates": 1}, "maddpg": MADDPG},

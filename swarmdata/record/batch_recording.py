@@ -1,0 +1,58 @@
+"""Records environments whose copies play whole episodes in batches: VMAS, and those in JAX."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import BuildError, SpecError
+from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
+from swarmdata.record.reset_seeds import SeedStream
+from swarmdata.specs.origins import Recording
+from swarmdata.specs.recipe import PolicySource
+from swarmdata.types import Episode
+
+
+def check_request(path: Path | str, policies: Sequence[str | PolicySource]) -> None:
+    """Checks what can be checked before an environment is touched.
+
+    Raises:
+        BuildError: `path` exists.
+        SpecError: there is not just one policy.
+    """
+    if Path(path).exists():
+        raise BuildError(f"{path} exists. Record to another path, or delete it.")
+    if len(policies) != 1:
+        raise SpecError(f"policies are {policies}, expected one: all copies play the same policy")
+
+
+def record_batches(
+    recording: Recording,
+    path: Path | str,
+    n_episodes: int,
+    limits: Limits | None,
+    play: Callable[[SeedStream], Sequence[Episode]],
+    drawn: Callable[[int], int],
+) -> Dataset:
+    """Plays batches until there are enough episodes, and makes a dataset of them.
+
+    Args:
+        recording: what is recorded, of one policy.
+        path: folder of the dataset; a recording that was killed there goes on.
+        n_episodes: number of episodes of the dataset.
+        limits: when finished episodes are written.
+        play: plays a batch, with seeds that it draws.
+        drawn: the seed that was drawn for an episode, from the episode's own.
+
+    Raises:
+        BuildError: another process is recording to `path`, or it holds another recording.
+    """
+    folder = RecordingFolder(Path(path), limits)
+    try:
+        folder.claim(Session(recording=recording, log_probs=False, masks=False))
+        seeds = SeedStream(recording.seed, {drawn(seed) for seed in folder.seeds()})
+        while (missing := n_episodes - folder.n_episodes) > 0:
+            for episode in play(seeds)[:missing]:
+                folder.add(episode)
+        return folder.finish()
+    finally:
+        folder.release()

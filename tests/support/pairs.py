@@ -1,0 +1,38 @@
+"""Pairwise coverage: of a product of choices, the few cases that hold every pair of two choices."""
+
+from collections.abc import Sequence
+from itertools import combinations, product
+from typing import Any
+
+import pytest
+
+Case = tuple[Any, ...]
+
+
+def pairwise(*choices: Sequence[Any]) -> list[Any]:
+    """All cases of a product, for `parametrize`; those that add no pair are slow.
+
+    Args:
+        choices: what each parameter may be.
+    """
+    cases = list(product(*(range(len(each)) for each in choices)))
+    chosen = _covering(cases)
+    return [
+        pytest.param(
+            *(each[k] for each, k in zip(choices, case, strict=True)),
+            marks=[] if case in chosen else [pytest.mark.slow],
+        )
+        for case in cases
+    ]
+
+
+def _covering(cases: Sequence[Case]) -> set[Case]:
+    """Cases with all pairs, greedily: at each step one with the most that are still missing."""
+    pairs = {case: set(combinations(enumerate(case), 2)) for case in cases}
+    missing = set().union(*pairs.values())
+    chosen: set[Case] = set()
+    while missing:
+        best = max(cases, key=lambda case: len(pairs[case] & missing))
+        chosen.add(best)
+        missing -= pairs[best]
+    return chosen
