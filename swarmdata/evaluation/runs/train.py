@@ -327,10 +327,8 @@ def train_online(
         start=None if start is None else portable_name(start),
         data=portable_name(several) if isinstance(several, str) else several,
         weights=None if weights is None else list(weights),
-        offline_share=offline_share,
-        n_threads=n_threads,
-        n_checkpoints=n_checkpoints,
-    )
+        offline_share=offline_share, n_threads=n_threads, n_checkpoints=n_checkpoints,
+    )  # fmt: skip
     where = _Where(Path(out), seeds, workers, engine, part, progress)
     length = 0
     if not where.is_here:  # mistakes are refused before any job
