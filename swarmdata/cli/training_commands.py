@@ -22,6 +22,7 @@ from swarmdata.cli.shared_options import (
 ONLINE_OPTIONS = (
     "first_seed",
     "steps",
+    "checkpoints",
     "start",
     "recorded",
     "offline_share",
@@ -55,6 +56,7 @@ Recorded = Annotated[
 Share = Annotated[float, typer.Option(help="online: part of each batch that --data gives")]
 Device = Annotated[str, typer.Option(help="offline: torch device")]
 CurveEvery = Annotated[int, typer.Option(min=1, help="offline: updates between two evaluations")]
+Checkpoints = Annotated[int, typer.Option(min=1, help="online: evaluations on the way")]
 Threads = Annotated[int, typer.Option(min=1, help="online: threads that step the worlds")]
 Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
@@ -68,6 +70,7 @@ def train(
     seeds: Annotated[int, typer.Option(min=1, help="number of seeds: 0, 1, ...")] = 4,
     first_seed: Annotated[int, typer.Option(min=0, help="online: first seed")] = 0,
     steps: Steps = None,
+    checkpoints: Checkpoints = 40,
     start: Start = None,
     recorded: Recorded = None,
     offline_share: Share = 0.5,
@@ -109,7 +112,7 @@ def train(
     if task is not None:
         _trainers().train_online(
             algorithm, task, folder, seeds=range(first_seed, first_seed + seeds), start=start,
-            data=ids, offline_share=offline_share, n_threads=threads,
+            data=ids, offline_share=offline_share, n_threads=threads, n_checkpoints=checkpoints,
             randomization=parse_ranges(randomize), **shared,
         )  # fmt: skip
     elif data is not None:

@@ -119,6 +119,7 @@ class OnlineTraining(Frozen):
     weights: list[float] | None
     offline_share: float
     n_threads: int
+    n_checkpoints: int
     randomization: Randomization | None = None
 
     def run(
@@ -158,7 +159,10 @@ class OnlineTraining(Frozen):
             data = open_data(self.data, self.weights, {**view, "progress": progress}).split("train")
             check_spec(data, spec)
             recorded = RecordedSource.of(data, self.offline_share)
-        run = describe_run(self.algorithm, config, spec, seeds, start=begin, recorded=recorded)
+        run = describe_run(
+            self.algorithm, config, spec, seeds, start=begin, recorded=recorded,
+            n_checkpoints=self.n_checkpoints,
+        )  # fmt: skip
         return run, data
 
 
@@ -273,6 +277,7 @@ def train_online(
     engine: str | Executor = LOCAL,
     part: tuple[int, int] | None = None,
     n_threads: int = 1,
+    n_checkpoints: int = 40,
     progress: bool = True,
 ) -> None:
     """Trains seeds together in `out`; several processes train in folders `out/seeds-...`.
@@ -299,6 +304,7 @@ def train_online(
         engine: where seeds are trained, as `train` takes it.
         part: (k, N): train only the k-th of N groups of the seeds, here; for schedulers.
         n_threads: threads of each process that step its worlds, as `make_env` takes it.
+        n_checkpoints: how often policies are evaluated and the run is saved.
         progress: whether to show progress bars.
 
     Raises:
@@ -321,9 +327,8 @@ def train_online(
         start=None if start is None else portable_name(start),
         data=portable_name(several) if isinstance(several, str) else several,
         weights=None if weights is None else list(weights),
-        offline_share=offline_share,
-        n_threads=n_threads,
-    )
+        offline_share=offline_share, n_threads=n_threads, n_checkpoints=n_checkpoints,
+    )  # fmt: skip
     where = _Where(Path(out), seeds, workers, engine, part, progress)
     length = 0
     if not where.is_here:  # mistakes are refused before any job

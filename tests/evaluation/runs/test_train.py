@@ -48,12 +48,14 @@ def run(*arguments: str | Path, code: int = 0) -> str:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few episodes measure a checkpoint, and there is one checkpoint."""
+    """Few episodes measure a checkpoint, and there is one checkpoint unless a test says more."""
     from swarmdata.evaluation.runs import train
     from swarmdata.online_algos.runs.online_training import describe_run
 
     def describe(*arguments: Any, **options: Any) -> Any:
-        return describe_run(*arguments, n_checkpoints=1, n_episodes=2, **options)
+        n_checkpoints = options["n_checkpoints"]
+        options["n_checkpoints"] = 1 if n_checkpoints == 40 else n_checkpoints
+        return describe_run(*arguments, n_episodes=2, **options)
 
     monkeypatch.setattr(train, "describe_run", describe)
 
@@ -158,9 +160,10 @@ def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path)
     file.write_text("hidden: 16\nn_steps: 16\n")
     command: tuple[str | Path, ...] = (
         "train", "mappo", "--task", task, "--seeds", "2", "--first-seed", "5", "--steps", "3.2e1",
-        "--config", file, "--out", out, *settings(),
+        "--config", file, "--out", out, "--checkpoints", "2", *settings(),
     )  # fmt: skip
     assert run(*command) == f"{out}\n"
+    assert read_online_run(out).n_checkpoints == 2
     curve = (out / "curve.csv").read_bytes()
     run(*command)
     assert (out / "curve.csv").read_bytes() == curve
