@@ -59,6 +59,14 @@ class TargetName(Frozen):
             randomization=None if randomization is None else ranges_of(randomization),
         )
 
+    @property
+    def changes_the_world(self) -> bool:
+        """Whether the target meets another world than that of its training, or of its tier."""
+        changes = (
+            self.task, self.observation, self.communication, self.backend, self.randomization
+        )  # fmt: skip
+        return any(change is not None for change in changes)
+
     def find(self) -> Target:
         """Returns the target; raises as `find_target` and `Target.labelled` do."""
         models = (self.observation, self.communication, self.backend, self.randomization)

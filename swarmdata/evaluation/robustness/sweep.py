@@ -315,7 +315,10 @@ def _degradation(
             columns, estimates = estimates_of(found[folder], found[TRAINED_FOLDER], spec, trained)
             points.append(Point(value, folder == TRAINED_FOLDER, estimates))
         lines.append(Line(team.label, len(team.target.policies), tuple(points)))
-    return Degradation(axis.part, axis.name, columns, tuple(lines), n_episodes, axis.falls)
+    as_trained = not any(team.source.changes_the_world for team in teams)
+    return Degradation(
+        axis.part, axis.name, columns, tuple(lines), n_episodes, axis.falls, as_trained
+    )
 
 
 def _points_along(axis: Axis, axis_specs: AxisSpecs, trained: TaskSpec) -> list[_SweepPoint]:

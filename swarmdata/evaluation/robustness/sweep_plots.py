@@ -139,8 +139,8 @@ def _legend(drawing: Any, axes: Any, found: Degradation) -> None:
     on_axis = [line.trained.value is not None for line in found.lines]
     if any(on_axis):
         ring: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": GRAY, "mew": 1.2, "ms": 5}
-        handles.append(Line2D([], [], ls="", label="as trained", **ring))
+        handles.append(Line2D([], [], ls="", label=found.base, **ring))
     if not all(on_axis):
-        words = "as trained, not on the axis"
+        words = f"{found.base}, not on the axis"
         handles.append(Line2D([], [], color=GRAY, lw=1.1, ls=(0, (1, 2)), label=words))
     draw_legend(drawing, handles)

@@ -31,8 +31,8 @@ CSV_COLUMNS = (
 class Point:
     """The estimates of a team at one value of an axis."""
 
-    value: float | None  # None: as trained, if that has no number
-    is_trained: bool  # whether everything is as in training
+    value: float | None  # None: that of the base, if it has no number
+    is_trained: bool  # whether it is the base, in which nothing has been varied
     estimates: tuple[Estimate, ...]  # one per column; NaN if undefined
 
 
@@ -51,7 +51,7 @@ class Line:
 
     @property
     def trained(self) -> Point:
-        """The point with everything as in training."""
+        """The base: as in training, or as the sweep was asked to begin."""
         return next(point for point in self.points if point.is_trained)
 
 
@@ -65,6 +65,12 @@ class Degradation:
     lines: tuple[Line, ...]
     n_episodes: int
     falls: bool  # whether the values of the axis fall from left to right
+    as_trained: bool = True  # whether the teams' worlds are those of their training
+
+    @property
+    def base(self) -> str:
+        """What the worlds are called in which nothing has been varied."""
+        return "as trained" if self.as_trained else "not varied"
 
     def column(self, key: str) -> int:
         """Returns the index of a column.
@@ -80,7 +86,7 @@ class Degradation:
     def to_markdown(self) -> str:
         """A heading and a table with a row for each team and value."""
         rows = tuple(
-            Row(f"{line.label}, {_describe_value(self.name, point)}", line.n_runs, point.estimates)
+            Row(f"{line.label}, {self._describe_value(point)}", line.n_runs, point.estimates)
             for line in self.lines
             for point in line.points
         )
@@ -89,19 +95,19 @@ class Degradation:
 
     def _caption(self) -> str:
         target = target_of([line.n_runs for line in self.lines])
+        rest = "the training of each policy" if self.as_trained else "the world that was asked for"
         return (
-            f"Only {self.part} {self.name} changes; everything else is as in the training of each "
-            f"policy. All points have the same {self.n_episodes} evaluation seeds; mean [95 % "
-            f"interval for {target}]. Collisions are new contacts per episode. Time to goal counts "
-            "an unsolved episode as the horizon. The change is from the same policies as trained, "
-            "paired by training seed and episode."
+            f"Only {self.part} {self.name} changes; everything else is as in {rest}. All points "
+            f"have the same {self.n_episodes} evaluation seeds; mean [95 % interval for {target}]. "
+            "Collisions are new contacts per episode. Time to goal counts an unsolved episode as "
+            f"the horizon. The change is from the same policies {self.base}, paired by training "
+            "seed and episode."
         )
 
-
-def _describe_value(name: str, point: Point) -> str:
-    if point.value is None:
-        return "as trained"
-    return f"{name} {point.value:g}{' (as trained)' if point.is_trained else ''}"
+    def _describe_value(self, point: Point) -> str:
+        if point.value is None:
+            return self.base
+        return f"{self.name} {point.value:g}{f' ({self.base})' if point.is_trained else ''}"
 
 
 def to_csv(found: Sequence[Degradation]) -> str:

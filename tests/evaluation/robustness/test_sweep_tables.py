@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -48,6 +49,13 @@ def test_markdown_says_what_changes_and_which_interval_is_meant() -> None:
     assert TARGET_OF_ONE in text
     assert TARGET_OF_ONE not in degradation(MEASURED.lines[0]).to_markdown()
     assert TARGET_OF_SEVERAL not in degradation(MEASURED.lines[1]).to_markdown()
+
+
+def test_another_world_than_that_of_training_is_not_called_that() -> None:
+    text = replace(MEASURED, as_trained=False).to_markdown()
+    assert "trained" not in text.replace("training seed", "")
+    assert "| several, drop 0.3 (not varied) | 3 |" in text
+    assert "| one, not varied | 1 |" in text
 
 
 def test_csv_has_one_estimate_in_a_row() -> None:
