@@ -22,6 +22,7 @@ from swarmdata.envs.physics.episode_bodies import (
 )
 from swarmdata.envs.physics.free_motion import is_free, move
 from swarmdata.envs.physics.impacts import time_to_impact
+from swarmdata.envs.physics.interpreter_exit import leave_at_exit
 from swarmdata.numerics.geometry import BOX, CIRCLE, bar_box
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
@@ -146,6 +147,7 @@ def build_space(
     """
     spec = plan.spec
     space = pymunk.Space()
+    leave_at_exit(space)
     space.collision_slop = COLLISION_SLOP
     space.iterations = SOLVER_ITERATIONS
     space.damping = 1.0  # drag is part of the robots, not of the world

@@ -9,6 +9,7 @@ import pytest
 from tests.support.tiny import make_tiny
 
 PROGRAM = """
+import keyword as early
 import logging, sys
 import pettingzoo, zarr
 if "torch" in sys.argv:
@@ -33,6 +34,8 @@ parallel.reset(seed=0)
 parallel.close()
 left_open = dataset.make_env(3)
 left_open.reset(np.arange(3, dtype=np.uint64))
+early.left_open = left_open, early  # lives until the modules that were imported later are cleared
+early.function = lambda: early
 print(len(dataset))
 """
 
