@@ -28,7 +28,7 @@ def test_bodies_are_swept_in_another_simulator(tmp_path: Path) -> None:
     """A scripted team, too: worse sensors do not concern it, and a slower body does."""
     axes = ("--body", "max_speed=0.6,0.2", "--episodes", "1", "--backend", "kinematic")
     output = run("scripted", *axes, "--out", tmp_path / "out")
-    assert "| scripted, max_speed 0.6 (as trained) |" in output
+    assert "| scripted, max_speed 0.6 (not varied) |" in output
     assert "| scripted, max_speed 0.2 |" in output
     assert output.endswith(f"{tmp_path}/out/body-max_speed.png\n")
 

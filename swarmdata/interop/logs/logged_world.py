@@ -81,7 +81,13 @@ class _Playback:
         self.motion: LoggedMotion | None = None
 
     def reset(
-        self, copies: Int, layouts: Float, robots: Double, bodies: Double, limits: Double
+        self,
+        copies: Int,
+        layouts: Float,
+        robots: Double,
+        bodies: Double,
+        limits: Double,
+        payloads: Double,
     ) -> None:
         self._layout, self._t = layouts[0].copy(), 0
 

@@ -95,7 +95,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     describe = online_training.describe_run
 
     def shorter(*arguments: Any, **options: Any) -> Any:
-        return describe(*arguments, n_checkpoints=2, n_episodes=2, **options)
+        return describe(*arguments, **{**options, "n_checkpoints": 2, "n_episodes": 2})
 
     monkeypatch.setattr(training, "describe_run", shorter)
 
