@@ -173,15 +173,13 @@ INTRO = (
 )
 
 
-REASONS = """What keeps these from their goals, by profiles of 4 robots on a busy machine. There,
-other work empties the caches, in which 64 worlds lie and the batches of VMAS do not; on a quiet
-machine the ratios with VMAS and with the physics were higher (*Low-dimensional observations*).
+REASONS = """What keeps these from their goals, by profiles of 4 robots on a busy machine.
 
 - Steps with random actions, 64 copies: about 70 % are physics and contacts, 19 % observations, 8 %
   scores. Calling kernels takes 7 us of some 200, so fewer kernels would gain 3 %.
 - One copy: of 11 us a step, 7 us called five kernels, whose 65 arguments are unpacked one by one,
   and made the arrays of the step. The physics takes 2 us. Since then 27 of the arguments, those
-  that last, reach kernels packed (`runtime.argument_blocks`); the table is of the code before.
+  that last, reach kernels packed (`runtime.argument_blocks`).
 - Threads: the caller divides the arrays and begins the step for all blocks, and the threads hand
   over the interpreter's lock at every kernel: about 25 us, and 13 us in which they meet. Against
   two processes with half of the copies each, in turns on two cores with a load of 20, two threads
