@@ -4,21 +4,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigation.distance_field import (
-    Int32,
-    check_maps,
-    fill_clearances,
-    grid_shape,
-)
-from swarmdata.behavior_policies.navigation.planner import (
-    UNPLANNED_COST,
-    n_primitives,
-    primitives_of,
-)
-from swarmdata.errors import SchemaError
+from swarmdata.behavior_policies.navigation.primitives import n_primitives, primitives_of
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.numerics.distance_field import Ground, Int32, fill_clearances, grid_shape
+from swarmdata.numerics.waypoints import UNPLANNED_COST
 from swarmdata.registry.components import make_task
+from swarmdata.specs.budget import in_bytes
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
+
+MAX_MAP_BYTES = 1 << 31
+"""Largest size of the maps of one episode."""
+
+MAX_MAPS_BYTES = 1 << 34
+"""Largest size of the maps of all copies together."""
+
+NODE_SPACING = 0.05
+"""Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of
+radius 0.12 m; a strip as wide as the spacing holds an 8-connected chain of nodes."""
 
 CLEARANCE_MARGIN = 0.15
 """Metres beyond the largest radius up to which clearances are computed."""
@@ -30,9 +33,31 @@ class Maps(NamedTuple):
     primitives: Float  # [E, P, 8] convex obstacles
     clearances: Float  # [E, rows, columns] m, of the nodes
     half: Double  # [2] m, half width and half height of the arena
-    costs: Int32  # [E, G, n] of the paths; see `planner.Paths`
+    costs: Int32  # [E, G, n] of the paths; see `waypoints.Paths`
     next_nodes: Int32  # [E, G, n] on the paths
     goals: Double  # [E, G, 2] m, that the paths were planned to
+
+
+def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
+    """Refuses maps that would fill the memory.
+
+    Args:
+        spec: the task.
+        n_copies: episodes that are mapped at once.
+        n_goals: goals in an episode; paths lead to each of them from every node.
+
+    Raises:
+        SpecError: the maps of one episode, or all of them, are too large.
+    """
+    rows, columns = grid_shape(spec.arena, NODE_SPACING)
+    one = rows * columns * (4 + 8 * n_goals)
+    if one > MAX_MAP_BYTES or n_copies * one > MAX_MAPS_BYTES:
+        raise SpecError(
+            f"maps of the arena of {spec.arena.width:g} x {spec.arena.height:g} m take "
+            f"{in_bytes(one)} for each of {n_copies} episodes with {n_goals} goals, expected at "
+            f"most {in_bytes(MAX_MAP_BYTES)} for one and {in_bytes(MAX_MAPS_BYTES)} for all. Use a "
+            "smaller arena, fewer robots or fewer copies, or a policy that plans no paths."
+        )
 
 
 class EpisodeMaps:
@@ -56,7 +81,8 @@ class EpisodeMaps:
     def _allocate(self, n_copies: int) -> None:
         """Makes room for the maps of `n_copies` episodes; none is valid yet."""
         check_maps(self._spec, max(n_copies, 1), self._n_goals)
-        arena, (rows, columns) = self._spec.arena, grid_shape(self._spec)
+        arena = self._spec.arena
+        rows, columns = grid_shape(arena, NODE_SPACING)
         nodes = (n_copies, self._n_goals, rows * columns)
         self._is_mapped = np.zeros(n_copies, dtype=np.bool_)
         self._seeds = np.zeros(n_copies, dtype=np.uint64)
@@ -76,7 +102,8 @@ class EpisodeMaps:
         maps = self._maps
         for b in copies:
             maps.primitives[b] = primitives_of(step.layouts[b])
-            fill_clearances(step.layouts[b], maps.half, self._cap, maps.clearances[b])
+            ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
+            fill_clearances(step.layouts[b], self._cap, ground)
         maps.costs[copies, :, 0], maps.goals[copies] = UNPLANNED_COST, np.inf
         self._seeds[copies], self._is_mapped[copies] = step.seeds[copies], True
 

@@ -17,14 +17,14 @@ from swarmdata.behavior_policies.navigation.avoidance import (
     stopping_half_planes,
     surface_half_planes,
 )
-from swarmdata.behavior_policies.navigation.distance_field import Int32
-from swarmdata.behavior_policies.navigation.episode_maps import EpisodeMaps, Maps
+from swarmdata.behavior_policies.navigation.episode_maps import NODE_SPACING, EpisodeMaps, Maps
 from swarmdata.behavior_policies.navigation.orca import solve
-from swarmdata.behavior_policies.navigation.planner import UNPLANNED_COST, Ground, Paths, waypoint
 from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
 from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.envs.physics.dynamics import SPEED, UNICYCLE
+from swarmdata.numerics.distance_field import Ground, Int32
+from swarmdata.numerics.waypoints import UNPLANNED_COST, Paths, waypoint
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -116,7 +116,7 @@ def navigate(all_robots: Double, drifts: Double, team: Team, maps: Maps, out: Do
     aims = np.empty((n_robots, 3))
     for b in range(all_robots.shape[0]):
         robots, primitives = all_robots[b], maps.primitives[b]
-        ground = Ground(maps.clearances[b], maps.half)
+        ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
         _forget_old_paths(robots[:, 4:6], maps.goals[b], maps.costs[b])
         for i in range(n_robots):
             paths = Paths(maps.costs[b, i], maps.next_nodes[b, i])

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigation.distance_field import PATH_GAP
-from swarmdata.behavior_policies.navigation.planner import Ground, free_distance, is_visible
 from swarmdata.behavior_policies.transport.push_setup import PayloadState
+from swarmdata.numerics.distance_field import PATH_GAP, Ground
 from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.numerics.waypoints import free_distance, is_visible
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double
 

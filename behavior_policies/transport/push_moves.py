@@ -6,9 +6,7 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import math
 
 from swarmdata.behavior_policies.navigation.avoidance import BRAKING_TIME, SURFACE_GAP
-from swarmdata.behavior_policies.navigation.distance_field import PATH_GAP
 from swarmdata.behavior_policies.navigation.orca import damper_half_plane
-from swarmdata.behavior_policies.navigation.planner import Ground, Paths, free_distance, waypoint
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.behavior_policies.transport.payload_detour import Pushers, Rings, detour_waypoint
 from swarmdata.behavior_policies.transport.push_setup import PayloadState, PushSetup
@@ -17,7 +15,9 @@ from swarmdata.behavior_policies.transport.push_team import (
     SLOT_SIDE_TOLERANCE,
     WAITING_GAP,
 )
+from swarmdata.numerics.distance_field import PATH_GAP, Ground
 from swarmdata.numerics.geometry import nearest
+from swarmdata.numerics.waypoints import Paths, free_distance, waypoint
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float
 

@@ -10,9 +10,10 @@ Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platfo
 import math
 from typing import NamedTuple
 
-from swarmdata.behavior_policies.navigation.planner import Ground, free_distance
 from swarmdata.behavior_policies.transport.push_setup import PayloadState
+from swarmdata.numerics.distance_field import Ground
 from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.numerics.waypoints import free_distance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 

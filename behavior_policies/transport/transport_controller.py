@@ -28,10 +28,9 @@ from swarmdata.behavior_policies.navigation.avoidance import (
     robot_half_planes,
     surface_half_planes,
 )
-from swarmdata.behavior_policies.navigation.episode_maps import EpisodeMaps, Maps
+from swarmdata.behavior_policies.navigation.episode_maps import NODE_SPACING, EpisodeMaps, Maps
 from swarmdata.behavior_policies.navigation.navigator import turned_right
 from swarmdata.behavior_policies.navigation.orca import solve
-from swarmdata.behavior_policies.navigation.planner import UNPLANNED_COST, Ground, Paths, waypoint
 from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.behavior_policies.transport.payload_detour import (
     N_POINTS,
@@ -62,7 +61,9 @@ from swarmdata.behavior_policies.transport.push_team import (
 )
 from swarmdata.envs.transport.payload import place_row
 from swarmdata.errors import SpecError
+from swarmdata.numerics.distance_field import Ground
 from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.numerics.waypoints import UNPLANNED_COST, Paths, waypoint
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload, TransportRules
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
@@ -175,7 +176,8 @@ def act_copies(
     aims, row, scales = np.empty((n_robots, 4)), np.empty(8, np.float32), np.ones((n_robots, 2))
     for b in range(all_robots.shape[0]):
         robots, body, primitives = all_robots[b], bodies[b], maps.primitives[b]
-        payload, ground = PayloadState(body, setup.shape), Ground(maps.clearances[b], maps.half)
+        payload = PayloadState(body, setup.shape)
+        ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
         planned = maps.goals[b, ROBOTS_GOAL]
         payload_paths = Paths(maps.costs[b, PAYLOAD_GOAL], maps.next_nodes[b, PAYLOAD_GOAL])
         robot_paths = Paths(maps.costs[b, ROBOTS_GOAL], maps.next_nodes[b, ROBOTS_GOAL])

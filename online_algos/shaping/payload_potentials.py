@@ -11,17 +11,17 @@ depends on its first and last state only.
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigation.distance_field import (
-    NODE_SPACING,
+from swarmdata.behavior_policies.navigation.episode_maps import NODE_SPACING, check_maps
+from swarmdata.envs.transport.payload import payload_radius
+from swarmdata.errors import SpecError
+from swarmdata.numerics.distance_field import (
     STRAIGHT_COST,
-    check_maps,
+    Ground,
     fill_clearances,
     fill_paths,
     grid_shape,
     nearest_node,
 )
-from swarmdata.envs.transport.payload import payload_radius
-from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -53,17 +53,18 @@ def fill_lengths(
     """
     rows, columns = out.shape[1:]
     grid = np.empty((rows, columns), np.float32)
+    ground = Ground(grid, half, NODE_SPACING)
     weights = np.empty(rows * columns, np.int32)
     costs = np.empty(rows * columns, np.int32)
     paths = np.empty(rows * columns, np.int32)
     for c in copies:
-        fill_clearances(layouts[c], half, radius + NODE_SPACING, grid)
+        fill_clearances(layouts[c], radius + NODE_SPACING, ground)
         for row in range(rows):
             for column in range(columns):
                 gap = grid[row, column] - radius
                 is_inside = 0 < row < rows - 1 and 0 < column < columns - 1
                 weights[row * columns + column] = 1 if is_inside and gap > -CONTACT_OVERLAP else 0
-        end = nearest_node(goals[c, 0], goals[c, 1], weights - 1, columns, half)
+        end = nearest_node(goals[c, 0], goals[c, 1], weights - 1, ground)
         costs[:] = -1
         if end >= 0:
             fill_paths(end, columns, weights, costs, paths)
@@ -149,7 +150,7 @@ class PayloadPaths:
         self._half = np.array([spec.arena.width, spec.arena.height]) / 2
         self._radius = payload_radius(payload)
         check_maps(spec, n_copies, 1)
-        self._lengths = np.empty((n_copies, *grid_shape(spec)))
+        self._lengths = np.empty((n_copies, *grid_shape(spec.arena, NODE_SPACING)))
         self._seeds: Seeds | None = None  # of the episodes that `_lengths` belong to, [C]
 
     def update(self, step: Step) -> None:

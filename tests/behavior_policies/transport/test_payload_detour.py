@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.navigation.planner import Ground
+from swarmdata.behavior_policies.navigation.episode_maps import NODE_SPACING
 from swarmdata.behavior_policies.transport.payload_detour import (
     N_POINTS,
     N_RING,
@@ -20,6 +20,7 @@ from swarmdata.behavior_policies.transport.payload_detour import (
 )
 from swarmdata.behavior_policies.transport.push_setup import PayloadState
 from swarmdata.envs.transport.payload import Shape, place_row
+from swarmdata.numerics.distance_field import Ground
 from swarmdata.numerics.geometry import BOX, CIRCLE, nearest
 from swarmdata.types import Double, Float
 
@@ -46,7 +47,7 @@ def gap(shape: Shape, pose: Double, x: float, y: float) -> float:
 
 def rings_of(payload: PayloadState, grid: Float = FREE) -> Rings:
     rings = Rings(np.empty((N_POINTS, 2)), np.empty(N_POINTS, np.bool_))
-    fill_rings(payload, RADIUS, Ground(grid, HALF), rings)
+    fill_rings(payload, RADIUS, Ground(grid, HALF, NODE_SPACING), rings)
     return rings
 
 
@@ -83,7 +84,7 @@ def walk(
     shape: Shape, pose: Double, start: tuple[float, float], end: tuple[float, float], grid: Float
 ) -> Double:
     """Where a robot that follows the path is, every 0.05 m."""
-    payload, ground = PayloadState(pose, shape), Ground(grid, HALF)
+    payload, ground = PayloadState(pose, shape), Ground(grid, HALF, NODE_SPACING)
     robots, rings = np.array([[*start]]), rings_of(payload, grid)
     pushers = Pushers(robots, np.zeros(1, np.bool_))
     path = [robots[0].copy()]
@@ -123,7 +124,7 @@ def test_it_passes_behind_robots_that_stand_at_the_payload() -> None:
     payload = PayloadState(body(), BOX_SHAPE)
     robots = np.array([[-0.9, -0.6], [-0.05, -0.47], [0.25, -0.47]])
     pushers = Pushers(robots, np.array([False, True, True]))
-    ground, rings = Ground(FREE, HALF), rings_of(payload)
+    ground, rings = Ground(FREE, HALF, NODE_SPACING), rings_of(payload)
     found, x, y = detour_waypoint(0, pushers, (0.75, -0.1), payload, RADIUS, ground, rings)
     assert found
     line = np.array([x, y]) - robots[0, :2]
@@ -139,7 +140,7 @@ def test_without_room_there_is_no_path() -> None:
         rings_of(payload, solid),
     )
     assert not rings.is_free.any()
-    ground = Ground(solid, HALF)
+    ground = Ground(solid, HALF, NODE_SPACING)
     found, x, y = detour_waypoint(0, pushers, (0.9, 0.0), payload, RADIUS, ground, rings)
     assert not found
     assert (x, y) == pytest.approx((-1.0, 0.0))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.navigation.planner import Ground
+from swarmdata.behavior_policies.navigation.episode_maps import NODE_SPACING
 from swarmdata.behavior_policies.transport.push_setup import PayloadState, PushSetup
 from swarmdata.behavior_policies.transport.push_slots import (
     ARC_MIN_COSINE,
@@ -27,6 +27,7 @@ from swarmdata.behavior_policies.transport.push_team import (
     stands,
 )
 from swarmdata.envs.transport.payload import Shape
+from swarmdata.numerics.distance_field import Ground
 from swarmdata.numerics.geometry import BOX, CIRCLE
 from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import Payload
@@ -56,7 +57,9 @@ def body(x: float = 0.0, y: float = 0.0, angle: float = 0.0) -> Double:
 def search_of(
     shape: Shape, pose: Double, direction: tuple[float, float], n: int = 4, grid: Float = FREE
 ) -> SlotSearch:
-    return SlotSearch(PayloadState(pose, shape), direction, Ground(grid, HALF), n, RADIUS, 1.75)
+    return SlotSearch(
+        PayloadState(pose, shape), direction, Ground(grid, HALF, NODE_SPACING), n, RADIUS, 1.75
+    )
 
 
 def slots_for(

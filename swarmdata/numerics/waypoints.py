@@ -3,35 +3,23 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
-from swarmdata.behavior_policies.navigation.distance_field import (
-    NODE_SPACING,
+from swarmdata.numerics.distance_field import (
     PATH_GAP,
+    Ground,
     Int32,
     fill_paths,
     nearest_node,
     weights_of,
 )
-from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET
 from swarmdata.runtime.kernels import kernel
-from swarmdata.types import Double, Float, Int
+from swarmdata.types import Double
 
 LOOKAHEAD_NODES = 40
-"""Nodes of the path that are searched for a visible one: 2 to 2.8 m."""
+"""Nodes of the path that are searched for a visible one: 2 to 2.8 m with a spacing of 0.05 m."""
 
 UNPLANNED_COST = -2
 """Cost of node 0 until the paths are planned, which is when the goal is out of sight for the first
 time: a robot that always sees its goal needs none. Node 0 lies in a wall."""
-
-N_PRIMITIVES = {CIRCLE: 1, BOX: 1, CORNER: 2, POCKET: 3}
-
-
-class Ground(NamedTuple):
-    """The free space of one episode."""
-
-    clearances: Float  # [rows, columns] m, from each node to the nearest surface or wall
-    half: Double  # [2] m, half width and half height of the arena
 
 
 class Paths(NamedTuple):
@@ -44,9 +32,9 @@ class Paths(NamedTuple):
 @kernel
 def free_distance(x: float, y: float, ground: Ground) -> float:
     """Returns the clearance at a point, m, interpolated bilinearly; outside points are moved in."""
-    grid, half = ground
-    u = min(max((x + half[0]) / NODE_SPACING, 0.0), grid.shape[1] - 1.001)
-    v = min(max((y + half[1]) / NODE_SPACING, 0.0), grid.shape[0] - 1.001)
+    grid, half, spacing = ground
+    u = min(max((x + half[0]) / spacing, 0.0), grid.shape[1] - 1.001)
+    v = min(max((y + half[1]) / spacing, 0.0), grid.shape[0] - 1.001)
     column, row = int(u), int(v)
     u, v = u - column, v - row
     below = (1.0 - u) * grid[row, column] + u * grid[row, column + 1]
@@ -75,7 +63,7 @@ def is_visible(
         free = free_distance(x + share * dx, y + share * dy, ground) - need
         if free < 0.0:
             return False
-        walked += max(free, 0.5 * NODE_SPACING)
+        walked += max(free, 0.5 * ground.spacing)
     return True
 
 
@@ -95,55 +83,27 @@ def waypoint(
     Returns:
         The point, m; the goal if no path leads there.
     """
-    (x, y), (grid, half), (costs, next_nodes) = position, ground, paths
+    (x, y), (grid, half, spacing), (costs, next_nodes) = position, ground, paths
     need, columns = radius + PATH_GAP, grid.shape[1]
     if is_visible(position, (goal[0], goal[1]), need, ground):
         return goal[0], goal[1]
     if costs[0] == UNPLANNED_COST:
         weights = weights_of(grid, radius)
-        end = nearest_node(goal[0], goal[1], weights - 1, columns, half)
+        end = nearest_node(goal[0], goal[1], weights - 1, ground)
         if end < 0:
             costs[:] = -1
         else:
             fill_paths(end, columns, weights, costs, next_nodes)
-    node = nearest_node(x, y, costs, columns, half)
+    node = nearest_node(x, y, costs, ground)
     if node < 0:
         return goal[0], goal[1]
     best = next_nodes[node]
     for hop in range(LOOKAHEAD_NODES):
         node = next_nodes[node]
         if hop % 2 == 1:
-            to_x = (node % columns) * NODE_SPACING - half[0]
-            to_y = (node // columns) * NODE_SPACING - half[1]
+            to_x = (node % columns) * spacing - half[0]
+            to_y = (node // columns) * spacing - half[1]
             if not is_visible(position, (to_x, to_y), need, ground):
                 break
             best = node
-    return (best % columns) * NODE_SPACING - half[0], (best // columns) * NODE_SPACING - half[1]
-
-
-def primitives_of(layout: Float) -> Float:
-    """Returns the obstacles of a layout as convex shapes: a corner is 2 boxes, a pocket 3.
-
-    Args:
-        layout: obstacles, columns `geometry.OBSTACLE`, [M, 8].
-
-    Returns:
-        Circles and boxes, the same columns, [P, 8].
-    """
-    shapes = [_bar(row, k) for row in layout for k in range(N_PRIMITIVES[float(row[0])])]
-    return np.array(shapes, dtype=np.float32).reshape(-1, 8)
-
-
-def _bar(row: Float, k: int) -> Float:
-    """Convex part k of an obstacle: the bar along -y, along -x, or along +x."""
-    kind, x, y, ux, uy, a, b, t = (float(value) for value in row)
-    if kind in (CIRCLE, BOX):
-        return row
-    cx, cy, hx, hy = ((0.0, t - b, a, t), (t - a, 0.0, t, b), (a - t, 0.0, t, b))[k]
-    centre = (x + cx * ux - cy * uy, y + cx * uy + cy * ux)
-    return np.array([BOX, *centre, ux, uy, hx, hy, 0.0], dtype=np.float32)
-
-
-def n_primitives(kinds: Int) -> int:
-    """Number of convex shapes in a layout whose obstacles have these shape codes, [M]."""
-    return sum(N_PRIMITIVES[float(kind)] for kind in kinds)
+    return (best % columns) * spacing - half[0], (best // columns) * spacing - half[1]

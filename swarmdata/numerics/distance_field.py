@@ -8,27 +8,17 @@ passages.
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import bounding_radius, nearest
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.budget import in_bytes
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import Arena
 from swarmdata.types import Double, Float
 
 Int32 = NDArray[np.int32]
-
-MAX_MAP_BYTES = 1 << 31
-"""Largest size of the maps of one episode."""
-
-MAX_MAPS_BYTES = 1 << 34
-"""Largest size of the maps of all copies together."""
-
-NODE_SPACING = 0.05
-"""Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of
-radius 0.12 m; a strip as wide as the spacing holds an 8-connected chain of nodes."""
 
 PATH_GAP = 0.015
 """Metres of free gap that a path keeps where it can."""
@@ -44,57 +34,42 @@ below all. The last factor lets robots that were pushed against a surface find a
 N_BUCKETS = DIAGONAL_COST * GAP_WEIGHTS[3] + 1
 
 
-def grid_shape(spec: TaskSpec) -> tuple[int, int]:
-    """Returns the number of nodes along y and along x."""
-    arena = spec.arena
-    return int(arena.height / NODE_SPACING) + 1, int(arena.width / NODE_SPACING) + 1
+class Ground(NamedTuple):
+    """The free space of one episode, on a grid; node (0, 0) is the lower left corner."""
+
+    clearances: Float  # [rows, columns] m, from each node to the nearest surface or wall
+    half: Double  # [2] m, half width and half height of the arena
+    spacing: float  # m, between nodes
 
 
-def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
-    """Refuses maps that would fill the memory.
-
-    Args:
-        spec: the task.
-        n_copies: episodes that are mapped at once.
-        n_goals: goals in an episode; paths lead to each of them from every node.
-
-    Raises:
-        SpecError: the maps of one episode, or all of them, are too large.
-    """
-    rows, columns = grid_shape(spec)
-    one = rows * columns * (4 + 8 * n_goals)
-    if one > MAX_MAP_BYTES or n_copies * one > MAX_MAPS_BYTES:
-        raise SpecError(
-            f"maps of the arena of {spec.arena.width:g} x {spec.arena.height:g} m take "
-            f"{in_bytes(one)} for each of {n_copies} episodes with {n_goals} goals, expected at "
-            f"most {in_bytes(MAX_MAP_BYTES)} for one and {in_bytes(MAX_MAPS_BYTES)} for all. Use a "
-            "smaller arena, fewer robots or fewer copies, or a policy that plans no paths."
-        )
+def grid_shape(arena: Arena, spacing: float) -> tuple[int, int]:
+    """Returns the number of nodes along y and along x, `spacing` metres apart."""
+    return int(arena.height / spacing) + 1, int(arena.width / spacing) + 1
 
 
 @kernel
-def fill_clearances(layout: Float, half: Double, cap: float, out: Float) -> None:
+def fill_clearances(layout: Float, cap: float, ground: Ground) -> None:
     """Writes the distance from every node to the nearest surface or wall, at most `cap`.
 
     Args:
         layout: obstacles, [M, 8].
-        half: half width and half height of the arena, m, [2].
         cap: largest distance that is computed, m.
-        out: written, m, [rows, columns]; node (0, 0) is the lower left corner of the arena.
+        ground: its clearances are written.
     """
+    out, half, spacing = ground
     rows, columns = out.shape
     for row in range(rows):
         for column in range(columns):
-            x, y = column * NODE_SPACING - half[0], row * NODE_SPACING - half[1]
+            x, y = column * spacing - half[0], row * spacing - half[1]
             out[row, column] = min(cap, half[0] - abs(x), half[1] - abs(y))
     for m in range(layout.shape[0]):
         reach = bounding_radius(layout[m]) + cap
         u, v = float(layout[m, 1]) + half[0], float(layout[m, 2]) + half[1]
-        first, last = max(int((u - reach) / NODE_SPACING), 0), int((u + reach) / NODE_SPACING)
-        low, high = max(int((v - reach) / NODE_SPACING), 0), int((v + reach) / NODE_SPACING)
+        first, last = max(int((u - reach) / spacing), 0), int((u + reach) / spacing)
+        low, high = max(int((v - reach) / spacing), 0), int((v + reach) / spacing)
         for row in range(low, min(high + 2, rows)):
             for column in range(first, min(last + 2, columns)):
-                x, y = column * NODE_SPACING - half[0], row * NODE_SPACING - half[1]
+                x, y = column * spacing - half[0], row * spacing - half[1]
                 dx, dy = u - half[0] - x, v - half[1] - y
                 if dx * dx + dy * dy < reach * reach:
                     out[row, column] = min(out[row, column], nearest(x, y, layout[m])[0])
@@ -186,18 +161,17 @@ def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, next_nodes
 
 
 @kernel
-def nearest_node(x: float, y: float, costs: Int32, columns: int, half: Double) -> int:
+def nearest_node(x: float, y: float, costs: Int32, ground: Ground) -> int:
     """Returns the node with a path to the goal that is nearest to a point, or -1.
 
     Args:
         x: point, m.
         y: point, m.
         costs: of the paths, -1 where there is none, [n].
-        columns: nodes in a row.
-        half: half width and half height of the arena, m, [2].
+        ground: whose nodes these are.
     """
-    u, v = (x + half[0]) / NODE_SPACING, (y + half[1]) / NODE_SPACING
-    rows = costs.shape[0] // columns
+    (rows, columns), half, spacing = ground.clearances.shape, ground.half, ground.spacing
+    u, v = (x + half[0]) / spacing, (y + half[1]) / spacing
     column = min(max(int(u + 0.5), 0), columns - 1)
     row = min(max(int(v + 0.5), 0), rows - 1)
     if costs[row * columns + column] >= 0:
