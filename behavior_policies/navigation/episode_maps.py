@@ -11,7 +11,7 @@ from swarmdata.numerics.waypoints import UNPLANNED_COST
 from swarmdata.registry.components import make_task
 from swarmdata.specs.budget import in_bytes
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Step
+from swarmdata.types import Bool, Double, Float, Int, Step
 
 MAX_MAP_BYTES = 1 << 31
 """Largest size of the maps of one episode."""
@@ -36,6 +36,7 @@ class Maps(NamedTuple):
     costs: Int32  # [E, G, n] of the paths; see `waypoints.Paths`
     next_nodes: Int32  # [E, G, n] on the paths
     goals: Double  # [E, G, 2] m, that the paths were planned to
+    are_old: Bool  # [E, G] paths from before the last reset, for the same goals only
 
 
 def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
@@ -74,7 +75,8 @@ class EpisodeMaps:
 
     def __init__(self, spec: TaskSpec, n_goals: int, radius: float) -> None:
         self._spec, self._n_goals = spec, n_goals
-        self._n_primitives = n_primitives(make_task(spec).kinds)
+        kinds = make_task(spec).kinds
+        self._n_obstacles, self._n_primitives = len(kinds), n_primitives(kinds)
         self._cap = radius + CLEARANCE_MARGIN
         self._allocate(0)
 
@@ -86,6 +88,7 @@ class EpisodeMaps:
         nodes = (n_copies, self._n_goals, rows * columns)
         self._is_mapped = np.zeros(n_copies, dtype=np.bool_)
         self._seeds = np.zeros(n_copies, dtype=np.uint64)
+        self._layouts = np.zeros((n_copies, self._n_obstacles, 8), dtype=np.float32)
         self._maps = Maps(
             primitives=np.zeros((n_copies, self._n_primitives, 8), dtype=np.float32),
             clearances=np.zeros((n_copies, rows, columns), dtype=np.float32),
@@ -93,19 +96,31 @@ class EpisodeMaps:
             costs=np.zeros(nodes, dtype=np.int32),
             next_nodes=np.zeros(nodes, dtype=np.int32),
             goals=np.zeros((n_copies, self._n_goals, 2)),
+            are_old=np.ones((n_copies, self._n_goals), dtype=np.bool_),
         )
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`; their paths are planned when they are needed."""
+        """Maps the layouts of `copies`; their paths are planned when they are needed.
+
+        Paths of a layout that is mapped already are kept, and marked as old.
+        """
         if len(step.seeds) != len(self._seeds):
             self._allocate(len(step.seeds))
         maps = self._maps
         for b in copies:
+            if self._is_mapped[b] and np.array_equal(self._layouts[b], step.layouts[b]):
+                continue
+            self._layouts[b] = step.layouts[b]
+            self.forget_paths(b)
             maps.primitives[b] = primitives_of(step.layouts[b])
             ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
             fill_clearances(step.layouts[b], self._cap, ground)
-        maps.costs[copies, :, 0], maps.goals[copies] = UNPLANNED_COST, np.inf
+        maps.are_old[copies] = True
         self._seeds[copies], self._is_mapped[copies] = step.seeds[copies], True
+
+    def forget_paths(self, copies: Int | int) -> None:
+        """Plans the paths of `copies` anew when they are needed."""
+        self._maps.costs[copies, :, 0], self._maps.goals[copies] = UNPLANNED_COST, np.inf
 
     def of(self, step: Step) -> Maps:
         """Returns the maps of a step's episodes.

@@ -28,7 +28,7 @@ from swarmdata.numerics.waypoints import UNPLANNED_COST, Paths, waypoint
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Int, Step
+from swarmdata.types import Bool, Double, Int, Step
 
 TURN_DISTANCE = 1.0
 """Metres between centres below which a robot turns right for another."""
@@ -90,11 +90,16 @@ def write_aim(
 
 
 @kernel
-def _forget_old_paths(targets: Double, goals: Double, costs: Int32) -> None:
-    """Forgets the paths of one copy's robots whose targets have moved."""
+def _forget_old_paths(targets: Double, goals: Double, costs: Int32, are_old: Bool) -> None:
+    """Forgets the paths of one copy's robots whose targets have moved.
+
+    Those from before a reset are forgotten unless they lead to the very same point, so that what
+    follows a reset does not depend on what was before it.
+    """
     for i in range(targets.shape[0]):
         dx, dy = targets[i, 0] - goals[i, 0], targets[i, 1] - goals[i, 1]
-        has_moved = dx * dx + dy * dy > TARGET_REPLAN_DISTANCE * TARGET_REPLAN_DISTANCE
+        reach = 0.0 if are_old[i] else TARGET_REPLAN_DISTANCE
+        has_moved, are_old[i] = dx * dx + dy * dy > reach * reach, False
         if costs[i, 0] == UNPLANNED_COST or has_moved:
             goals[i, 0], goals[i, 1] = targets[i, 0], targets[i, 1]
             costs[i, 0] = UNPLANNED_COST
@@ -117,7 +122,7 @@ def navigate(all_robots: Double, drifts: Double, team: Team, maps: Maps, out: Do
     for b in range(all_robots.shape[0]):
         robots, primitives = all_robots[b], maps.primitives[b]
         ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
-        _forget_old_paths(robots[:, 4:6], maps.goals[b], maps.costs[b])
+        _forget_old_paths(robots[:, 4:6], maps.goals[b], maps.costs[b], maps.are_old[b])
         for i in range(n_robots):
             paths = Paths(maps.costs[b, i], maps.next_nodes[b, i])
             write_aim(i, robots[i], drifts[b, i], team, ground, paths, aims[i])

@@ -254,6 +254,7 @@ class TransportController:
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and forgets their faces and slots."""
         self._maps.reset(step, copies)
+        self._maps.forget_paths(copies)  # the payload's goal may be another
         if len(step.seeds) != len(self._memory):
             self._memory = np.zeros((len(step.seeds), self._memory.shape[1]), dtype=np.int64)
         self._memory[copies] = NO_INDEX

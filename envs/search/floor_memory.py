@@ -20,7 +20,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import SearchRules
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Int
 
 MIDDLE_CLEARANCE = 0.06
 """Gap (m) to obstacles that a robot in the middle of a square needs to count it."""
@@ -130,15 +130,32 @@ def close_cells(
 
 
 @kernel
-def nearest_unsearched(
-    state: Float, i: int, x: float, y: float, middles: Double, columns: Columns
+def find_unsearched(
+    state: Float, i: int, x: float, y: float, middles: Double, columns: Columns, out: Int
 ) -> int:
-    """The square nearest to (x, y) that robot i has not searched; -1 if there is none."""
-    best, least = -1, np.inf
+    """Writes the squares nearest to (x, y) that robot i has not searched; returns how many.
+
+    Args:
+        state: [S].
+        i: index of the robot.
+        x: m.
+        y: m.
+        middles: of the squares, m, [C, 2].
+        columns: of the state.
+        out: the nearest first, written, [K].
+    """
+    count, distances = 0, np.empty(out.shape[0])
     for c in range(columns.n_cells):
         if state[columns.searched + columns.n_cells * i + c] > 0.0:
             continue
         dx, dy = middles[c, 0] - x, middles[c, 1] - y
-        if dx * dx + dy * dy < least:
-            best, least = c, dx * dx + dy * dy
-    return best
+        distance = dx * dx + dy * dy
+        if count == out.shape[0] and distance >= distances[count - 1]:
+            continue
+        count = min(count + 1, out.shape[0])
+        slot = count - 1
+        while slot > 0 and distances[slot - 1] > distance:
+            out[slot], distances[slot] = out[slot - 1], distances[slot - 1]
+            slot -= 1
+        out[slot], distances[slot] = c, distance
+    return count

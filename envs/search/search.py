@@ -19,8 +19,9 @@ searched (`floor_memory`).
 Action: a command (`dynamics`).
 Observation: that of the observation model, and for each robot
     knows           1 if its target is a victim, 0 if it is the base
-    unsearched_x,   m, in the world's frame, from the robot to the middle of the nearest square that
-    unsearched_y    it has not searched; 0 if there is none
+    and for each of the `NEAREST_SQUARES` squares nearest to it that it has not searched
+    offset_x, _y    m, in the world's frame, from the robot to the middle of the square
+    mask            1; if there are fewer squares, 0 in the last slots, as their offsets
 The places of victims that a robot has not seen are in none of these. With `observation.limit` or
 its like, robots sense each other no farther than that either.
 
@@ -50,9 +51,9 @@ from swarmdata.envs.search.floor_memory import (
     Columns,
     cell_middles,
     close_cells,
+    find_unsearched,
     knows_victim,
     look,
-    nearest_unsearched,
 )
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
@@ -64,20 +65,33 @@ from swarmdata.envs.world.spawn import (
 )
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, telling_goals, vector
+from swarmdata.specs.features import (
+    Feature,
+    leading_to_places,
+    numbered,
+    telling_goals,
+    vector,
+)
 from swarmdata.specs.rules import Payload, SearchRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
+NEAREST_SQUARES = 4
+"""Squares that a robot has not searched and observes."""
+
+_TO_SQUARE = "middle of a square that it has not searched minus own position"
+
 TASK_FEATURES: tuple[Feature, ...] = (
     Feature("knows", "flag", "", "1 if its target is a victim, 0 if it is the base"),
     *telling_goals(
-        vector(
+        numbered(
             "unsearched",
-            "position",
-            "middle of the nearest square that it has not searched minus own position; 0 if there "
-            "is none",
+            NEAREST_SQUARES,
+            (
+                *leading_to_places(vector("offset", "position", _TO_SQUARE)),
+                Feature("mask", "flag", "", "1 if the slot holds a square; nearest first"),
+            ),
         )
     ),
 )
@@ -243,7 +257,8 @@ def serve_searches(
 def write_search_features(
     states: Float, active: Bool, middles: Double, columns: Columns, out: Float
 ) -> None:
-    """Writes the task's features of every robot in the active copies, [E, N, 3]."""
+    """Writes the task's features of every robot in the active copies, [E, N, F]."""
+    squares = np.empty(NEAREST_SQUARES, np.int64)
     for b in range(states.shape[0]):
         if not active[b]:
             continue
@@ -253,9 +268,10 @@ def write_search_features(
             for k in range(columns.n_victims):
                 if knows_victim(states[b], i, k, columns):
                     out[b, i, 0] = 1.0
-            c = nearest_unsearched(states[b], i, x, y, middles, columns)
-            if c >= 0:
-                out[b, i, 1], out[b, i, 2] = middles[c, 0] - x, middles[c, 1] - y
+            for slot in range(find_unsearched(states[b], i, x, y, middles, columns, squares)):
+                c, at = squares[slot], 1 + 3 * slot
+                out[b, i, at], out[b, i, at + 1] = middles[c, 0] - x, middles[c, 1] - y
+                out[b, i, at + 2] = 1.0
 
 
 class Search:

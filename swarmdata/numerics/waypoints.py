@@ -68,6 +68,60 @@ def is_visible(
 
 
 @kernel
+def plan(x: float, y: float, radius: float, ground: Ground, paths: Paths) -> None:
+    """Plans the paths of a robot from all nodes to the node nearest to a point that it can reach.
+
+    Args:
+        x: point, m.
+        y: point, m.
+        radius: of the robot, m.
+        ground: the free space.
+        paths: written.
+    """
+    costs, next_nodes = paths
+    weights = weights_of(ground.clearances, radius)
+    end = nearest_node(x, y, weights - 1, ground)
+    if end < 0:
+        costs[:] = -1
+    else:
+        fill_paths(end, ground.clearances.shape[1], weights, costs, next_nodes)
+
+
+@kernel
+def position_of(node: int, ground: Ground) -> tuple[float, float]:
+    """Returns the position of a node, m."""
+    grid, half, spacing = ground
+    columns = grid.shape[1]
+    return (node % columns) * spacing - half[0], (node // columns) * spacing - half[1]
+
+
+@kernel
+def farthest_visible_node(
+    position: tuple[float, float], need: float, ground: Ground, paths: Paths
+) -> int:
+    """Returns the farthest node of the path that is visible from a point, -1 if there is no path.
+
+    Args:
+        position: m.
+        need: clearance that the straight line keeps, m.
+        ground: the free space.
+        paths: planned.
+    """
+    costs, next_nodes = paths
+    node = nearest_node(position[0], position[1], costs, ground)
+    if node < 0:
+        return -1
+    best = next_nodes[node]
+    for hop in range(LOOKAHEAD_NODES):
+        node = next_nodes[node]
+        if hop % 2 == 1:
+            if not is_visible(position, position_of(node, ground), need, ground):
+                break
+            best = node
+    return int(best)
+
+
+@kernel
 def waypoint(
     position: tuple[float, float], goal: Double, radius: float, ground: Ground, paths: Paths
 ) -> tuple[float, float]:
@@ -83,27 +137,10 @@ def waypoint(
     Returns:
         The point, m; the goal if no path leads there.
     """
-    (x, y), (grid, half, spacing), (costs, next_nodes) = position, ground, paths
-    need, columns = radius + PATH_GAP, grid.shape[1]
+    need = radius + PATH_GAP
     if is_visible(position, (goal[0], goal[1]), need, ground):
         return goal[0], goal[1]
-    if costs[0] == UNPLANNED_COST:
-        weights = weights_of(grid, radius)
-        end = nearest_node(goal[0], goal[1], weights - 1, ground)
-        if end < 0:
-            costs[:] = -1
-        else:
-            fill_paths(end, columns, weights, costs, next_nodes)
-    node = nearest_node(x, y, costs, ground)
-    if node < 0:
-        return goal[0], goal[1]
-    best = next_nodes[node]
-    for hop in range(LOOKAHEAD_NODES):
-        node = next_nodes[node]
-        if hop % 2 == 1:
-            to_x = (node % columns) * spacing - half[0]
-            to_y = (node // columns) * spacing - half[1]
-            if not is_visible(position, (to_x, to_y), need, ground):
-                break
-            best = node
-    return (best % columns) * spacing - half[0], (best // columns) * spacing - half[1]
+    if paths.costs[0] == UNPLANNED_COST:
+        plan(goal[0], goal[1], radius, ground, paths)
+    node = farthest_visible_node(position, need, ground, paths)
+    return position_of(node, ground) if node >= 0 else (goal[0], goal[1])

@@ -17,7 +17,7 @@ from swarmdata.errors import PolicyFitError, SchemaError
 from swarmdata.perception.frames import Frame
 from swarmdata.types import Double, Int
 
-SETS = ("neighbor", "obstacle", "message", "goal")
+SETS = ("neighbor", "obstacle", "message", "goal", "unsearched")
 """Kinds of slots whose numbers mean nothing, or their order by distance."""
 
 UNREAD = ("own.x", "own.y", "message.sender")

@@ -1,10 +1,11 @@
-"""The pipeline of sensors and radio that makes observations, of live worlds and recorded states."""
+"""The pipeline of sensors, radio and map that makes observations, of live and recorded states."""
 
 import numpy as np
 
 from swarmdata.interfaces import Task
 from swarmdata.perception.comms import Channel
 from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.wayfinder import Wayfinder
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, Step
@@ -13,9 +14,10 @@ from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, St
 class Observer:
     """Writes the observations and messages of E copies, step after step.
 
-    An observation holds the features of the sensor and then, with communication, the received
-    messages. It is a function of the episode's seed, layout, states and actions up to that step, so
-    recorded states can be reobserved with any models, without the world.
+    An observation holds the features of the sensor, then, with communication, the received
+    messages, and then, if robots have a map, the ways to the places that these tell. It is a
+    function of the episode's seed, layout, states and actions up to that step, so recorded states
+    can be reobserved with any models, without the world.
 
     Args:
         task: the task; its spec contains the models.
@@ -32,6 +34,10 @@ class Observer:
         if self._channel is not None:
             self.features += self._channel.features
             self.message_size, self.n_senders = self._channel.message_size, spec.n_agents
+        self._n_told, self._wayfinder = len(self.features), None
+        if spec.observation.ways:
+            self._wayfinder = Wayfinder(task, self.features, n_copies)
+            self.features += self._wayfinder.features
 
     def observe(
         self, step: Step, actions: Float | Double | None, active: Bool, fresh: Int | None = None
@@ -46,15 +52,16 @@ class Observer:
         """
         if fresh is not None:
             self._sensor.forget(fresh)
-        if self._channel is None:
-            self._sensor.observe(step, active, step.observations)
-        else:
-            n_sensed = len(self._sensor.features)
-            sensed, messages = step.observations[..., :n_sensed], step.observations[..., n_sensed:]
-            known = self._sensor.observe(step, active, sensed)
+        n_sensed = len(self._sensor.features)
+        sensed = step.observations[..., :n_sensed]
+        known = self._sensor.observe(step, active, sensed)
+        if self._channel is not None:
+            messages = step.observations[..., n_sensed : self._n_told]
             if fresh is not None:
                 self._channel.forget(fresh)
             self._channel.transmit(step, known, actions, active, messages)
+        if self._wayfinder is not None:
+            self._wayfinder.observe(step, known, active)
 
     def allocate(self, shape: tuple[int, ...], n_agents: int) -> tuple[Float, Float, Bool, Counts]:
         """Returns initial observations, sent, delivered and ages with leading axes `shape`."""

@@ -48,6 +48,7 @@ MAX_DRAW_SECONDS = 5.0  # of giving up to draw one copy's layout
 MAX_TOTAL_BYTES = 1 << 36  # of all copies together
 
 N_DRAWS_OF_A_PLACE = 64  # attempts at one place, as in `envs.world.spawn`
+MAP_SPACING = 0.1  # m, between the nodes of robots' maps, as in `perception.wayfinder`
 PATH_CHECK_STEPS = 4  # control steps between checked places of a path, as in `formation_spawn`
 
 
@@ -62,6 +63,8 @@ class Size(NamedTuple):
     observation: int  # numbers that one robot observes, messages included, O
     message: int  # numbers in one message
     links: int  # steps of messages in transit; 0: no communication
+    ways: int  # that a robot observes; 0: robots have no map
+    nodes: int  # of their map; 0: they have none
     state: int  # numbers in a state, S
     horizon: int  # T
 
@@ -179,13 +182,16 @@ def size_of(spec: "TaskSpec") -> Size:
     if isinstance(channel, Broadcast):
         message = channel.message_size if channel.payload == "learned" else 8
         links, heard = channel.delay + 1, (n - 1) * (message + 3)
+    ways, nodes = _mapped(spec, n) if spec.observation.ways else (0, 0)
     return Size(
         robots=n,
         obstacles=m,
         places=places,
         frame=frame,
         frames=spec.observation.stack + spec.observation.delay,
-        observation=frame * spec.observation.stack + roles + heard,
+        observation=frame * spec.observation.stack + roles + heard + 3 * ways,
+        ways=ways,
+        nodes=nodes,
         message=message,
         links=links,
         state=8 * n + extra_states,
@@ -202,14 +208,16 @@ def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
     history = 4 * n * size.frame * (size.frames + 1 if size.frames > 1 else 1)
     radio = links * 4 * (size.message + 2) + size.links * (4 * n * size.message + links)
     objects = 400 * o + 20_000 * n + 6_000 * m + 100 * size.places + 24 * n * n + size.horizon
+    map_bytes = size.nodes * (8 * (4 * n + 8) + 8)
     around = n + m + 4
     sensing = _sensing_operations(spec, n, m) + n * o + links * (size.message + 4)
     matching = 2 * n**3 if _has_assignment(spec) else 0
+    finding = n * (2_000 * size.ways + 10 * size.nodes)  # each robot plans in one step of ten
     physics = substeps * (500 * around + 2 * n * around)
     return Demand(
-        copy_bytes=4 * one_step + history + radio + objects,
+        copy_bytes=4 * one_step + history + radio + objects + map_bytes,
         episode_bytes=float(size.horizon) * one_step,
-        step_seconds=1e-9 * (sensing + matching + physics + 10 * n * around),
+        step_seconds=1e-9 * (sensing + matching + physics + finding + 10 * n * around),
         draw_seconds=1e-9 * spec.spawn.max_attempts * _draw_operations(spec, n, m),
     )
 
@@ -227,6 +235,12 @@ def _fixed_shapes(spec: "TaskSpec") -> tuple[int, int]:
         fixed = {Doorway: 2, Corridor: 2, Lanes: 3}
         return drawn + fixed.get(type(rules.arrangement), 0), 0
     return drawn, 0
+
+
+def _mapped(spec: "TaskSpec", n: int) -> tuple[int, int]:
+    """Ways that robots with a map observe, and nodes of the map."""
+    rows, columns = (size / MAP_SPACING + 1 for size in (spec.arena.height, spec.arena.width))
+    return 2 * n + 4, int(rows * columns)
 
 
 def _frame(spec: "TaskSpec") -> int:

@@ -21,6 +21,7 @@ class Feature(NamedTuple):
     axis: Literal["", "x", "y"] = ""  # a y always follows its x
     meaning: str = ""  # for cards
     tells_goal: bool = False  # where the robot should go; see `ObservationModel.goal_steps`
+    is_place: bool = False  # of a vector that leads there; see `ObservationModel.ways`
 
     @property
     def slot(self) -> str:
@@ -42,6 +43,11 @@ def vector(name: str, kind: Kind, meaning: str = "") -> tuple[Feature, Feature]:
 def telling_goals(features: Iterable[Feature]) -> tuple[Feature, ...]:
     """The same features, marked as those that tell a robot's goal."""
     return tuple(feature._replace(tells_goal=True) for feature in features)
+
+
+def leading_to_places(features: Iterable[Feature]) -> tuple[Feature, ...]:
+    """The same vectors, marked as places relative to the robot, to which it may drive."""
+    return tuple(feature._replace(is_place=True) for feature in features)
 
 
 def shown_for(n_steps: int, feature: Feature) -> Feature:

@@ -41,9 +41,10 @@ _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
     "goal-for": lambda _, steps: {"goal_steps": steps},
     "range": lambda kind, metres: {_RANGES[kind]: metres},
     "no-velocities": lambda _, __: {"velocities": False},
+    "ways": lambda _, __: {"ways": True},
 }
 
-_BARE = {"no-velocities"}
+_BARE = {"no-velocities", "ways"}
 """Modifiers without a number."""
 
 
@@ -59,7 +60,8 @@ def observation_model(
             positions and ranges, m, of velocities, m/s, and of directions, rad), `dropout-0.1`,
             `delay-2` (steps), `stack-4` (frames), `goal-for-10` (first steps that show the own
             goal; `goal-for-0` never does), `range-1.5` (m; not of `occupancy`, whose cells say it),
-            `no-velocities` (no features that are velocities).
+            `no-velocities` (no features that are velocities), `ways` (the way around obstacles to
+            each place that is observed).
 
     Raises:
         UnknownNameError: no such kind or modifier.

@@ -32,6 +32,10 @@ class ObservationModel(Frozen):
     With `goal_steps`, frames that are sensed after so many steps do not tell the robot's goal: all
     features of `Feature.tells_goal` are 0, those of the task among them, and named `shown_...`.
     Without `velocities`, robots have no estimates of any: frames have no features of that kind.
+
+    With `ways`, robots have a map of the obstacles: observations end with the direction and the
+    length of the way around them to each place that they tell: the robot's target, places that the
+    task adds, and targets in messages (`perception.wayfinder`).
     """
 
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
@@ -43,11 +47,12 @@ class ObservationModel(Frozen):
     stack: Annotated[int, Field(ge=1, le=10**12)] = 1  # frames
     goal_steps: Annotated[int, Field(ge=0, le=10**12)] | None = None  # None: always shown
     velocities: bool = True  # the own one, and those of others relative to it
+    ways: bool = False  # around obstacles, to the places that are observed
 
     @model_serializer(mode="wrap")
     def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leaves out later fields at their defaults: hashes of older specs stay the same."""
-        return _without(write(self), goal_steps=None, velocities=True)
+        return _without(write(self), goal_steps=None, velocities=True, ways=False)
 
 
 def _without(content: dict[str, Any], **defaults: object) -> dict[str, Any]:

@@ -51,6 +51,7 @@ COMMUNICATIONS = (
 )
 PAIRED = (
     ("state-0+goal-for-0+no-velocities", "errand"),
+    ("lidar+ways+stack-2+noise-0.05", "goal+lossy-30"),
     ("bearing+goal-for-3+delay-1+stack-2", "errand+lossy-40+delayed-1+expires-2"),
 )
 MODELS = [*product(OBSERVATIONS, COMMUNICATIONS), *PAIRED]

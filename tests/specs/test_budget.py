@@ -28,6 +28,8 @@ MODELS = [
     ("lidar-48+stack-3+delay-2", "state+delayed-3"),
     ("bearing-5", "learned-6"),
     ("occupancy-11", "goal+nearest-2"),
+    ("state+ways", "goal"),
+    ("lidar+ways", "errand"),
 ]
 
 
@@ -50,6 +52,7 @@ def test_sizes_are_those_of_the_world(name: str) -> None:
         {"observation": {"kind": "lidar", "n_rays": 512, "stack": 16}},
         {"observation": {"kind": "lidar", "n_rays": 256, "delay": 200}},
         {"observation": {"kind": "occupancy", "cells": 64, "stack": 4}},
+        {"observation": {"kind": "state", "ways": True}, "arena": {"width": 20, "height": 20}},
         {"communication": {"kind": "broadcast", "payload": "learned", "message_size": 1024}},
         {
             "team": [{"count": 64}],

@@ -34,6 +34,7 @@ NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05, direction=0.05)
         ("state-0+goal-for-10", StateModel(n_neighbors=0, goal_steps=10)),
         ("bearing+goal-for-0+stack-2", BearingModel(goal_steps=0, stack=2)),
         ("state+noise-5e-2", StateModel(noise=NOISE)),
+        ("bearing+ways+delay-1", BearingModel(ways=True, delay=1)),
         ("lidar+no-velocities+stack-2", LidarModel(velocities=False, stack=2)),
         ("kind: lidar\nn_rays: 8", LidarModel(n_rays=8)),
         ('{"kind": "occupancy", "cells": 5}', OccupancyModel(cells=5)),

@@ -142,10 +142,12 @@ def test_only_models_that_hide_or_forget_say_so_and_older_specs_keep_their_hashe
     plain = TaskSpec.parse({"communication": {"kind": "broadcast"}})
     assert "goal_steps" not in plain.to_json()
     assert "velocities" not in plain.to_json()
+    assert "ways" not in plain.to_json()
     assert "max_age" not in plain.to_json()
     for observation, communication in (
         ({"goal_steps": 0}, {}),
         ({"velocities": False}, {}),
+        ({"ways": True}, {}),
         ({}, {"max_age": 0}),
     ):
         changed = TaskSpec.parse(

@@ -9,7 +9,7 @@ import numpy as np
 
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, numbered, vector
+from swarmdata.specs.features import Feature, leading_to_places, numbered, vector
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
@@ -37,12 +37,16 @@ VECTOR_FEATURES = {
     X: vector("position", "position", _FROM_OWN),
     VX: vector("velocity", "velocity", "the sender's velocity when it sent"),
     UX: vector("heading", "direction", "the sender's heading when it sent"),
-    TX: vector("target", "position", "its target when it sent, minus the own measured position"),
-    NEXT + TX: vector(
-        "errand",
-        "position",
-        "the own target when it was sent, minus the own measured position; 0 from senders that "
-        "know that of another robot",
+    TX: leading_to_places(
+        vector("target", "position", "its target when it sent, minus the own measured position")
+    ),
+    NEXT + TX: leading_to_places(
+        vector(
+            "errand",
+            "position",
+            "the own target when it was sent, minus the own measured position; 0 from senders that "
+            "know that of another robot",
+        )
     ),
 }
 """Features of the vector that starts at a column."""

@@ -9,9 +9,9 @@ from swarmdata.envs.search.floor_memory import (
     Columns,
     cell_middles,
     close_cells,
+    find_unsearched,
     knows_victim,
     look,
-    nearest_unsearched,
 )
 from swarmdata.numerics.geometry import BOX
 from swarmdata.registry.presets import preset
@@ -81,11 +81,19 @@ def test_squares_that_nobody_can_reach_are_closed() -> None:
     assert state[COLUMNS.searched :].tolist() == [0, 0, 1] * 2
 
 
-def test_the_nearest_square_that_is_left_is_named() -> None:
-    state = state_of((0.0, 0.0), (0.0, 0.0))
-    assert nearest_unsearched(state, 0, 0.8, 0.0, MIDDLES, COLUMNS) == 2
+@pytest.mark.parametrize("n_slots", [1, 2, 4])
+def test_the_nearest_squares_that_are_left_are_named(n_slots: int) -> None:
+    state, slots = state_of((0.0, 0.0), (0.0, 0.0)), np.zeros(n_slots, np.int64)
+
+    def found(i: int, x: float) -> list[int]:
+        count = find_unsearched(state, i, x, 0.0, MIDDLES, COLUMNS, slots)
+        assert count <= n_slots
+        return slots[:count].tolist()
+
+    assert found(0, 0.8) == [2, 1, 0][:n_slots]
+    assert found(0, -0.3) == [1, 0, 2][:n_slots]
     state[COLUMNS.searched + 2] = 1.0
-    assert nearest_unsearched(state, 0, 0.8, 0.0, MIDDLES, COLUMNS) == 1
-    assert nearest_unsearched(state, 1, 0.8, 0.0, MIDDLES, COLUMNS) == 2
+    assert found(0, 0.8) == [1, 0][:n_slots]
+    assert found(1, 0.8) == [2, 1, 0][:n_slots]
     state[COLUMNS.searched : COLUMNS.searched + 3] = 1.0
-    assert nearest_unsearched(state, 0, 0.8, 0.0, MIDDLES, COLUMNS) == -1
+    assert found(0, 0.8) == []

@@ -134,7 +134,7 @@ def test_nothing_observed_depends_on_victims_out_of_sight() -> None:
     victims = moved[:, c.victims : c.rescued].reshape(30, -1, 2)
     victims[unseen] += np.float32(0.5)
     assert unseen.any()
-    out = [np.zeros((30, 4, 3), np.float32) for _ in range(2)]
+    out = [np.zeros((30, 4, len(task.features)), np.float32) for _ in range(2)]
     active = np.ones(30, dtype=np.bool_)
     for states, features in zip((step.states, moved), out, strict=True):
         task.write_features(states, step.layouts, active, features)

@@ -27,6 +27,8 @@ MODELS = [
     ("lidar", "learned-3+aloha-4"),
     ("state-0+goal-for-5", "errand+lossy-30+expires-3"),
     ("bearing+no-velocities+stack-2", "none"),
+    ("state+ways+goal-for-5+delay-2+noise-0.05", "errand+lossy-30"),
+    ("lidar+ways+stack-2", "none"),
 ]
 
 

@@ -1,0 +1,291 @@
+"""Ways: in which direction to drive to the places that an observation tells, and how far it is.
+
+Robots of observation models with `ways` have a map of the obstacles, and localise on it as well as
+their sensors do. To a place in sight the way is straight. Otherwise it starts towards the farthest
+point in sight of the cheapest path around the obstacles, as that of the scripted controllers
+(`numerics.waypoints`), for the largest robot of the team. Other robots and movable bodies are not
+on the map.
+
+Ways are a function of the layout, of where the robot believes to be and of the place, rounded to
+the grid of the map: the same alone and in any batch. Paths are kept for the places that were asked
+for last, since planning one takes a hundred times as long as following it.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.interfaces import Task
+from swarmdata.numerics.distance_field import (
+    PATH_GAP,
+    STRAIGHT_COST,
+    Ground,
+    Int32,
+    fill_clearances,
+    grid_shape,
+)
+from swarmdata.numerics.waypoints import (
+    Paths,
+    farthest_visible_node,
+    is_visible,
+    plan,
+    position_of,
+)
+from swarmdata.perception.sensing.state import GOAL_NEAR
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature, vector
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, X, Y
+from swarmdata.types import Bool, Double, Float, Int, Step
+
+NODE_SPACING = 0.1
+"""Metres between the nodes of the map, half of those of the scripted controllers' maps. A passage
+of 0.34 m leaves a strip as wide for the centre of a robot of radius 0.12 m."""
+
+CLEARANCE_MARGIN = 0.15
+"""Metres beyond the largest radius up to which clearances are computed."""
+
+N_WAY_FEATURES = 3
+"""Numbers for each place: two of the direction, and the length."""
+
+OWN_TARGET = -1
+"""Stands for the column of a place: the robot's own target, which is in its measured state."""
+
+NO_NODE = -1
+
+
+class Guide(NamedTuple):
+    """Constants of a task."""
+
+    places: Int  # [P] columns of the x components of vectors that lead to places, or `OWN_TARGET`
+    half: Double  # [2] m, half width and half height of the arena
+    radius: float  # m, of the largest robot
+    diagonal: float  # m, of the arena
+    in_body: bool  # vectors are in the robots' body frames
+    delay: int  # control steps, of the sensors
+    goal_steps: int  # sensed steps that show the own target
+
+
+class Plans(NamedTuple):
+    """Maps of E copies, and the paths to the G places that were asked for last."""
+
+    layouts: Float  # [E, M, 8] of the maps
+    clearances: Float  # [E, rows, columns] m, of the nodes
+    ends: Int32  # [E, G] nodes that the paths lead to, or `NO_NODE`
+    uses: Int  # [E, G] when each was used last
+    clocks: Int  # [E] uses so far
+    costs: Int32  # [E, G, n] of the paths, with `UNPLANNED_COST`
+    next_nodes: Int32  # [E, G, n] on the paths
+
+
+class Wayfinder:
+    """Adds the ways to the observations of E copies.
+
+    Args:
+        task: the task; its observations have `ways`.
+        sensed: features of the sensor and of the messages.
+        n_copies: E.
+    """
+
+    def __init__(self, task: Task, sensed: Sequence[Feature], n_copies: int) -> None:
+        spec = task.spec
+        places = {
+            feature.name.removesuffix("_x"): column
+            for column, feature in enumerate(sensed)
+            if feature.is_place and feature.axis == "x" and not feature.name.endswith("]")
+        }
+        model, (half_width, half_height) = spec.observation, spec.half_size
+        never = np.iinfo(np.int64).max
+        self.features = tuple(
+            way
+            for name, place in (("own.goal", "target"), *((name, name) for name in places))
+            for way in _way_features(name, place)
+        )
+        self._guide = Guide(
+            places=np.array([OWN_TARGET, *places.values()], dtype=np.int64),
+            half=np.array([half_width, half_height]),
+            radius=max(robot.radius for robot in spec.robots),
+            diagonal=2.0 * math.sqrt(half_width * half_width + half_height * half_height),
+            in_body=model.kind != "state",
+            delay=model.delay,
+            goal_steps=never if model.goal_steps is None else model.goal_steps,
+        )
+        self._plans = _no_plans(task, n_copies)
+
+    def observe(self, step: Step, known: Float, active: Bool) -> None:
+        """Writes the last columns of the active copies' observations.
+
+        Args:
+            step: the current step; its observations are complete but for the ways.
+            known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
+            active: copies to observe, [E].
+        """
+        write_all_ways(
+            known, step.layouts, step.times, active, self._guide, self._plans, step.observations
+        )
+
+
+def _way_features(name: str, place: str) -> tuple[Feature, ...]:
+    toward = f"unit vector along the way to {place}, shrinking within 0.3 m of it"
+    length = f"length of the way to {place} / diagonal of the arena, at most 1"
+    return (
+        *vector(f"{name}_way", "direction", toward),
+        Feature(f"{name}_way_length", "range", "", length),
+    )
+
+
+def paths_kept(n_agents: int) -> int:
+    """How many paths are kept for each copy: more than a team of that size asks for in a step."""
+    return 4 * n_agents + 8
+
+
+def _no_plans(task: Task, n_copies: int) -> Plans:
+    """Returns plans of no layout."""
+    rows, columns = grid_shape(task.spec.arena, NODE_SPACING)
+    n_obstacles, n_paths = len(task.kinds), paths_kept(task.spec.n_agents)
+    shape = (n_copies, n_paths, rows * columns)
+    return Plans(
+        layouts=np.full((n_copies, n_obstacles, 8), np.nan, dtype=np.float32),
+        clearances=np.zeros((n_copies, rows, columns), dtype=np.float32),
+        ends=np.full((n_copies, n_paths), NO_NODE, dtype=np.int32),
+        uses=np.zeros((n_copies, n_paths), dtype=np.int64),
+        clocks=np.zeros(n_copies, dtype=np.int64),
+        costs=np.zeros(shape, dtype=np.int32),
+        next_nodes=np.zeros(shape, dtype=np.int32),
+    )
+
+
+@kernel
+def map_layout(layout: Float, b: int, guide: Guide, plans: Plans) -> None:
+    """Maps the obstacles of copy b, unless they are those of its map."""
+    if (plans.layouts[b] == layout).all() and plans.clocks[b] > 0:
+        return
+    plans.layouts[b] = layout
+    ground = Ground(plans.clearances[b], guide.half, NODE_SPACING)
+    fill_clearances(layout, guide.radius + CLEARANCE_MARGIN, ground)
+    plans.ends[b] = NO_NODE
+    plans.clocks[b] = 1
+
+
+@kernel
+def paths_to(x: float, y: float, b: int, guide: Guide, plans: Plans) -> Paths:
+    """Returns the paths of copy b to the node nearest to a point; plans them if they are not kept.
+
+    Those that were not used for the longest time are given up.
+    """
+    ground = Ground(plans.clearances[b], guide.half, NODE_SPACING)
+    rows, columns = ground.clearances.shape
+    column = min(max(int((x + guide.half[0]) / NODE_SPACING + 0.5), 0), columns - 1)
+    row = min(max(int((y + guide.half[1]) / NODE_SPACING + 0.5), 0), rows - 1)
+    end, oldest = row * columns + column, 0
+    plans.clocks[b] += 1
+    for g in range(plans.ends.shape[1]):
+        if plans.ends[b, g] == end:
+            plans.uses[b, g] = plans.clocks[b]
+            return Paths(plans.costs[b, g], plans.next_nodes[b, g])
+        is_free = plans.ends[b, g] == NO_NODE
+        if is_free or plans.uses[b, g] < plans.uses[b, oldest]:
+            oldest = g
+        if is_free:
+            break
+    plans.ends[b, oldest], plans.uses[b, oldest] = end, plans.clocks[b]
+    paths = Paths(plans.costs[b, oldest], plans.next_nodes[b, oldest])
+    to_x, to_y = position_of(end, ground)
+    plan(to_x, to_y, guide.radius, ground, paths)
+    return paths
+
+
+@kernel
+def find_way(
+    x: float, y: float, dx: float, dy: float, b: int, guide: Guide, plans: Plans
+) -> tuple[float, float, float]:
+    """Returns the point to aim at, relative to (x, y), and the length of the way, m.
+
+    Args:
+        x: where the robot is, m.
+        y: the same.
+        dx: the place relative to it, m.
+        dy: the same.
+        b: the copy.
+        guide: constants.
+        plans: of the copies.
+    """
+    ground, need = Ground(plans.clearances[b], guide.half, NODE_SPACING), guide.radius + PATH_GAP
+    length = math.sqrt(dx * dx + dy * dy)
+    if is_visible((x, y), (x + dx, y + dy), need, ground):
+        return dx, dy, length
+    paths = paths_to(x + dx, y + dy, b, guide, plans)
+    node = farthest_visible_node((x, y), need, ground, paths)
+    if node < 0:
+        return dx, dy, length
+    to_x, to_y = position_of(node, ground)
+    to_x, to_y = to_x - x, to_y - y
+    rest = paths.costs[node] * (NODE_SPACING / STRAIGHT_COST)
+    return to_x, to_y, math.sqrt(to_x * to_x + to_y * to_y) + rest
+
+
+@kernel
+def write_way(
+    way: tuple[float, float, float], heading: tuple[float, float], diagonal: float, out: Float
+) -> None:
+    """Writes the features of a way, [3].
+
+    Args:
+        way: from `find_way`.
+        heading: of the frame of the observation, a unit vector.
+        diagonal: of the arena, m.
+        out: written.
+    """
+    (x, y, length), (ux, uy) = way, heading
+    distance = math.sqrt(x * x + y * y)
+    scale = min(length / GOAL_NEAR, 1.0) / max(distance, 1e-9)
+    out[0], out[1] = (ux * x + uy * y) * scale, (ux * y - uy * x) * scale
+    out[2] = min(length / diagonal, 1.0)
+
+
+@kernel
+def write_all_ways(
+    known: Float,
+    layouts: Float,
+    times: Int,
+    active: Bool,
+    guide: Guide,
+    plans: Plans,
+    observations: Float,
+) -> None:
+    """Writes the ways of all robots of the active copies.
+
+    Args:
+        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
+        layouts: [E, M, 8].
+        times: control steps since the reset, [E].
+        active: copies to write, [E].
+        guide: constants.
+        plans: of the copies; changed.
+        observations: the last 3 P columns are written, [E, N, O].
+    """
+    first = observations.shape[2] - N_WAY_FEATURES * guide.places.shape[0]
+    for b in range(observations.shape[0]):
+        if not active[b]:
+            continue
+        map_layout(layouts[b], b, guide, plans)
+        shows_target = max(times[b] - guide.delay, 0) < guide.goal_steps
+        for i in range(observations.shape[1]):
+            robot, row = known[b, N_COLUMNS * i : N_COLUMNS * (i + 1)], observations[b, i]
+            x, y, ux, uy = float(robot[X]), float(robot[Y]), 1.0, 0.0
+            if guide.in_body:
+                ux, uy = float(robot[UX]), float(robot[UY])
+            for p in range(guide.places.shape[0]):
+                k, at = guide.places[p], first + N_WAY_FEATURES * p
+                if k == OWN_TARGET:
+                    dx, dy = float(robot[TX]) - x, float(robot[TY]) - y
+                    is_told = shows_target
+                else:
+                    vx, vy = float(row[k]), float(row[k + 1])
+                    dx, dy = ux * vx - uy * vy, uy * vx + ux * vy
+                    is_told = vx != 0.0 or vy != 0.0
+                row[at : at + N_WAY_FEATURES] = 0.0
+                if is_told:
+                    way = find_way(x, y, dx, dy, b, guide, plans)
+                    write_way(way, (ux, uy), guide.diagonal, row[at : at + N_WAY_FEATURES])
