@@ -1,10 +1,10 @@
-"""Ways: in which direction to drive to the places that an observation tells, and how far it is.
+"""Ways: where to drive to each place that an observation tells, how far it is, and who is nearer.
 
 Robots of observation models with `ways` have a map of the obstacles, and localise on it as well as
 their sensors do. To a place in sight the way is straight. Otherwise it starts towards the farthest
 point in sight of the cheapest path around the obstacles, as that of the scripted controllers
 (`numerics.waypoints`), for the largest robot of the team. Other robots and movable bodies are not
-on the map.
+on the map. Who is nearer, as the crow flies, a robot knows of those from which it has messages.
 
 Ways are a function of the layout, of where the robot believes to be and of the place, rounded to
 the grid of the map: the same alone and in any batch. Paths are kept for the places that were asked
@@ -46,8 +46,8 @@ of 0.34 m leaves a strip as wide for the centre of a robot of radius 0.12 m."""
 CLEARANCE_MARGIN = 0.15
 """Metres beyond the largest radius up to which clearances are computed."""
 
-N_WAY_FEATURES = 3
-"""Numbers for each place: two of the direction, and the length."""
+N_WAY_FEATURES = 4
+"""Numbers for each place: two of the direction, the length, and how many robots are nearer."""
 
 OWN_TARGET = -1
 """Stands for the column of a place: the robot's own target, which is in its measured state."""
@@ -59,6 +59,8 @@ class Guide(NamedTuple):
     """Constants of a task."""
 
     places: Int  # [P] columns of the x components of vectors that lead to places, or `OWN_TARGET`
+    senders: Int  # [K, 2] columns of the x components of where senders were, and of their masks
+    n_others: int  # robots of the team besides one
     half: Double  # [2] m, half width and half height of the arena
     radius: float  # m, of the largest robot
     diagonal: float  # m, of the arena
@@ -104,6 +106,8 @@ class Wayfinder:
         )
         self._guide = Guide(
             places=np.array([OWN_TARGET, *places.values()], dtype=np.int64),
+            senders=_senders([feature.name for feature in sensed]),
+            n_others=max(spec.n_agents - 1, 1),
             half=np.array([half_width, half_height]),
             radius=max(robot.radius for robot in spec.robots),
             diagonal=2.0 * math.sqrt(half_width * half_width + half_height * half_height),
@@ -129,10 +133,21 @@ class Wayfinder:
 def _way_features(name: str, place: str) -> tuple[Feature, ...]:
     toward = f"unit vector along the way to {place}, shrinking within 0.3 m of it"
     length = f"length of the way to {place} / diagonal of the arena, at most 1"
+    nearer = f"share of the others that are nearer to {place}, by their newest messages"
     return (
         *vector(f"{name}_way", "direction", toward),
         Feature(f"{name}_way_length", "range", "", length),
+        Feature(f"{name}_way_nearer", "range", "", nearer),
     )
+
+
+def _senders(names: Sequence[str]) -> Int:
+    """Columns of where each sender was and of its mask, [K, 2]; none without such messages."""
+    column = {name: at for at, name in enumerate(names)}
+    slots = [name.removesuffix(".position_x") for name in names if name.startswith("message_")
+             and name.endswith(".position_x")]  # fmt: skip
+    pairs = [(column[f"{slot}.position_x"], column[f"{slot}.mask"]) for slot in slots]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def paths_kept(n_agents: int) -> int:
@@ -229,19 +244,37 @@ def find_way(
 def write_way(
     way: tuple[float, float, float], heading: tuple[float, float], diagonal: float, out: Float
 ) -> None:
-    """Writes the features of a way, [3].
+    """Writes direction and length of a way.
 
     Args:
         way: from `find_way`.
         heading: of the frame of the observation, a unit vector.
         diagonal: of the arena, m.
-        out: written.
+        out: written, [>= 3].
     """
     (x, y, length), (ux, uy) = way, heading
     distance = math.sqrt(x * x + y * y)
     scale = min(length / GOAL_NEAR, 1.0) / max(distance, 1e-9)
     out[0], out[1] = (ux * x + uy * y) * scale, (ux * y - uy * x) * scale
     out[2] = min(length / diagonal, 1.0)
+
+
+@kernel
+def share_nearer(x: float, y: float, row: Float, guide: Guide) -> float:
+    """Returns the share of the other robots that are nearer to a place.
+
+    Args:
+        x: of the place, relative to the robot, in the frame of its observation, m.
+        y: the same.
+        row: its observation, [O].
+        guide: constants.
+    """
+    count = 0
+    for k in range(guide.senders.shape[0]):
+        at, mask = guide.senders[k]
+        dx, dy = float(row[at]) - x, float(row[at + 1]) - y
+        count += row[mask] > 0.0 and dx * dx + dy * dy < x * x + y * y
+    return count / guide.n_others
 
 
 @kernel
@@ -263,7 +296,7 @@ def write_all_ways(
         active: copies to write, [E].
         guide: constants.
         plans: of the copies; changed.
-        observations: the last 3 P columns are written, [E, N, O].
+        observations: the last 4 P columns are written, [E, N, O].
     """
     first = observations.shape[2] - N_WAY_FEATURES * guide.places.shape[0]
     for b in range(observations.shape[0]):
@@ -280,6 +313,7 @@ def write_all_ways(
                 k, at = guide.places[p], first + N_WAY_FEATURES * p
                 if k == OWN_TARGET:
                     dx, dy = float(robot[TX]) - x, float(robot[TY]) - y
+                    vx, vy = ux * dx + uy * dy, ux * dy - uy * dx
                     is_told = shows_target
                 else:
                     vx, vy = float(row[k]), float(row[k + 1])
@@ -289,3 +323,4 @@ def write_all_ways(
                 if is_told:
                     way = find_way(x, y, dx, dy, b, guide, plans)
                     write_way(way, (ux, uy), guide.diagonal, row[at : at + N_WAY_FEATURES])
+                    row[at + 3] = share_nearer(vx, vy, row, guide)

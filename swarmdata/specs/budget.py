@@ -189,7 +189,7 @@ def size_of(spec: "TaskSpec") -> Size:
         places=places,
         frame=frame,
         frames=spec.observation.stack + spec.observation.delay,
-        observation=frame * spec.observation.stack + roles + heard + 3 * ways,
+        observation=frame * spec.observation.stack + roles + heard + 4 * ways,
         ways=ways,
         nodes=nodes,
         message=message,

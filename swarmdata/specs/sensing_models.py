@@ -34,8 +34,9 @@ class ObservationModel(Frozen):
     Without `velocities`, robots have no estimates of any: frames have no features of that kind.
 
     With `ways`, robots have a map of the obstacles: observations end with the direction and the
-    length of the way around them to each place that they tell: the robot's target, places that the
-    task adds, and targets in messages (`perception.wayfinder`).
+    length of the way around them to each place that they tell, and how many others are nearer. The
+    places are the robot's target, those that the task adds, and targets in messages
+    (`perception.wayfinder`).
     """
 
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")

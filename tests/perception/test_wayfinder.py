@@ -124,7 +124,9 @@ def test_a_late_sensor_knows_the_way_from_where_the_robot_was() -> None:
     plain, late = world("state+ways"), world("state+ways+delay-2")
     found = []
     for spec in (plain, late):
-        (episode,) = rollout(make_env(spec, 1), make_policy("scripted", spec), np.array([3], np.uint64))
+        (episode,) = rollout(
+            make_env(spec, 1), make_policy("scripted", spec), np.array([3], np.uint64)
+        )
         found.append(episode.observations[:30][..., columns(spec, OWN_WAY)])
     np.testing.assert_array_equal(found[1][2:], found[0][:-2])
 
@@ -139,7 +141,7 @@ def test_messages_tell_places_to_which_there_is_a_way() -> None:
             *(f"unsearched_{k}.offset" for k in range(4)),
             *(f"message_{k}.target" for k in range(3)),
         )
-        for end in ("_x", "_y", "_length")
+        for end in ("_x", "_y", "_length", "_nearer")
     ]
     late = with_models(spec, "state+ways", "goal+delayed-2")
     step = make_env(late, 1).reset(np.array([0], np.uint64))
@@ -148,3 +150,30 @@ def test_messages_tell_places_to_which_there_is_a_way() -> None:
     step = make_env(spec, 1).reset(np.array([0], np.uint64))
     at = columns(spec, [f"message_0.target_way{end}" for end in ("_x", "_y", "_length")])
     assert step.observations[0, :, at].any()
+
+
+@pytest.mark.parametrize("kind", ["state+ways", "lidar+ways"])
+def test_who_is_nearer_to_a_place_is_counted(kind: str) -> None:
+    spec = with_models(preset("search"), kind, "goal+lossy-30")
+    env, policy = make_env(spec, 2), make_policy("scripted", spec)
+    step, seen = env.reset(np.array([3, 4], np.uint64)), set()
+    policy.reset(step, np.arange(2))
+    (at,) = columns(spec, ["own.goal_way_nearer"])
+    masks = columns(spec, [f"message_{k}.mask" for k in range(3)])
+    positions = robots_of(step.states, 4)[..., :2].copy()
+    for _ in range(60):
+        robots = robots_of(step.states, 4).astype(np.float64)
+        for e, i in np.ndindex(2, 4):
+            others = [j for j in range(4) if j != i]
+            heard = step.observations[e, i, masks] > 0
+            fresh = step.ages[e, i, others] == 0
+            if not (fresh | ~heard).all():
+                continue  # senders have moved since
+            target = robots[e, i, TX:]
+            gaps = np.linalg.norm(robots[e, :, :2] - target, axis=-1)
+            count = (gaps[others] < gaps[i])[heard].sum()
+            assert step.observations[e, i, at] == pytest.approx(count / 3)
+            seen.add(int(count))
+        step = env.step(policy.act(step))
+    assert seen == {0, 1, 2, 3}
+    assert not np.array_equal(positions, robots_of(step.states, 4)[..., :2])
