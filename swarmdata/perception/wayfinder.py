@@ -4,7 +4,8 @@ Robots of observation models with `ways` have a map of the obstacles, and locali
 their sensors do. To a place in sight the way is straight. Otherwise it starts towards the farthest
 point in sight of the cheapest path around the obstacles, as that of the scripted controllers
 (`numerics.waypoints`), for the largest robot of the team. Other robots and movable bodies are not
-on the map. Who is nearer, as the crow flies, a robot knows of those from which it has messages.
+on the map. To a place where no robot fits, such as the base of `search`, there is no way: all is 0.
+Who is nearer, as the crow flies, a robot knows of those from which it has messages.
 
 Ways are a function of the layout, of where the robot believes to be and of the place, rounded to
 the grid of the map: the same alone and in any batch. Paths are kept for the places that were asked
@@ -29,6 +30,7 @@ from swarmdata.numerics.distance_field import (
 from swarmdata.numerics.waypoints import (
     Paths,
     farthest_visible_node,
+    free_distance,
     is_visible,
     plan,
     position_of,
@@ -303,6 +305,7 @@ def write_all_ways(
         if not active[b]:
             continue
         map_layout(layouts[b], b, guide, plans)
+        ground = Ground(plans.clearances[b], guide.half, NODE_SPACING)
         shows_target = max(times[b] - guide.delay, 0) < guide.goal_steps
         for i in range(observations.shape[1]):
             robot, row = known[b, N_COLUMNS * i : N_COLUMNS * (i + 1)], observations[b, i]
@@ -320,7 +323,7 @@ def write_all_ways(
                     dx, dy = ux * vx - uy * vy, uy * vx + ux * vy
                     is_told = vx != 0.0 or vy != 0.0
                 row[at : at + N_WAY_FEATURES] = 0.0
-                if is_told:
+                if is_told and free_distance(x + dx, y + dy, ground) > 0.5 * guide.radius:
                     way = find_way(x, y, dx, dy, b, guide, plans)
                     write_way(way, (ux, uy), guide.diagonal, row[at : at + N_WAY_FEATURES])
                     row[at + 3] = share_nearer(vx, vy, row, guide)

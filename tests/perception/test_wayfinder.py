@@ -171,9 +171,17 @@ def test_who_is_nearer_to_a_place_is_counted(kind: str) -> None:
                 continue  # senders have moved since
             target = robots[e, i, TX:]
             gaps = np.linalg.norm(robots[e, :, :2] - target, axis=-1)
-            count = (gaps[others] < gaps[i])[heard].sum()
+            has_way = target.min() > -2.9  # otherwise it is the base
+            count = (gaps[others] < gaps[i])[heard].sum() * has_way
             assert step.observations[e, i, at] == pytest.approx(count / 3)
             seen.add(int(count))
         step = env.step(policy.act(step))
     assert seen == {0, 1, 2, 3}
     assert not np.array_equal(positions, robots_of(step.states, 4)[..., :2])
+
+
+def test_there_is_no_way_to_where_no_robot_fits() -> None:
+    robots = Robots(world())
+    assert not robots.ways([[-1.0, 1.0, -2.0, -2.0]]).any()  # a corner of the arena
+    assert not robots.ways([[-1.0, 1.0, 0.35, 0.0]]).any()  # the pocket's wall
+    assert robots.ways([[-1.0, 1.0, -1.8, -1.8]]).any()
