@@ -154,7 +154,7 @@ def test_messages_tell_places_to_which_there_is_a_way() -> None:
 
 @pytest.mark.parametrize("kind", ["state+ways", "lidar+ways"])
 def test_who_is_nearer_to_a_place_is_counted(kind: str) -> None:
-    spec = with_models(preset("search"), kind, "goal+lossy-30")
+    spec = with_models(preset("coop_nav"), kind, "goal+lossy-30")
     env, policy = make_env(spec, 2), make_policy("scripted", spec)
     step, seen = env.reset(np.array([3, 4], np.uint64)), set()
     policy.reset(step, np.arange(2))
@@ -171,8 +171,7 @@ def test_who_is_nearer_to_a_place_is_counted(kind: str) -> None:
                 continue  # senders have moved since
             target = robots[e, i, TX:]
             gaps = np.linalg.norm(robots[e, :, :2] - target, axis=-1)
-            has_way = target.min() > -2.9  # otherwise it is the base
-            count = (gaps[others] < gaps[i])[heard].sum() * has_way
+            count = (gaps[others] < gaps[i])[heard].sum()
             assert step.observations[e, i, at] == pytest.approx(count / 3)
             seen.add(int(count))
         step = env.step(policy.act(step))
