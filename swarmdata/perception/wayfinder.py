@@ -20,7 +20,6 @@ import numpy as np
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.distance_field import (
-    PATH_GAP,
     STRAIGHT_COST,
     Ground,
     Int32,
@@ -44,6 +43,12 @@ from swarmdata.types import Bool, Double, Float, Int, Step
 NODE_SPACING = 0.1
 """Metres between the nodes of the map, half of those of the scripted controllers' maps. A passage
 of 0.34 m leaves a strip as wide for the centre of a robot of radius 0.12 m."""
+
+WAY_GAP = 0.05
+"""Metres of free gap that a straight piece of a way keeps where it can, more than the paths of the
+scripted controllers: a robot that follows it to a corner does not stop there, and goes wide. Two
+robots that do nothing but follow the way to the nearest square of `search` hit an obstacle 0.13
+times in an episode, with 0.015 m 0.52 times."""
 
 CLEARANCE_MARGIN = 0.15
 """Metres beyond the largest radius up to which clearances are computed."""
@@ -228,7 +233,7 @@ def find_way(
         guide: constants.
         plans: of the copies.
     """
-    ground, need = Ground(plans.clearances[b], guide.half, NODE_SPACING), guide.radius + PATH_GAP
+    ground, need = Ground(plans.clearances[b], guide.half, NODE_SPACING), guide.radius + WAY_GAP
     length = math.sqrt(dx * dx + dy * dy)
     if is_visible((x, y), (x + dx, y + dy), need, ground):
         return dx, dy, length
