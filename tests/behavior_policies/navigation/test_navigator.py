@@ -91,6 +91,25 @@ def test_paths_are_planned_anew_when_targets_jump() -> None:
         np.testing.assert_allclose(robots_of(step.states, 1)[0, 0, [X, Y]], goal, atol=0.05)
 
 
+def test_what_follows_a_reset_does_not_depend_on_what_was_before_it() -> None:
+    """Paths are planned anew when a target has moved far enough, except after a reset."""
+    spec, rng = preset("coop_nav"), np.random.default_rng(0)
+    env, used = make_env(spec, 8), Navigator(spec)
+    step = env.reset(np.arange(8, dtype=np.uint64))
+    targets = robots_of(step.states, 4)[..., TX:].astype(np.float64)
+    used.reset(step, np.arange(8))
+    for k in range(40):
+        if k % 4 == 3:
+            fresh = Navigator(spec)
+            for navigator in (used, fresh):
+                navigator.reset(step, np.arange(8))
+            np.testing.assert_array_equal(
+                used.commands(step, targets), fresh.commands(step, targets)
+            )
+        step = env.step(used.commands(step, targets))
+        targets += rng.uniform(-0.05, 0.05, size=targets.shape)
+
+
 def test_targets_of_the_states_are_the_default() -> None:
     step, navigator = make_env(EASY, 3).reset(np.arange(3, dtype=np.uint64)), Navigator(EASY)
     navigator.reset(step, np.arange(3))
