@@ -14,11 +14,13 @@ import numpy as np
 
 from swarmdata.behavior_policies.navigation.avoidance import robot_half_planes, surface_half_planes
 from swarmdata.behavior_policies.navigation.orca import solve
+from swarmdata.behavior_policies.navigation.primitives import n_primitives, primitives_of
 from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.errors import SpecError
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.networks import Actors
+from swarmdata.registry.components import make_task
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.types import Double, Float, Int, Step
@@ -41,19 +43,19 @@ NO_RIGHT_OF_WAY = 1e9
 
 
 @kernel
-def make_safe(all_robots: Double, team: Team, half: Double, layouts: Float, out: Double) -> None:
+def make_safe(all_robots: Double, team: Team, half: Double, primitives: Float, out: Double) -> None:
     """Replaces velocity commands by the nearest safe ones.
 
     Args:
         all_robots: x, y, vx, vy of the robots of all copies, [E, N, 4].
         team: constants of the robots.
         half: half width and half height of the arena, m, [2].
-        layouts: obstacles, [E, M, 8].
+        primitives: obstacles as convex shapes, [E, P, 8].
         out: commands, in [-1, 1], replaced, [E, N, 2].
     """
     radii, limits, scales, _, _ = team
     n_robots, rule = all_robots.shape[1], (FILTER_HORIZON, FILTER_GAP)
-    planes = np.empty((layouts.shape[1] + 4 + 2 * n_robots, 4))
+    planes = np.empty((primitives.shape[1] + 4 + 2 * n_robots, 4))
     aims = np.empty((n_robots, 3))
     for b in range(all_robots.shape[0]):
         robots = all_robots[b]
@@ -64,7 +66,7 @@ def make_safe(all_robots: Double, team: Team, half: Double, layouts: Float, out:
         for i in range(n_robots):
             x, y, radius = robots[i, 0], robots[i, 1], radii[i] + SURFACE_MARGIN
             speed, time, length = limits[i, SPEED], scales[i, TIME_SCALE], scales[i, LENGTH_SCALE]
-            n_hard = surface_half_planes(x, y, radius, layouts[b], half, planes, time, length)
+            n_hard = surface_half_planes(x, y, radius, primitives[b], half, planes, time, length)
             n = robot_half_planes(i, robots, radii, scales, aims, rule, n_hard, planes)
             wish = solve(planes, n, n_hard, speed, (aims[i, 0], aims[i, 1]))
             out[b, i, 0], out[b, i, 1] = wish[0] / speed, wish[1] / speed
@@ -92,9 +94,13 @@ class AvoidingTeam:
             )
         self._actors, self._worlds, self._team = actors, worlds, Team.of(spec)
         self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
+        shape = (worlds.env.n_copies, n_primitives(make_task(spec).kinds), 8)
+        self._primitives: Float = np.zeros(shape, dtype=np.float32)
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the teacher has no memory."""
+        """Takes over the obstacles of `copies`; of the rest, the teacher has no memory."""
+        for b in copies:
+            self._primitives[b] = primitives_of(step.layouts[b])
 
     def act(self, step: Step) -> Float:
         """Returns the safe commands of all robots in the world's frame, [E, N, 2]."""
@@ -102,5 +108,5 @@ class AvoidingTeam:
         commands = self._worlds.to_world(step, self._actors.means(inputs).numpy())
         states = robots_of(step.states, commands.shape[1]).astype(np.float64)
         robots = np.ascontiguousarray(states[..., [X, Y, VX, VY]])
-        make_safe(robots, self._team, self._half, step.layouts, commands)
+        make_safe(robots, self._team, self._half, self._primitives, commands)
         return commands.astype(np.float32)

@@ -7,14 +7,16 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from swarmdata.behavior_policies.navigation.primitives import primitives_of
 from swarmdata.behavior_policies.navigation.robot_scales import Team
 from swarmdata.errors import SpecError
+from swarmdata.numerics.geometry import POCKET
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo.avoiding_team import AvoidingTeam, make_safe
 from swarmdata.online_algos.ppo.initial_weights import StartConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
-from swarmdata.types import Double
+from swarmdata.types import Double, Float
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_steps=1024, n_copies=4, rollout_steps=8, hidden=16, minibatch=64)
@@ -22,14 +24,16 @@ NOTHING = np.zeros((1, 0, 8), np.float32)
 ARENA = np.array([2.0, 2.0])
 
 
-def safe(robots: list[list[float]], commands: list[list[float]]) -> Double:
-    """Safe commands of robots in an empty arena; x, y, vx, vy each."""
+def safe(
+    robots: list[list[float]], commands: list[list[float]], primitives: Float = NOTHING
+) -> Double:
+    """Safe commands of robots among obstacles; x, y, vx, vy each."""
     states = np.zeros((1, 4, 4))
     states[0, :, :2] = [[-1.5, -1.5], [-1.5, 1.5], [1.5, -1.5], [1.5, 1.5]]  # the others, far away
     states[0, : len(robots)] = robots
     out = np.zeros((1, 4, 2))
     out[0, : len(commands)] = commands
-    make_safe(states, Team.of(SPEC), ARENA, NOTHING, out)
+    make_safe(states, Team.of(SPEC), ARENA, primitives, out)
     return out[0, : len(commands)]
 
 
@@ -49,6 +53,15 @@ def test_a_robot_slows_down_before_a_wall_and_may_drive_along_it() -> None:
     (command,) = safe([[1.83, 0, 0.6, 0]], [[1.0, 0.5]])
     assert 0 <= command[0] < 0.15
     assert command[1] == pytest.approx(1 / np.sqrt(5))
+
+
+def test_a_robot_in_a_pocket_slows_down_before_all_of_its_walls() -> None:
+    pocket = np.array([[POCKET, 0.0, 0.0, 0.0, 1.0, 0.4, 0.4, 0.05]], dtype=np.float32)
+    robot = [0.15, 0.18, 0.3, 0.3]  # in the corner of two walls, in which it drives
+    (free,) = safe([robot], [[0.5, 0.5]])
+    (kept,) = safe([robot], [[0.5, 0.5]], primitives_of(pocket)[None])
+    np.testing.assert_allclose(free, 0.5)
+    assert (np.abs(kept) < 0.2).all()
 
 
 def test_two_robots_that_meet_both_turn_aside() -> None:
