@@ -105,7 +105,7 @@ def test_a_part_of_a_dataset_fits_into_memory() -> None:
 def test_every_preset_is_far_below_the_limits() -> None:
     for name in preset_names():
         demand = demand_of(preset(name), size_of(preset(name)), preset(name).n_substeps)
-        assert demand.copy_bytes < 2e6
+        assert demand.copy_bytes < 4e6
         assert demand.episode_bytes < 1e7
         assert demand.step_seconds < 1e-3
         assert demand.draw_seconds < 1
