@@ -9,7 +9,7 @@ Who is nearer, as the crow flies, a robot knows of those from which it has messa
 
 Ways are a function of the layout, of where the robot believes to be and of the place, rounded to
 the grid of the map: the same alone and in any batch. Paths are kept for the places that were asked
-for last, since planning one takes a hundred times as long as following it.
+for last.
 """
 
 import math

@@ -8,35 +8,14 @@ import pytest
 from swarmdata.numerics.distance_field import (
     DIAGONAL_COST,
     STRAIGHT_COST,
-    Ground,
     Int32,
-    fill_clearances,
     fill_paths,
-    grid_shape,
     nearest_node,
     weights_of,
 )
 from swarmdata.numerics.geometry import clearance
-from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry.components import make_env
-from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float
-
-SPEC = TaskSpec()
-HALF = np.array([2.0, 2.0])
-SPACING = 0.05
-
-
-def ground_of(layout: Float, cap: float = 0.27) -> Ground:
-    grid = np.zeros(grid_shape(SPEC.arena, SPACING), dtype=np.float32)
-    ground = Ground(grid, HALF, SPACING)
-    fill_clearances(layout, cap, ground)
-    return ground
-
-
-def layout_of(seed: int) -> Float:
-    layout: Float = make_env(SPEC, 1).reset(evaluation_seeds(seed + 1)[-1:]).layouts[0]
-    return layout
+from swarmdata.types import Double
+from tests.support.grounds import HALF, SPACING, ground_of, layout_of
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from swarmdata.numerics.distance_field import Ground, fill_clearances, grid_shape
+from swarmdata.numerics.distance_field import Ground, grid_shape
 from swarmdata.numerics.geometry import POCKET, clearance
-from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.numerics.waypoints import (
     UNPLANNED_COST,
     Paths,
@@ -13,31 +12,14 @@ from swarmdata.numerics.waypoints import (
     is_visible,
     waypoint,
 )
-from swarmdata.registry.components import make_env
-from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Float
+from tests.support.grounds import HALF, SPACING, SPEC, ground_of, layout_of
 
-SPEC = TaskSpec()
-HALF = np.array([2.0, 2.0])
-SPACING = 0.05
 POCKET_ROW = np.array([[POCKET, 0.0, 0.0, 0.0, 1.0, 0.4, 0.4, 0.05]], dtype=np.float32)
 """A pocket that opens towards -x."""
 
 
-def ground_of(layout: Float, cap: float = 0.27) -> Ground:
-    grid = np.zeros(grid_shape(SPEC.arena, SPACING), dtype=np.float32)
-    ground = Ground(grid, HALF, SPACING)
-    fill_clearances(layout, cap, ground)
-    return ground
-
-
 def unplanned(n_nodes: int) -> Paths:
     return Paths(np.full(n_nodes, UNPLANNED_COST, np.int32), np.zeros(n_nodes, np.int32))
-
-
-def layout_of(seed: int) -> Float:
-    layout: Float = make_env(SPEC, 1).reset(evaluation_seeds(seed + 1)[-1:]).layouts[0]
-    return layout
 
 
 def test_interpolated_clearance_is_close() -> None:
