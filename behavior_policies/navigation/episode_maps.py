@@ -6,7 +6,13 @@ import numpy as np
 
 from swarmdata.behavior_policies.navigation.primitives import n_primitives, primitives_of
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.numerics.distance_field import Ground, Int32, fill_clearances, grid_shape
+from swarmdata.numerics.distance_field import (
+    CLEARANCE_MARGIN,
+    Ground,
+    Int32,
+    fill_clearances,
+    grid_shape,
+)
 from swarmdata.numerics.waypoints import UNPLANNED_COST
 from swarmdata.registry.components import make_task
 from swarmdata.specs.budget import in_bytes
@@ -22,9 +28,6 @@ MAX_MAPS_BYTES = 1 << 34
 NODE_SPACING = 0.05
 """Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of
 radius 0.12 m; a strip as wide as the spacing holds an 8-connected chain of nodes."""
-
-CLEARANCE_MARGIN = 0.15
-"""Metres beyond the largest radius up to which clearances are computed."""
 
 
 class Maps(NamedTuple):

@@ -10,12 +10,12 @@ import numpy as np
 
 from swarmdata.numerics.assignment import assign
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import Feature, numbered, telling_goals, vector
+from swarmdata.specs.features import Feature, leading_to_places, numbered, telling_goals, vector
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.types import Bool, Double, Float, Int
 
 GOAL_FEATURES = (
-    *vector("offset", "position", "goal minus own position, m"),
+    *leading_to_places(vector("offset", "position", "goal minus own position, m")),
     Feature("is_taken", "flag", meaning="1 if another robot covers it"),
 )
 """A robot's observation of each goal."""

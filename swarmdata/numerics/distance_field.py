@@ -23,6 +23,9 @@ Int32 = NDArray[np.int32]
 PATH_GAP = 0.015
 """Metres of free gap that a path keeps where it can."""
 
+CLEARANCE_MARGIN = 0.15
+"""Metres beyond the largest radius up to which clearances are computed."""
+
 STRAIGHT_COST, DIAGONAL_COST = 5, 7
 """Costs of a step to the next node; 7 / 5 is within 1 % of sqrt(2)."""
 

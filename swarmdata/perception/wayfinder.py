@@ -13,6 +13,7 @@ for last.
 """
 
 import math
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ import numpy as np
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.distance_field import (
+    CLEARANCE_MARGIN,
     STRAIGHT_COST,
     Ground,
     Int32,
@@ -47,9 +49,6 @@ of 0.34 m leaves a strip as wide for the centre of a robot of radius 0.12 m."""
 WAY_GAP = 0.05
 """Metres of free gap that a straight piece of a way keeps where it can, more than the paths of the
 scripted controllers: a robot that follows it to a corner does not stop there, and goes wide."""
-
-CLEARANCE_MARGIN = 0.15
-"""Metres beyond the largest radius up to which clearances are computed."""
 
 N_WAY_FEATURES = 4
 """Numbers for each place: two of the direction, the length, and how many robots are nearer."""
@@ -149,14 +148,13 @@ def _way_features(name: str, place: str) -> tuple[Feature, ...]:
 def _senders(names: Sequence[str]) -> Int:
     """Columns of where each sender was and of its mask, [K, 2]; none without such messages."""
     column = {name: at for at, name in enumerate(names)}
-    slots = [name.removesuffix(".position_x") for name in names if name.startswith("message_")
-             and name.endswith(".position_x")]  # fmt: skip
-    pairs = [(column[f"{slot}.position_x"], column[f"{slot}.mask"]) for slot in slots]
+    positions = [name for name in names if re.fullmatch(r"message_\d+\.position_x", name)]
+    pairs = [(column[x], column[x.replace("position_x", "mask")]) for x in positions]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def paths_kept(n_agents: int) -> int:
-    """How many paths are kept for each copy: more than a team of that size asks for in a step."""
+    """How many paths are kept for each copy of a team of that size."""
     return 4 * n_agents + 8
 
 

@@ -152,6 +152,13 @@ def test_messages_tell_places_to_which_there_is_a_way() -> None:
     assert step.observations[0, :, at].any()
 
 
+def test_there_is_a_way_to_each_goal_that_anybody_may_take() -> None:
+    spec = with_models(preset("coop_nav-unassigned"), "state+ways", "none")
+    step = make_env(spec, 1).reset(np.array([0], np.uint64))
+    lengths = columns(spec, [f"goal_{k}.offset_way_length" for k in range(spec.n_agents)])
+    assert (step.observations[0][:, lengths] > 0.0).all()
+
+
 @pytest.mark.parametrize("kind", ["state+ways", "lidar+ways"])
 def test_who_is_nearer_to_a_place_is_counted(kind: str) -> None:
     spec = with_models(preset("coop_nav"), kind, "goal+lossy-30")
