@@ -1,8 +1,10 @@
-"""AvoidingTeam, a teacher: trained teams whose commands are made safe by reciprocal avoidance.
+"""AvoidingTeam, a teacher: a team whose commands are made safe by reciprocal avoidance.
 
 A policy that was trained on rewards still brushes past robots and surfaces: contacts are rare, so
 rewards say little about them. A filter that knows the map and all velocities changes commands only
 shortly before a contact. Actors that clone the filtered team learn these corrections from labels.
+A scripted controller passes surfaces so closely that clones, which are not exact, touch them; its
+commands are filtered with a wider margin.
 
 As in `scripted`, surfaces are hard limits and robots soft ones, shared half and half. Robots avoid
 each other later than there: the team has its own ways of passing, which should not change.
@@ -18,8 +20,10 @@ from swarmdata.behavior_policies.navigation.primitives import n_primitives, prim
 from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.errors import SpecError
+from swarmdata.interfaces import VecEnv
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.networks import Actors
+from swarmdata.online_algos.ppo.teacher_cloning import Teacher
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
@@ -32,9 +36,6 @@ beside the payload: a filtered expert solves 77 % of 384 episodes instead of 92.
 FILTER_GAP = 0.04
 """Metres of gap kept between robots, more than in `avoidance`: clones are not exact."""
 
-SURFACE_MARGIN = 0.02
-"""Metres of gap kept from surfaces besides `avoidance.SURFACE_GAP`, for the same reason."""
-
 FILTERED_KIND = ("holonomic", "velocity")
 """Dynamics and command of the robots whose commands can be made safe."""
 
@@ -43,7 +44,9 @@ NO_RIGHT_OF_WAY = 1e9
 
 
 @kernel
-def make_safe(all_robots: Double, team: Team, half: Double, primitives: Float, out: Double) -> None:
+def make_safe(
+    all_robots: Double, team: Team, half: Double, primitives: Float, margin: float, out: Double
+) -> None:
     """Replaces velocity commands by the nearest safe ones.
 
     Args:
@@ -51,6 +54,7 @@ def make_safe(all_robots: Double, team: Team, half: Double, primitives: Float, o
         team: constants of the robots.
         half: half width and half height of the arena, m, [2].
         primitives: obstacles as convex shapes, [E, P, 8].
+        margin: gap kept from surfaces besides `avoidance.SURFACE_GAP`, m.
         out: commands, in [-1, 1], replaced, [E, N, 2].
     """
     radii, limits, scales, _, _ = team
@@ -64,7 +68,7 @@ def make_safe(all_robots: Double, team: Team, half: Double, primitives: Float, o
             speed = limits[i, SPEED] / max(math.sqrt(x * x + y * y), 1.0)
             aims[i, 0], aims[i, 1], aims[i, 2] = x * speed, y * speed, NO_RIGHT_OF_WAY
         for i in range(n_robots):
-            x, y, radius = robots[i, 0], robots[i, 1], radii[i] + SURFACE_MARGIN
+            x, y, radius = robots[i, 0], robots[i, 1], radii[i] + margin
             speed, time, length = limits[i, SPEED], scales[i, TIME_SCALE], scales[i, LENGTH_SCALE]
             n_hard = surface_half_planes(x, y, radius, primitives[b], half, planes, time, length)
             n = robot_half_planes(i, robots, radii, scales, aims, rule, n_hard, planes)
@@ -72,19 +76,40 @@ def make_safe(all_robots: Double, team: Team, half: Double, primitives: Float, o
             out[b, i, 0], out[b, i, 1] = wish[0] / speed, wish[1] / speed
 
 
-class AvoidingTeam:
-    """Implements `teacher_cloning.Teacher` for all copies of some worlds.
+class ActorTeam:
+    """Implements `teacher_cloning.Teacher`: actors in all copies of their seeds.
 
     Args:
-        actors: of the worlds' seeds; they choose the commands that are made safe.
+        actors: of the worlds' seeds.
         worlds: to act in.
+    """
+
+    def __init__(self, actors: Actors, worlds: Worlds) -> None:
+        self._actors, self._worlds = actors, worlds
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Does nothing: actors have no memory."""
+
+    def act(self, step: Step) -> Float:
+        """Returns the commands of all robots in the world's frame, [E, N, 2]."""
+        inputs = self._actors.inputs(self._worlds.observations(step))
+        return self._worlds.to_world(step, self._actors.means(inputs).numpy()).astype(np.float32)
+
+
+class AvoidingTeam:
+    """Implements `teacher_cloning.Teacher`: another teacher, kept from contacts.
+
+    Args:
+        teacher: chooses the commands that are made safe.
+        env: copies of the task to act in.
+        margin: gap kept from surfaces besides `avoidance.SURFACE_GAP`, m.
 
     Raises:
         SpecError: the robots' commands are not velocities in the world's axes.
     """
 
-    def __init__(self, actors: Actors, worlds: Worlds) -> None:
-        spec = worlds.env.spec
+    def __init__(self, teacher: Teacher, env: VecEnv, margin: float) -> None:
+        spec = env.spec
         kinds = {(robot.dynamics, robot.command) for robot in spec.robots}
         if kinds != {FILTERED_KIND}:
             found = ", ".join(" ".join(kind) for kind in sorted(kinds))
@@ -92,21 +117,25 @@ class AvoidingTeam:
                 f"start.avoidance is for {' '.join(FILTERED_KIND)} commands, the robots of "
                 f"{spec.task} have {found} commands; train without it"
             )
-        self._actors, self._worlds, self._team = actors, worlds, Team.of(spec)
+        self._teacher, self._team, self._margin = teacher, Team.of(spec), margin
         self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
-        shape = (worlds.env.n_copies, n_primitives(make_task(spec).kinds), 8)
+        obstacles = make_task(spec).kinds
+        self._layouts = np.full((env.n_copies, len(obstacles), 8), np.nan, np.float32)
+        shape = (env.n_copies, n_primitives(obstacles), 8)
         self._primitives: Float = np.zeros(shape, dtype=np.float32)
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Takes over the obstacles of `copies`; of the rest, the teacher has no memory."""
+        """Resets the teacher in `copies`, and takes over their obstacles where they are new."""
+        self._teacher.reset(step, copies)
         for b in copies:
-            self._primitives[b] = primitives_of(step.layouts[b])
+            if not np.array_equal(self._layouts[b], step.layouts[b]):
+                self._layouts[b] = step.layouts[b]
+                self._primitives[b] = primitives_of(step.layouts[b])
 
     def act(self, step: Step) -> Float:
         """Returns the safe commands of all robots in the world's frame, [E, N, 2]."""
-        inputs = self._actors.inputs(self._worlds.observations(step))
-        commands = self._worlds.to_world(step, self._actors.means(inputs).numpy())
+        commands = self._teacher.act(step).astype(np.float64)
         states = robots_of(step.states, commands.shape[1]).astype(np.float64)
         robots = np.ascontiguousarray(states[..., [X, Y, VX, VY]])
-        make_safe(robots, self._team, self._half, self._primitives, commands)
+        make_safe(robots, self._team, self._half, self._primitives, self._margin, commands)
         return commands.astype(np.float32)

@@ -19,7 +19,7 @@ from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.training_worlds import Worlds
-from swarmdata.online_algos.ppo.avoiding_team import AvoidingTeam
+from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam
 from swarmdata.online_algos.ppo.networks import Actors, ActorWeights
 from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clone_teacher
 from swarmdata.online_algos.runs.export_policy import restored
@@ -33,13 +33,14 @@ class StartConfig:
     """What the actors start from; without policies and a teacher, their random weights.
 
     Raises:
-        SpecError: there is no round of cloning, the noise is not a standard deviation, or there are
-            two teachers.
+        SpecError: there is no round of cloning, the noise is not a standard deviation, or the
+            margin is negative.
     """
 
     policies: str = ""  # a run's folder or a shipped tier
     teacher: str = ""  # registered policy that the actors clone before training
-    avoidance: bool = False  # the teacher is the policies, kept from contacts: `avoiding_team`
+    avoidance: bool = False  # keeps the teacher, or else the policies, from contacts, for clones
+    surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
     teacher_remembers: bool = True  # otherwise it is reset in each step: labels fit the step alone
     clone_rounds: int = 10  # rounds of states that the teacher labels
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
@@ -52,10 +53,10 @@ class StartConfig:
             raise SpecError(
                 f"clone_noise is {self.clone_noise:g}, expected a number that is not negative"
             )
-        if self.avoidance and self.teacher:
+        if not 0.0 <= self.surface_margin < math.inf:
             raise SpecError(
-                f"start.teacher is {self.teacher!r} and start.avoidance is set, which makes the "
-                "policies the teacher; expected one teacher"
+                f"surface_margin is {self.surface_margin:g} m, expected a length that is not "
+                "negative"
             )
 
     @property
@@ -83,12 +84,13 @@ def initial_weights(
     Raises:
         BuildError: one of the seeds has no policy to start from.
         CheckpointError: the policies are not actors of these sizes, in this frame.
-        SpecError: `start.avoidance` is for other robots, or there are no policies.
+        SpecError: `start.avoidance` is for other robots, or there is nothing to clone.
         UnknownNameError: there is no such teacher.
     """
-    if start.avoidance and not start.policies:
+    if start.avoidance and not (start.policies or start.teacher):
         raise SpecError(
-            "start.avoidance is set without policies to clone; expected --set start.policies=RUN"
+            "start.avoidance is set with nothing to clone; expected --set start.policies=RUN or "
+            "--set start.teacher=NAME"
         )
     started = actors.copy()
     if start.policies:
@@ -102,10 +104,12 @@ def initial_weights(
             teacher_remembers=start.teacher_remembers,
         )
         teacher: Teacher
-        if start.avoidance:
-            teacher = AvoidingTeam(started.copy(), worlds)
-        else:
+        if start.teacher:
             teacher = make_policy(start.teacher, worlds.env.spec)
+        else:
+            teacher = ActorTeam(started.copy(), worlds)
+        if start.avoidance:
+            teacher = AvoidingTeam(teacher, worlds.env, start.surface_margin)
         clone_teacher(started, worlds, generators, teacher, config)
     return started.weights
 

@@ -12,20 +12,25 @@ from swarmdata.behavior_policies.navigation.robot_scales import Team
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import POCKET
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.ppo.avoiding_team import AvoidingTeam, make_safe
+from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam, make_safe
 from swarmdata.online_algos.ppo.initial_weights import StartConfig
-from swarmdata.registry.components import make_env
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
-from swarmdata.types import Double, Float
+from swarmdata.types import EVENTS, Double, Float
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_steps=1024, n_copies=4, rollout_steps=8, hidden=16, minibatch=64)
 NOTHING = np.zeros((1, 0, 8), np.float32)
 ARENA = np.array([2.0, 2.0])
+OBSTACLE_EVENTS = [k for k, name in enumerate(EVENTS) if "obstacle" in name]
 
 
 def safe(
-    robots: list[list[float]], commands: list[list[float]], primitives: Float = NOTHING
+    robots: list[list[float]],
+    commands: list[list[float]],
+    primitives: Float = NOTHING,
+    margin: float = 0.02,
 ) -> Double:
     """Safe commands of robots among obstacles; x, y, vx, vy each."""
     states = np.zeros((1, 4, 4))
@@ -33,7 +38,7 @@ def safe(
     states[0, : len(robots)] = robots
     out = np.zeros((1, 4, 2))
     out[0, : len(commands)] = commands
-    make_safe(states, Team.of(SPEC), ARENA, primitives, out)
+    make_safe(states, Team.of(SPEC), ARENA, primitives, margin, out)
     return out[0, : len(commands)]
 
 
@@ -55,6 +60,12 @@ def test_a_robot_slows_down_before_a_wall_and_may_drive_along_it() -> None:
     assert command[1] == pytest.approx(1 / np.sqrt(5))
 
 
+def test_a_wider_margin_stops_a_robot_earlier() -> None:
+    robot = [1.83, 0, 0, 0]  # 5 cm before a wall
+    assert safe([robot], [[1.0, 0.0]], margin=0.02)[0, 0] > 0.03
+    assert safe([robot], [[1.0, 0.0]], margin=0.04)[0, 0] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_robot_in_a_pocket_slows_down_before_all_of_its_walls() -> None:
     pocket = np.array([[POCKET, 0.0, 0.0, 0.0, 1.0, 0.4, 0.4, 0.05]], dtype=np.float32)
     robot = [0.15, 0.18, 0.3, 0.3]  # in the corner of two walls, in which it drives
@@ -73,7 +84,9 @@ def test_two_robots_that_meet_both_turn_aside() -> None:
 
 def test_each_seed_is_its_own_teacher() -> None:
     run = made()
-    teacher, step = AvoidingTeam(run.actors.copy(), run.worlds), run.worlds.current_step
+    step = run.worlds.current_step
+    teacher = AvoidingTeam(ActorTeam(run.actors.copy(), run.worlds), run.worlds.env, 0.02)
+    teacher.reset(step, np.arange(run.worlds.env.n_copies))
     actions = teacher.act(step)
     own = np.stack([run.policy(k).act(step) for k in (0, 1)])  # [K, K E, N, A]
     wanted = np.concatenate([own[0, :4], own[1, 4:]])
@@ -95,15 +108,31 @@ def test_policies_can_be_their_own_teacher() -> None:
         assert 0 < np.median(np.abs(ours - theirs)) < 0.1
 
 
-def test_avoidance_without_policies_is_refused() -> None:
+def test_avoidance_with_nothing_to_clone_is_refused() -> None:
     run = made(config=replace(SMALL, start=StartConfig(avoidance=True)))
-    with pytest.raises(SpecError, match=r"without policies.*start\.policies=RUN"):
+    with pytest.raises(SpecError, match=r"nothing to clone.*start\.policies=RUN"):
         run.prepare()
 
 
-def test_two_teachers_are_refused() -> None:
-    with pytest.raises(SpecError, match="expected one teacher"):
-        StartConfig(policies="coop_nav-expert", teacher="scripted", avoidance=True)
+def test_a_margin_that_is_no_length_is_refused() -> None:
+    with pytest.raises(SpecError, match=r"surface_margin is -0\.01 m"):
+        StartConfig(surface_margin=-0.01)
+
+
+def test_a_teacher_is_kept_from_contacts_in_the_episodes_that_were_reset() -> None:
+    spec = preset("search")
+    env, copies = make_env(spec, 8), np.arange(8)
+    teacher = AvoidingTeam(make_policy("scripted", spec), env, 0.04)
+    step = env.reset(copies.astype(np.uint64))
+    teacher.reset(step, copies)
+    for _ in range(120):
+        step = env.step(teacher.act(step))
+        assert not step.events[..., OBSTACLE_EVENTS].any()
+        ended = np.flatnonzero(step.ended)
+        if len(ended):
+            step = env.reset(100 + ended.astype(np.uint64), ended)
+            teacher.reset(step, ended)
+        teacher.reset(step, copies)  # as without a memory: layouts that are known are kept
 
 
 @pytest.mark.parametrize("robot", [Robot(dynamics="unicycle"), Robot(command="acceleration")])
@@ -112,4 +141,4 @@ def test_other_robots_are_refused(robot: Robot) -> None:
         SPEC.model_copy(update={"team": (Role(robot=robot),)}), replace(SMALL, frame="world")
     )
     with pytest.raises(SpecError, match="holonomic velocity commands"):
-        AvoidingTeam(run.actors, run.worlds)
+        AvoidingTeam(ActorTeam(run.actors, run.worlds), run.worlds.env, 0.02)
