@@ -14,6 +14,7 @@ import re
 import shutil
 import socket
 import sys
+import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,6 +31,11 @@ _LEFTOVER = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}(.+)-[0-9a-f]{{32}}", re.
 
 MARKER_FILE = ".swarmdata-temporary"
 """File in a temporary folder of ours; locked while its writer lives."""
+
+REMOVAL_ATTEMPTS = 50
+"""How often the removal of a temporary folder is tried again, `REMOVAL_PAUSE` seconds apart."""
+
+REMOVAL_PAUSE = 0.1
 
 LOW_SPACE_BYTES = 1 << 20
 """With fewer bytes free, a failed write is blamed on the disk."""
@@ -68,7 +74,7 @@ def staged(path: Path) -> Iterator[Path]:
         raise
     finally:
         if scratch is not None:
-            shutil.rmtree(scratch)
+            _remove(scratch)
             os.close(lock)
     sync(path.parent)
 
@@ -136,6 +142,19 @@ def require_space(path: Path, needed: int) -> None:
             f"no space is left for {path.name}: {needed / 1e6:.1f} MB more are "
             f"needed, {free / 1e6:.1f} MB are free. Make room and run the same again."
         )
+
+
+def _remove(scratch: Path) -> None:
+    """Removes a temporary folder, in which threads of a library may still end what failed."""
+    for _ in range(REMOVAL_ATTEMPTS):
+        try:
+            shutil.rmtree(scratch)
+            return
+        except OSError as error:
+            if error.errno != errno.ENOTEMPTY:
+                raise
+            time.sleep(REMOVAL_PAUSE)
+    shutil.rmtree(scratch)
 
 
 def sync(path: Path) -> None:

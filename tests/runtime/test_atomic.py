@@ -4,6 +4,7 @@ import errno
 import fcntl
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -80,6 +81,31 @@ def test_an_error_leaves_the_old_file_and_nothing_else(
         write_half()
     assert (tmp_path / "x").read_bytes() == b"old"
     assert names(tmp_path) == ["x"]
+
+
+def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As TensorStore's do: the first of their errors is raised, the others go on."""
+    remove, calls = shutil.rmtree, []
+
+    def late(folder: Path) -> None:
+        calls.append(folder)
+        if len(calls) < 3:
+            raise OSError(errno.ENOTEMPTY, "Directory not empty", str(folder))
+        remove(folder)
+
+    monkeypatch.setattr(shutil, "rmtree", late)
+
+    def fail() -> None:
+        with staged(tmp_path / "a") as target:
+            target.mkdir()
+            raise ValueError("the first error")
+
+    with pytest.raises(ValueError, match="the first"):
+        fail()
+    assert len(calls) == 3
+    assert not list(tmp_path.glob(".tmp-*"))
 
 
 def test_the_first_of_two_folders_stands(tmp_path: Path) -> None:
