@@ -46,6 +46,7 @@ from swarmdata.store.arrays.row_shapes import (
     task_row_shapes,
 )
 from swarmdata.store.arrays.scratch_arrays import ScratchMap
+from swarmdata.store.integrity.recognition import no_folder
 from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
 from swarmdata.store.manifest import (
     Manifest,
@@ -98,7 +99,7 @@ def open_store(
     if verify not in ("none", "fast", "full"):
         raise ValueError(f"verify is {verify!r}, expected 'none', 'fast' or 'full'")
     if not path.is_dir():
-        raise DatasetNotFoundError(f"there is no dataset folder at {path}")
+        raise DatasetNotFoundError(no_folder(path))
     for link in blocking_links(path):  # it could show any file of this machine as data
         raise ManifestError(
             f"{path / link} is a symbolic link, expected a plain file or folder. "

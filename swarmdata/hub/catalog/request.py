@@ -15,6 +15,7 @@ from swarmdata.hub.remotes.outside_names import is_folder, is_id, looks_like_pat
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.cache import cache_folder
+from swarmdata.store.integrity.recognition import no_folder
 
 OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
 """Variables of the environment that keep `load` from asking remotes."""
@@ -79,7 +80,7 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     if is_folder(name) and name not in REPLACED_IDS:
         return Request(str(name), Path(name).parent, Path(name), "folder")
     if isinstance(name, Path) or looks_like_path(name):
-        raise DatasetNotFoundError(f"there is no dataset folder at {name}")
+        raise DatasetNotFoundError(no_folder(name))
     return request_of_id(name)
 
 

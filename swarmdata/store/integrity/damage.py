@@ -10,7 +10,7 @@ import xxhash
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError
 from swarmdata.store.arrays.layout import MANIFEST, Shard, array_files
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.store.integrity.recognition import is_dataset, no_dataset, no_folder
 from swarmdata.store.integrity.verification import logical_digest
 from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
 from swarmdata.store.stored_dataset import blocking_links, check_listing, map_checked, open_store
@@ -52,7 +52,7 @@ def find_damage(path: Path) -> tuple[Damage, ...]:
         FormatVersionError: written by a newer version; that is no damage.
     """
     if not path.is_dir():
-        raise DatasetNotFoundError(f"there is no dataset folder at {path}")
+        raise DatasetNotFoundError(no_folder(path))
     if not is_dataset(path):
         raise DatasetNotFoundError(no_dataset(path))
     links = set(blocking_links(path))

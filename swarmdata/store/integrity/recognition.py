@@ -38,6 +38,14 @@ def is_dataset(folder: Path) -> bool:
     )
 
 
+def no_folder(path: Path | str) -> str:
+    """Says that a dataset is not there, and how to get a published one."""
+    return (
+        f"there is no dataset folder at {path}. `swarmdata generate ID` makes a published dataset, "
+        "`swarmdata list` has the ids."
+    )
+
+
 def no_dataset(folder: Path) -> str:
     """The message that a folder is no dataset."""
     return (
