@@ -65,6 +65,8 @@ class SearchController:
     Args:
         spec: the task; its robots may differ from each other in every way.
         noise: standard deviation of the Gaussian noise on each command.
+        remembers: otherwise robots take no notes: they decide from what they observe at the time,
+            as actors without a memory do, which can clone them.
 
     Raises:
         SpecError: `noise` is not a standard deviation, the spec is another task's, or the arena is
@@ -73,7 +75,7 @@ class SearchController:
 
     uses_state = True
 
-    def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
+    def __init__(self, spec: TaskSpec, *, noise: float = 0.0, remembers: bool = True) -> None:
         rules, task = search_rules(spec), Search(spec)
         self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
         self._n_agents, self._in_body = spec.n_agents, spec.observation.kind != "state"
@@ -82,6 +84,7 @@ class SearchController:
         self._floor = Floor(
             task.columns, task.middles, np.array(spec.half_size), rules.sight_range,
             rules.goal_radius, rules.helpers, round(PATIENCE_TIME / dt), round(GIVEN_UP_TIME / dt),
+            remembers,
         )  # fmt: skip
         self._notes = self._blank(0)
 

@@ -14,6 +14,9 @@ message holds where its sender is, and which victim it knows, or that it knows n
    at what the senders have seen from where they said they were. When nothing is left, it begins
    anew.
 
+Robots without notes never give up, and search one of the squares that they observe: the nearest one
+of which no sender is nearer, or else the nearest.
+
 Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
@@ -21,7 +24,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.search.floor_memory import RESCUED, Columns, knows_victim, sees
+from swarmdata.envs.search.floor_memory import (
+    RESCUED,
+    Columns,
+    find_unsearched,
+    knows_victim,
+    sees,
+)
+from swarmdata.envs.search.search import NEAREST_SQUARES
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Double, Float, Int
@@ -53,6 +63,7 @@ class Floor(NamedTuple):
     helpers: int  # robots that a victim needs
     patience: int  # control steps
     given_up: int  # control steps
+    takes_notes: bool  # otherwise robots know only what they observe
 
 
 class Notes(NamedTuple):
@@ -186,25 +197,60 @@ def assigned_victim(i: int, victims: Double, heard: Double, helpers: int) -> int
 
 
 @kernel
+def square_distance(j: int, c: int, i: int, heard: Double, floor: Floor) -> float:
+    """Square of the distance from robot j, as robot i knows it, to the middle of square c, m^2."""
+    dx = floor.middles[c, 0] - heard[i, j, HEARD_X]
+    dy = floor.middles[c, 1] - heard[i, j, HEARD_Y]
+    return float(dx * dx + dy * dy)
+
+
+@kernel
+def is_mine(c: int, i: int, heard: Double, floor: Floor) -> bool:
+    """Whether no sender is nearer to square c than robot i."""
+    own = square_distance(i, c, i, heard, floor)
+    for j in range(heard.shape[1]):
+        if heard[i, j, MASK] > 0.0 and square_distance(j, c, i, heard, floor) < own:
+            return False
+    return True
+
+
+@kernel
 def next_square(i: int, heard: Double, floor: Floor, notes: Notes) -> int:
-    """The square that robot i looks at next."""
+    """The square that robot i looks at next, of those that it has not looked at."""
     best, least, near, nearest = NO_INDEX, np.inf, NO_INDEX, np.inf
     for c in range(floor.middles.shape[0]):
         if notes.looked_at[i, c] or notes.is_closed[c]:
             continue
-        dx = floor.middles[c, 0] - heard[i, i, HEARD_X]
-        dy = floor.middles[c, 1] - heard[i, i, HEARD_Y]
-        own, is_mine = dx * dx + dy * dy, True
-        for j in range(heard.shape[1]):
-            dx = floor.middles[c, 0] - heard[i, j, HEARD_X]
-            dy = floor.middles[c, 1] - heard[i, j, HEARD_Y]
-            if heard[i, j, MASK] > 0.0 and dx * dx + dy * dy < own:
-                is_mine = False
+        own = square_distance(i, c, i, heard, floor)
         if own < nearest:
             near, nearest = c, own
-        if is_mine and own < least:
+        if own < least and is_mine(c, i, heard, floor):
             best, least = c, own
     return best if best >= 0 else near
+
+
+@kernel
+def observed_square(i: int, state: Float, heard: Double, floor: Floor) -> int:
+    """The square that robot i looks at next, of those that it observes; `NO_INDEX` without any."""
+    x, y = heard[i, i, HEARD_X], heard[i, i, HEARD_Y]
+    squares = np.empty(NEAREST_SQUARES, np.int64)
+    count = find_unsearched(state, i, x, y, floor.middles, floor.columns, squares)
+    for c in squares[:count]:
+        if is_mine(c, i, heard, floor):
+            return int(c)
+    return int(squares[0]) if count > 0 else NO_INDEX
+
+
+@kernel
+def choose_square(i: int, state: Float, heard: Double, floor: Floor, notes: Notes) -> int:
+    """The square that robot i searches; `NO_INDEX` if nothing is left."""
+    if not floor.takes_notes:
+        return observed_square(i, state, heard, floor)
+    c = notes.goal_squares[i]
+    if c < 0 or notes.looked_at[i, c]:
+        c = next_square(i, heard, floor, notes)
+        notes.goal_squares[i] = c
+    return int(c)
 
 
 @kernel
@@ -250,19 +296,17 @@ def choose_goals(
     n = heard.shape[0]
     victims = np.empty((n, 2))
     for i in range(n):
-        look_around(i, heard, layout, floor, notes)
+        if floor.takes_notes:
+            look_around(i, heard, layout, floor, notes)
         own = nearest_known(i, state, time, floor, notes)
-        if own >= 0 and has_waited(i, own, state, time, floor, notes):
+        if floor.takes_notes and own >= 0 and has_waited(i, own, state, time, floor, notes):
             own = nearest_known(i, state, time, floor, notes)
         count = list_victims(i, own, state, heard, time, floor, notes, victims)
         v = assigned_victim(i, victims[:count], heard, floor.helpers)
         if v >= 0:
             goals[i, 0], goals[i, 1] = victims[v, 0], victims[v, 1]
             continue
-        c = notes.goal_squares[i]
-        if c < 0 or notes.looked_at[i, c]:
-            c = next_square(i, heard, floor, notes)
-            notes.goal_squares[i] = c
+        c = choose_square(i, state, heard, floor, notes)
         goals[i, 0], goals[i, 1] = heard[i, i, HEARD_X], heard[i, i, HEARD_Y]
         if c >= 0:
             goals[i, 0], goals[i, 1] = floor.middles[c, 0], floor.middles[c, 1]

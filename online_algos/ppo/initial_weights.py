@@ -1,5 +1,6 @@
 """The weights that MAPPO's actors start from: random ones, other policies, or a teacher's clone."""
 
+import inspect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +26,8 @@ from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clo
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.online_algos.runs.seed_files import last_policy
 from swarmdata.perception.frames import Frame
-from swarmdata.registry.components import make_policy
+from swarmdata.registry.components import make_policy, policy_class
+from swarmdata.specs.task_spec import TaskSpec
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class StartConfig:
     teacher: str = ""  # registered policy that the actors clone before training
     avoidance: bool = False  # keeps the teacher, or else the policies, from contacts, for clones
     surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
-    teacher_remembers: bool = True  # otherwise it is reset in each step: labels fit the step alone
+    teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
     clone_rounds: int = 10  # rounds of states that the teacher labels
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
 
@@ -101,17 +103,33 @@ def initial_weights(
         config = CloneConfig(
             n_rounds=start.clone_rounds,
             noise=start.clone_noise,
-            teacher_remembers=start.teacher_remembers,
         )
         teacher: Teacher
         if start.teacher:
-            teacher = make_policy(start.teacher, worlds.env.spec)
+            teacher = make_teacher(start, worlds.env.spec)
         else:
             teacher = ActorTeam(started.copy(), worlds)
         if start.avoidance:
             teacher = AvoidingTeam(teacher, worlds.env, start.surface_margin)
         clone_teacher(started, worlds, generators, teacher, config)
     return started.weights
+
+
+def make_teacher(start: StartConfig, spec: TaskSpec) -> Policy:
+    """Builds the registered policy that is cloned in the task that `spec` describes.
+
+    Raises:
+        SpecError: the policy has no memory that it can do without.
+        UnknownNameError: there is no such policy.
+    """
+    if start.teacher_remembers:
+        return make_policy(start.teacher, spec)
+    if "remembers" not in inspect.signature(policy_class(start.teacher, spec)).parameters:
+        raise SpecError(
+            f"start.teacher_remembers is false, but policy {start.teacher!r} of task {spec.task} "
+            "cannot decide without its memory, as 'scripted' of task search can. Leave it out."
+        )
+    return make_policy(start.teacher, spec, remembers=False)
 
 
 def find_policy(source: str, seed: int, n_agents: int) -> Policy:

@@ -50,7 +50,6 @@ class CloneConfig:
     minibatch: int = 2048  # robot samples
     learning_rate: float = 1e-3
     noise: float = 0.1  # standard deviation of the learner's actions
-    teacher_remembers: bool = True  # otherwise it is reset in each step
 
 
 def clone_teacher(
@@ -104,8 +103,6 @@ def _collect(
     all_inputs, labels = [], []
     for _ in range(config.rollout_steps):
         step = worlds.current_step
-        if not config.teacher_remembers:
-            teacher.reset(step, all_copies)
         inputs = actors.inputs(worlds.observations(step))
         label = worlds.to_local(step, teacher.act(step)).astype(np.float32)
         all_inputs.append(inputs.numpy())

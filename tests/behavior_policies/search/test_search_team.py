@@ -19,7 +19,7 @@ from swarmdata.types import Double, Float
 
 MIDDLES = np.array([[-2.0, 0.0], [0.0, 0.0], [2.0, 0.0], [0.0, 2.0]])
 COLUMNS = Columns.of(3, 2, 4)
-FLOOR = Floor(COLUMNS, MIDDLES, np.array([3.0, 3.0]), 0.5, 0.3, 2, 20, 30)
+FLOOR = Floor(COLUMNS, MIDDLES, np.array([3.0, 3.0]), 0.5, 0.3, 2, 20, 30, True)
 VICTIMS = np.array([[1.5, 1.5], [-1.5, -1.5]])
 NOTHING = np.zeros((0, 8), np.float32)
 PLACES = np.array([[1.0, 1.0], [-0.9, 0.0], [0.9, 0.0]])

@@ -16,9 +16,10 @@ from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
+from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights, make_teacher
 from swarmdata.online_algos.runs.seed_files import policy_path
-from swarmdata.registry.components import make_env
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 
@@ -119,6 +120,27 @@ def test_a_seed_that_the_other_run_lacks_is_an_error(tmp_path: Path) -> None:
     saved(made((0,)), (0,), tmp_path)
     with pytest.raises(BuildError, match="no policy of seed 1"):
         made((0, 1), replace(SMALL, start=StartConfig(policies=str(tmp_path)))).prepare()
+
+
+def test_a_teacher_that_needs_its_memory_is_refused() -> None:
+    start = StartConfig(teacher="straight", teacher_remembers=False)
+    with pytest.raises(SpecError, match="'straight' of task coop_nav cannot decide without"):
+        made((0,), replace(SMALL, start=start)).prepare()
+
+
+def test_a_teacher_can_do_without_its_memory() -> None:
+    search = preset("search")
+    start = StartConfig(teacher="scripted", teacher_remembers=False)
+    forgetful, other = make_teacher(start, search), make_policy("scripted", search)
+    env = make_env(search, 4)
+    step = env.reset(np.arange(4, dtype=np.uint64))
+    for policy in (forgetful, other):
+        policy.reset(step, np.arange(4))
+    for _ in range(30):
+        actions = other.act(step)
+        forgotten = forgetful.act(step)
+        step = env.step(actions)
+    assert not np.array_equal(actions, forgotten)
 
 
 def test_an_unknown_teacher_is_an_error() -> None:

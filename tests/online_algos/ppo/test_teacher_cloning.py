@@ -17,7 +17,6 @@ from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teache
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on
-from swarmdata.types import Int, Step
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_steps=1024, n_copies=4, rollout_steps=8, hidden=16, minibatch=64)
@@ -73,20 +72,3 @@ def test_more_rounds_than_samples_allow_take_a_part_of_the_data_each(
     each = SHORT.rollout_steps * SMALL.n_copies * SPEC.n_agents
     assert 3 * each < 2000 < 6 * each  # the second round's passes are cut short
     assert sum(taken) / 2 == 3 * each + 2000 + 2 * each  # inputs and labels of each
-
-
-@pytest.mark.parametrize(("remembers", "each_step"), [(True, False), (False, True)])
-def test_a_teacher_without_memory_is_reset_in_each_step(
-    monkeypatch: pytest.MonkeyPatch, remembers: bool, each_step: bool
-) -> None:
-    teacher = make_policy("straight", SPEC)
-    resets = []
-
-    def count(step: Step, copies: Int) -> None:
-        resets.append(len(copies))
-
-    monkeypatch.setattr(teacher, "reset", count)
-    # less than an episode of most copies
-    short = replace(SHORT, n_rounds=1, rollout_steps=8, teacher_remembers=remembers)
-    clone(made(), teacher, short)
-    assert (resets.count(SMALL.n_copies) >= 8) == each_step
