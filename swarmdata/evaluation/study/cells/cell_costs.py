@@ -81,7 +81,9 @@ def _processor() -> str:
 
 
 class CostMeter:
-    """Measures the cost of this process, which runs one cell.
+    """Measures the cost of one cell in this process, from now on.
+
+    Peak memory is that of the process, which may have run other cells before.
 
     Args:
         path: the cell's `cost.json`; earlier attempts in it are kept.
@@ -93,6 +95,7 @@ class CostMeter:
         self.machine = describe_machine()
         self.seconds = {"train_seconds": 0.0, "curve_seconds": 0.0, "evaluate_seconds": 0.0}
         self.updates, self.written = 0, time.perf_counter()
+        self.cpu_before = time.process_time()
         self.stages: list[str] = []
         self.since = time.perf_counter()
 
@@ -116,11 +119,11 @@ class CostMeter:
     def write(self) -> None:
         """Writes this attempt after the earlier ones."""
         self._count()
-        usage = resource.getrusage(resource.RUSAGE_SELF)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # kilobytes on Linux
         now = Attempt(
             updates=self.updates,
-            cpu_seconds=round(usage.ru_utime + usage.ru_stime, 2),
-            peak_mb=round(usage.ru_maxrss / 1024, 1),  # kilobytes on Linux
+            cpu_seconds=round(time.process_time() - self.cpu_before, 2),
+            peak_mb=round(peak / 1024, 1),
             **{name: round(value, 2) for name, value in self.seconds.items()},
         )
         cost = Cost(attempts=(*self.earlier, now), machine=self.machine)

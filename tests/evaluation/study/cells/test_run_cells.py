@@ -100,6 +100,17 @@ def test_cells_are_chosen_by_pattern(make_study: Make) -> None:
         select_cells(found, "bx/coop_nav-tiny-v0")
 
 
+def test_what_the_process_did_before_is_no_cost_of_the_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [1000.0]
+    monkeypatch.setattr("time.process_time", lambda: now[0])
+    meter = CostMeter(tmp_path / COST_FILE)
+    now[0] = 1012.5
+    meter.write()
+    assert Cost.from_file(tmp_path / COST_FILE).cpu_seconds == 12.5
+
+
 def test_stages_inside_others_count_only_as_their_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
