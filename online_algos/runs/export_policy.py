@@ -1,16 +1,18 @@
 """Conversion of policies between online runs and checkpoints for exact inference."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeGuard
 
 import numpy as np
 import torch
 
-from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Actor
+from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Actor, Layer
 from swarmdata.behavior_policies.learned import own_actor, save_actor
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.networks import perceptrons
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.numerics.random import validation_seeds
@@ -60,10 +62,11 @@ def export_actor(policy: TorchPolicy, target: Path, n_agents: int) -> None:
         n_agents: robots of the team that it will act in.
 
     Raises:
-        CheckpointError: its weights are too large, or a layer is too wide.
+        CheckpointError: its last weights are too large, or a layer is too wide.
     """
     layers = [
-        (layer.weight[0].numpy().copy(), layer.bias[0, 0].numpy().copy()) for layer in policy.layers
+        (layer.weight[0].numpy().astype(np.float64), layer.bias[0, 0].numpy().astype(np.float64))
+        for layer in policy.layers
     ]
     std = policy.observation_std
     mean, scale = policy.observation_mean.numpy(), 1 / torch.where(std < 1e-3, 1.0, std).numpy()
@@ -75,7 +78,27 @@ def export_actor(policy: TorchPolicy, target: Path, n_agents: int) -> None:
     fold = np.maximum(fold, 1.0)
     layers[0][0][: len(fold)] *= fold[:, None]
     layers[0] = (_for_team(layers[0][0], len(mean), n_agents), layers[0][1])
+    layers = scale_hidden_units(layers)
     save_actor(target, layers, mean, scale / fold, n_agents, policy.frame, squash=policy.squash)
+
+
+def scale_hidden_units(layers: Sequence[Layer]) -> list[Layer]:
+    """Returns the same function with smaller weights into hidden units whose weights are too large.
+
+    The weights and the bias of a hidden unit are divided by a power of two, and the weights of the
+    next layer that read the unit are multiplied by it: ReLU(c x) = c ReLU(x) for c > 0.
+
+    Args:
+        layers: weight [in, out] and bias [out] of each layer, in order; ReLU between them.
+    """
+    scaled = [(weight.copy(), bias.copy()) for weight, bias in layers]
+    for layer, following in pairwise(scaled):
+        largest = np.maximum(np.abs(layer[0]).max(axis=0), np.abs(layer[1]))
+        factors = np.exp2(np.ceil(np.log2(np.maximum(largest / MAX_WEIGHT, 1.0))))
+        np.divide(layer[0], factors, out=layer[0])
+        np.divide(layer[1], factors, out=layer[1])
+        np.multiply(following[0], factors[:, None], out=following[0])
+    return scaled
 
 
 def restored(actor: Actor, n_agents: int) -> TorchPolicy:
@@ -88,7 +111,10 @@ def restored(actor: Actor, n_agents: int) -> TorchPolicy:
     layers = [(weight, bias) for weight, bias in actor.layers]
     layers[0] = (_for_team(layers[0][0], len(actor.mean), n_agents), layers[0][1])
     return TorchPolicy(
-        [Layer(torch.from_numpy(w[None]), torch.from_numpy(b[None, None])) for w, b in layers],
+        [
+            perceptrons.Layer(torch.from_numpy(w[None]), torch.from_numpy(b[None, None]))
+            for w, b in layers
+        ],
         torch.from_numpy(actor.mean),
         torch.from_numpy(1 / actor.scale),
         squash=actor.squash,
