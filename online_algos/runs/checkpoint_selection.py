@@ -88,7 +88,7 @@ def read_curve(seed: Seed) -> list[dict[str, float]]:
 
 
 def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen | None:
-    """Returns the first checkpoint inside `MEDIUM_SUCCESS`, None if the seed has none.
+    """Returns the first checkpoint in `MEDIUM_SUCCESS` by the margin, None if the seed has none.
 
     Args:
         seed: of a run.

@@ -65,9 +65,8 @@ def test_seeds_are_found_in_a_run_and_in_a_folder_of_runs(run: Path) -> None:
 def test_the_medium_is_the_first_checkpoint_in_the_band(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    figures = iter(
-        [{"success": 0.41}, {"success": 0.44}]
-    )  # 0.41 is too near to the end of the band
+    too_near_the_end, inside = {"success": 0.41}, {"success": 0.44}
+    figures = iter([too_near_the_end, inside])
     monkeypatch.setattr(checkpoint_selection, "measure", lambda *_: next(figures))
     medium = find_medium(Seed(run, 1), SPEC, tmp_path)
     assert medium is not None
