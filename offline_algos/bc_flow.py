@@ -11,10 +11,11 @@ Li & Levine 2025, arXiv 2502.02538, without values):
 where z(i) is what robot i knows of the noise. A squared error to the data, as `bc` has, averages
 the modes of the data; this one averages only what neither o_i nor z(i) tells.
 
-`noise` "team" and `redraw` "step" were chosen on validation episodes. Where scripted teams take
-goals that belong to nobody by two conventions, which nothing observed tells at first, the teams
-covered all goals in this share of the episodes (400 episodes, 2,000 updates of 64 and 128 units,
-flow's rate 1e-3, batches of 128, 3 seeds, 128 validation episodes; `bc` 50 %):
+`noise` "team" and `redraw` "step" were chosen on validation episodes, with a flow that predicted
+velocities (`learn.flows.joint_flow` says what it does now). Where scripted teams take goals that
+belong to nobody by two conventions, which nothing observed tells at first, the teams covered all
+goals in this share of the episodes (400 episodes, 2,000 updates of 64 and 128 units, flow's rate
+1e-3, batches of 128, 3 seeds, 128 validation episodes; `bc` 50 %):
 
     noise, noise_scale    team, 1    team, 0.5    own, 1    own, 0.5
     redraw "step"          39 %        55 %        21 %       30 %

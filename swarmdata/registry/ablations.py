@@ -18,7 +18,7 @@ ABLATIONS: dict[str, Ablation | None] = {
     "filtered_bc": Ablation("the choice of the best episodes", algorithm="bc"),
     "bc_latent": Ablation("the latents of episodes", algorithm="bc"),
     "bc_flow": Ablation("the noise", {"noise_scale": 0.0}),
-    "mac_flow": Ablation("the critics", {"rl_weight": 0.0}),
+    "mac_flow": Ablation("the critics", {"inverse_temperature": 0.0}),
     "facmac_bc": Ablation("the mixing network", {"mixer": "mean"}),
     "iql": Ablation("weights of good actions", {"inverse_temperature": 0.0}),
     "omiga": Ablation("weights of good actions", {"temperature": 1e3}),

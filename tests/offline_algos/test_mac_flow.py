@@ -11,6 +11,8 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.flows.climb import N_DRAWS  # noqa: E402
+from swarmdata.learn.objectives.robot_rewards import Reward  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.mac_flow import MACFlow, MACFlowConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -89,32 +91,66 @@ def test_own_values_are_bounded_in_units_of_own_returns(
     torch.testing.assert_close(targets(algorithm, batch), expected.flatten(1))
 
 
-def test_actors_climb_the_mean_of_the_robots_values_and_critics_stay() -> None:
-    algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
+REWARDS: tuple[Reward, ...] = ("own", "team")
+
+
+def measured(reward: Reward) -> tuple[MACFlow, Batch]:
+    """Critics that differ visibly, and what was measured of them."""
+    algorithm, batch = made(MACFlow, reward=reward, slope_limit=1e6, **TINY), random_batch()
     with torch.no_grad():
         algorithm.critics.utilities.layers[-1].weight.mul_(200.0)
-    before = algorithm.critics.utilities.flat.clone()
-    actor = algorithm.copy.actor
+    algorithm.measure_climb(batch.states, batch.observations, batch.actions)
+    return algorithm, batch
+
+
+def worth(algorithm: MACFlow, batch: Batch, pi: Tensor) -> Tensor:
+    """The smaller twin's sum over robots, or the team's value, [K, B]; moments are 0 and 1."""
+    if algorithm.config.reward == "own":
+        return algorithm.critics.agent_values(batch.observations, pi).amin(1).sum(2)
+    return algorithm.critics.q(batch.states, batch.observations, pi).amin(1)
+
+
+@pytest.mark.parametrize("reward", REWARDS)
+def test_actors_climb_the_smaller_value_of_what_the_reward_is_of(reward: Reward) -> None:
+    algorithm, batch = measured(reward)
+    pi = torch.zeros(1, 32, 2, 2, requires_grad=True)
+    loss, reported = algorithm.climb_loss(batch.states, batch.observations, pi)
+    (found,) = torch.autograd.grad(loss.sum(), pi)
+    weight = algorithm.climb.weight / (32 * 2)  # a mean over rows and robots
+    (expected,) = torch.autograd.grad(-(weight * worth(algorithm, batch, pi)).sum(), pi)
+    torch.testing.assert_close(found, expected)
+    n_robots = 2 if reward == "own" else 1
+    value = worth(algorithm, batch, pi).mean(1) / n_robots
+    torch.testing.assert_close(reported, {"policy_q": value, "lambda": algorithm.climb.weight})
+
+
+def test_actors_leave_critics_as_they_are() -> None:
+    algorithm, batch = measured("own")
+    before, actor = algorithm.critics.utilities.flat.clone(), algorithm.copy.actor
     pi = actor(actor.see(batch).features, torch.randn(1, 32, 2, 2))
-    s, o = batch.states, batch.observations  # moments are 0 and 1
-    q = algorithm.critics.agent_values(o, pi)[:, 0]  # [K, B, N]
-    weight = 2.0 / max(q.mean(2).abs().mean().item(), 1.0)
-    loss, reported = algorithm.climb_loss(s, o, pi)
-    torch.testing.assert_close(loss, -weight * q.mean((1, 2)))
-    assert reported["lambda"].item() == pytest.approx(weight, rel=1e-5)
-    algorithm.copy.step(loss, 1.0)
+    algorithm.copy.step(algorithm.climb_loss(batch.states, batch.observations, pi).total, 1.0)
     assert torch.equal(algorithm.critics.utilities.flat, before)
 
 
-def test_a_robot_is_pulled_as_hard_in_a_team_of_any_size() -> None:
-    """N times the slope of the loss, a mean, in one robot's action is that of its own value."""
-    algorithm, batch = made(MACFlow, rl_weight=2.0, **TINY), random_batch()
-    pi = torch.zeros(1, 32, 2, 2, requires_grad=True)
-    loss, _ = algorithm.climb_loss(batch.states, batch.observations, pi)
-    (slope,) = torch.autograd.grad(loss.sum(), pi)
-    alone = algorithm.critics.agent_values(batch.observations, pi)[:, 0, :, 0].mean()
-    (expected,) = torch.autograd.grad(-2.0 * alone, pi)
-    torch.testing.assert_close(2 * slope[:, :, 0], expected[:, :, 0])
+@pytest.mark.parametrize("reward", REWARDS)
+def test_the_climb_is_measured_by_what_the_flow_draws(
+    reward: Reward, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    algorithm, batch = made(MACFlow, reward=reward, **TINY), random_batch()
+    draws = [torch.randn(1, 32, 2, 2) for _ in range(N_DRAWS)]
+    waiting, seen = iter(draws), []
+    monkeypatch.setattr(algorithm.copy.flow, "sample", lambda *_: next(waiting))
+    monkeypatch.setattr(algorithm.climb, "measure", lambda *found: seen.append(found))
+    algorithm.measure_climb(batch.states, batch.observations, batch.actions)
+    ((candidates, values),) = seen
+    torch.testing.assert_close(candidates, torch.stack(draws, 3))
+    joint = batch.actions.clone()
+    joint[:, :, 1] = draws[2][:, :, 1]  # robot 1 alone leaves the data
+    if reward == "own":
+        one = algorithm.critics.agent_values(batch.observations, joint).amin(1)[..., 1]
+    else:
+        one = algorithm.critics.q(batch.states, batch.observations, joint).amin(1)
+    torch.testing.assert_close(values[:, :, 1, 2], one.detach())
 
 
 def parts_that_move(algorithm: MACFlow) -> tuple[set[str], set[str]]:
@@ -163,10 +199,10 @@ def test_own_rewards_are_not_mixed() -> None:
 @pytest.mark.parametrize(
     ("settings", "least"),
     [
-        ({"reward": "own", "rl_weight": 6.0}, 0.08),
-        ({"reward": "team", "rl_weight": 6.0}, 0.08),
-        ({"reward": "team", "mixer": "monotonic", "rl_weight": 6.0}, 0.08),
-        ({"rl_weight": 0.0}, None),
+        ({"reward": "own", "inverse_temperature": 6.0}, 0.08),
+        ({"reward": "team", "inverse_temperature": 6.0}, 0.08),
+        ({"reward": "team", "mixer": "monotonic", "inverse_temperature": 6.0}, 0.08),
+        ({"inverse_temperature": 0.0}, None),
     ],
 )
 def test_it_improves_on_a_mixture(

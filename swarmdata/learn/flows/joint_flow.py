@@ -6,10 +6,20 @@ action a, standard normal noise z of the same shape, a time t uniform in [0, 1],
 c = (state, all observations):
 
     x_t  = (1 - t) z + t a
-    L(v) = 1/(N A) |v(c, x_t, t) - (a - z)|^2
+    L(e) = 1/(N A) |e(c, x_t, t) - a|^2
+    v(c, x, t) = (e(c, x, t) - x) / (1 - t)
 
 A sample is the end at t = 1 of the path dx/dt = v(c, x, t) that begins at z, by Euler's method. So
 the whole team's action is one function of z, and robots that must agree do.
+
+The network e predicts where a path ends, not its velocity a - z. The best field is the same; the
+squared error of v at t counts (1 - t)^2 times as much (Salimans & Ho 2022, "Progressive
+Distillation for Fast Sampling of Diffusion Models", section 4, compare such outputs for diffusion,
+and arXiv 2603.06454 for flows). Where c tells nearly all of the action, as it does in the data of
+experts, e hardly depends on x, and the last step ends at e itself, where a velocity must cancel the
+noise in its input ever more exactly. On `coop_nav-expert`, `bc_flow` solved 75.5 % of the episodes
+with velocities, 52.2 % without a collision, and 85.5 and 78.5 % like this (4,500 updates of 256
+rows, students of 64 units, 2 seeds, 200 validation episodes).
 """
 
 from collections.abc import Sequence
@@ -33,7 +43,7 @@ FLOW_STREAM = 4
 
 
 class JointFlow:
-    """Velocity fields of K seeds.
+    """Velocity fields of K seeds, by networks that predict where paths end.
 
     Args:
         sizes: numbers of agents and features.
@@ -65,7 +75,7 @@ class JointFlow:
         initialize(self.network, seeds, FLOW_STREAM)
 
     def loss(self, x: Tensor, actions: Tensor, noise: Tensor, times: Tensor) -> Tensor:
-        """Returns L(v), the mean over rows, [K].
+        """Returns L(e), the mean over rows, [K].
 
         Args:
             x: c, normalized states and observations, [K, B, S + N O].
@@ -75,8 +85,8 @@ class JointFlow:
         """
         z, a = noise.flatten(2), actions.flatten(2)  # [K, B, N A]
         on_path = z + times * (a - z)
-        velocities = self.network(torch.cat([x, on_path, times], 2))
-        return (velocities - (a - z)).square().mean((1, 2))
+        ends = self.network(torch.cat([x, on_path, times], 2))
+        return (ends - a).square().mean((1, 2))
 
     @torch.no_grad()
     def sample(self, x: Tensor, noise: Tensor) -> Tensor:
@@ -96,5 +106,5 @@ class JointFlow:
         for step in range(self.n_steps):
             now = weight[:, -1:] * (step / self.n_steps)
             products = product(path, moving).add_(known).add_(now)
-            path = path + mlp_of_products(layers, products) / self.n_steps
+            path = path + (mlp_of_products(layers, products) - path) / (self.n_steps - step)
         return path.clamp(-1, 1).view_as(noise)

@@ -125,6 +125,15 @@ class FactoredCritics:
         values = self._frozen_values(observations, pi).flatten(0, 1)  # [K J, B, N]
         return self._frozen_mix(values, x).view(-1, self.n_critics, x.shape[1]).amin(1)
 
+    def own_values(self, observations: Tensor, pi: Tensor) -> Tensor:
+        """Returns the smallest of the J values of each agent, [K, B, N]; constants as above.
+
+        Args:
+            observations: normalized, [K, B, N, O].
+            pi: actions of the policies, [K, B, N, A].
+        """
+        return self._frozen_values(observations, pi).amin(1)
+
     @torch.no_grad()
     def candidate_q(
         self, states: Tensor, observations: Tensor, candidates: Tensor, actions: Tensor

@@ -24,12 +24,12 @@ def drawn(*shape: int, seed: int = 0) -> Tensor:
     return torch.randn(shape, generator=torch.Generator().manual_seed(seed))
 
 
-def test_the_loss_is_that_of_straight_paths() -> None:
+def test_the_loss_is_of_the_ends_of_straight_paths() -> None:
     flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
     a, t = drawn(K, B, 2, 2, seed=2), torch.rand(K, B, 1)
     flat_a, flat_z = a.reshape(K, B, 4), z.reshape(K, B, 4)
     inputs = torch.cat([x, (1 - t) * flat_z + t * flat_a, t], 2)
-    expected = (flow.network(inputs) - (flat_a - flat_z)).square().mean((1, 2))
+    expected = (flow.network(inputs) - flat_a).square().mean((1, 2))
     torch.testing.assert_close(flow.loss(x, a, z, t), expected)
 
 
@@ -37,8 +37,9 @@ def test_a_sample_is_what_eulers_method_reaches() -> None:
     flow, x, z = made(n_steps=4), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
     path = z.reshape(K, B, 4)
     for step in range(4):
-        times = torch.full((K, B, 1), step / 4)
-        path = path + flow.network(torch.cat([x, path, times], 2)).detach() / 4
+        time = step / 4
+        end = flow.network(torch.cat([x, path, torch.full((K, B, 1), time)], 2)).detach()
+        path = path + (end - path) / (1 - time) / 4
     sample = flow.sample(x, z)
     torch.testing.assert_close(sample, path.clamp(-1, 1).view(K, B, 2, 2))
     assert not sample.requires_grad
@@ -46,7 +47,16 @@ def test_a_sample_is_what_eulers_method_reaches() -> None:
 
 
 def test_samples_stay_in_range() -> None:
-    assert made().sample(drawn(K, 50, SIZES.information), 5 * drawn(K, 50, 2, 2)).abs().max() == 1
+    flow = made()
+    with torch.no_grad():
+        flow.network.layers[-1].weight.mul_(20.0)
+    assert flow.sample(drawn(K, 50, SIZES.information), drawn(K, 50, 2, 2)).abs().max() == 1
+
+
+def test_the_last_step_ends_where_the_network_says() -> None:
+    flow, x, z = made(n_steps=1), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
+    end = flow.network(torch.cat([x, z.flatten(2), torch.zeros(K, B, 1)], 2)).detach()
+    torch.testing.assert_close(flow.sample(x, z), end.clamp(-1, 1).view(K, B, 2, 2))
 
 
 @pytest.mark.parametrize(("hidden", "n_steps"), [((), 3), ((8,), 0)])

@@ -1,0 +1,102 @@
+"""How far students climb: measured scales, the bounded pull, and what a copy survives."""
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from torch import Tensor  # noqa: E402
+
+from swarmdata.learn.extraction.objectives import anchored_loss  # noqa: E402
+from swarmdata.learn.flows.climb import Climb  # noqa: E402
+
+K, B, N, M, A = 2, 200, 3, 4, 2
+SLOPES = torch.tensor([0.5, 20.0])  # of the values of each seed
+SPREADS = torch.tensor([0.3, 0.05])  # deviations of the actions of each seed
+
+
+def climb_of(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Climb:
+    return Climb(
+        K, inverse_temperature=inverse_temperature, slope_limit=slope_limit, device="cpu"
+    )
+
+
+def measured(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Climb:
+    """Of values that rise by SLOPES along the first action."""
+    climb, generator = climb_of(inverse_temperature, slope_limit), torch.Generator().manual_seed(0)
+    candidates = torch.randn((K, B, N, M, A), generator=generator) * SPREADS.view(K, 1, 1, 1, 1)
+    climb.measure(candidates, SLOPES.view(K, 1, 1, 1) * candidates[..., 0])
+    return climb
+
+
+def pull(climb: Climb, slopes: Tensor) -> Tensor:
+    """What the loss adds to one robot's action against its gradient, times B N, [K, A]."""
+    pi = torch.zeros(K, B, N, A, requires_grad=True)
+    loss = climb.loss(pi, slopes.view(K, 1, 1) * pi[..., 0])
+    (gradient,) = torch.autograd.grad(loss.sum(), pi)
+    assert torch.allclose(gradient, gradient[:, :1, :1].expand_as(gradient))
+    return -gradient[:, 0, 0] * B * N
+
+
+def test_scales_are_those_of_the_draws() -> None:
+    climb = measured()
+    torch.testing.assert_close(climb.slope, SLOPES, rtol=0.1, atol=0)
+    torch.testing.assert_close(climb.weight, 2 * 2.0 * SPREADS**2 / (A * SLOPES), rtol=0.1, atol=0)
+
+
+def test_it_is_unmeasured_until_it_is_measured() -> None:
+    assert not climb_of().is_measured
+    assert measured().is_measured
+
+
+@pytest.mark.parametrize("steeper", [1.0, 100.0])
+def test_a_pull_is_bounded(steeper: float) -> None:
+    climb = measured(slope_limit=1.5)
+    length = (steeper * SLOPES).clamp(max=1.5 * climb.slope)
+    expected = torch.stack([climb.weight * length, torch.zeros(K)], 1)
+    torch.testing.assert_close(pull(climb, steeper * SLOPES), expected)
+
+
+def test_the_unit_of_values_does_not_matter() -> None:
+    plain, scaled, draws = climb_of(), climb_of(), torch.randn(K, B, N, M, A)
+    values = draws.sum(4).sin()
+    plain.measure(draws, values)
+    scaled.measure(draws, 7 * values)
+    ones = torch.ones(K)
+    torch.testing.assert_close(pull(plain, ones), pull(scaled, 7 * ones))
+
+
+def test_without_a_temperature_nothing_climbs() -> None:
+    assert pull(measured(inverse_temperature=0.0), SLOPES).abs().max() == 0
+
+
+def test_beside_the_copy_it_is_the_anchored_loss() -> None:
+    """Both gradients are the same, up to the factor that the docstring tells."""
+    climb = measured(slope_limit=1.5)
+    variance = climb.weight * A * climb.slope / (2 * 2.0)
+    copied, pi = 0.3 * torch.randn(K, B, N, A), torch.zeros(K, B, N, A, requires_grad=True)
+
+    def values() -> Tensor:  # each loss takes their graph down
+        return (3 * pi).sin().sum(3) * SLOPES.view(K, 1, 1)
+
+    total = (pi - copied).square().mean((1, 2, 3)) + climb.loss(pi, values())
+    (found,) = torch.autograd.grad(total.sum(), pi)
+    deviation = variance.sqrt().view(K, 1, 1, 1).expand_as(pi)
+    eta, steepest = 2.0 / climb.slope, 1.5 * climb.slope
+    loss = anchored_loss(pi, values(), copied, deviation, eta, steepest)
+    (expected,) = torch.autograd.grad((loss * eta * 2 * variance / A).sum(), pi)
+    torch.testing.assert_close(found, expected)
+
+
+def test_draws_that_are_all_alike_hold_still() -> None:
+    climb = climb_of()
+    climb.measure(torch.zeros(K, B, N, M, A), torch.zeros(K, B, N, M))
+    assert climb.is_measured
+    assert pull(climb, torch.full((K,), 1e3)).abs().max() < 1e-5
+
+
+def test_its_state_can_be_restored() -> None:
+    climb, other = measured(), climb_of()
+    other.load_state_dict(climb.state_dict() | {"else": torch.zeros(1)})
+    torch.testing.assert_close(other.state_dict(), climb.state_dict())
+    climb.slope.mul_(2)  # what was taken is a copy
+    assert not torch.equal(other.slope, climb.slope)
