@@ -15,9 +15,7 @@ SPREADS = torch.tensor([0.3, 0.05])  # deviations of the actions of each seed
 
 
 def climb_of(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Climb:
-    return Climb(
-        K, inverse_temperature=inverse_temperature, slope_limit=slope_limit, device="cpu"
-    )
+    return Climb(K, inverse_temperature=inverse_temperature, slope_limit=slope_limit, device="cpu")
 
 
 def measured(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Climb:
