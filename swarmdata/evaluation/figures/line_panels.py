@@ -12,6 +12,7 @@ from swarmdata.rollouts.score_statistics import Estimate
 
 N_COLUMNS = 3
 PANEL_HEIGHT = 1.9  # inches
+MOST_TICKS = 6  # at the numbers themselves; of more numbers, ticks are at round ones
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,9 @@ def _draw(axes: Any, panel: LinePanel, looks: Looks) -> None:
         axes.plot(x, [each.value for each in found], ms=4, lw=1.4, label=label, **look)
         low, high = [each.low for each in found], [each.high for each in found]
         axes.fill_between(x, low, high, color=look["color"], alpha=0.13, lw=0)
+    numbers = sorted({value for points in panel.lines.values() for value in points})
+    if len(numbers) <= MOST_TICKS:
+        axes.set_xticks(numbers, [f"{value:g}" for value in numbers])
     if panel.falls:
         axes.invert_xaxis()
     axes.set_title(panel.title, loc="left", fontsize=7.5, fontweight="bold")
