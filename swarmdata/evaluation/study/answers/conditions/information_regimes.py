@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swarmdata.drawing import markdown
+from swarmdata.evaluation.figures.dot_plot import Panel, PanelLine, plot_dots
 from swarmdata.evaluation.figures.score_matrix import plot_score_matrix
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
 from swarmdata.evaluation.study.answers.answer import Answer
@@ -21,6 +22,9 @@ MEMORY = "memory"
 """What studies call pairs of a row that remembers and the same row without a memory."""
 
 
+BOLD = "; bold are the best of a view and those that are not clearly worse, paired by episode"
+
+
 class Views(NamedTuple):
     """What was measured on one dataset of a study."""
 
@@ -28,6 +32,12 @@ class Views(NamedTuple):
     board: Scoreboard  # of the score
     cases: Mapping[str, str]  # label of a view, in the plan's order -> its case on the board
     against: Mapping[str, str]  # label of a view -> the measured view that it is compared with
+
+    @property
+    def measured(self) -> list[str]:
+        """Algorithms that were measured in a view."""
+        measured = {label for case in self.cases.values() for label in self.board.estimates[case]}
+        return [label for label in self.board.families if label in measured]
 
     def changes(self, view: str) -> dict[str, Estimate]:
         """View minus the one that it is compared with, by algorithm, paired by episode."""
@@ -52,14 +62,11 @@ def answer_information_regimes(evidence: Sequence[Evidence], out: Path) -> Answe
         sentences += [view_sentence(views, view) for view in views.against if views.changes(view)]
         sentences += [memory_sentence(views, *pair) for pair in (pairs.pairs if pairs else ())]
         figures.append(f"information-{each.name}-{views.dataset}.png")
-        column = views.board.column
-        plot_score_matrix(
-            _in_shown_units(views), out / figures[-1], label=column.label, decimals=column.decimals
-        )
+        draw_views(views, out / figures[-1])
+        bold = "" if len(views.measured) == 1 else BOLD
         details += (
             f"Study {each.name} on {views.dataset}: {views.board.column.label} of policies that "
-            f"learned in a view and are used in it; bold are the best of a view and those that are "
-            f"not clearly worse, paired by episode.\n\n{_table(views)}\n"
+            f"learned in a view and are used in it{bold}.\n\n{table_of(views)}\n"
             f"![{views.board.column.label} by view]({figures[-1]})\n\n"
         )
         moved = describe_transfers(each, views.dataset, out)
@@ -141,19 +148,28 @@ def memory_sentence(views: Views, one: str, other: str) -> str:
     return f"On {views.dataset}, `{one}` against `{other}`: {'; '.join(parts)}."
 
 
-def _in_shown_units(views: Views) -> dict[str, dict[str, float]]:
-    return {
-        view: {label: found.value for label, found in views.board.in_shown_units(case).items()}
-        for view, case in views.cases.items()
-    }
+def draw_views(views: Views, path: Path) -> None:
+    """Draws a matrix of views and algorithms, or one algorithm's estimates by view."""
+    column = views.board.column
+    shown = {view: views.board.in_shown_units(case) for view, case in views.cases.items()}
+    if len(views.measured) > 1:
+        values = {
+            view: {label: each.value for label, each in found.items()}
+            for view, found in shown.items()
+        }
+        plot_score_matrix(values, path, label=column.label, decimals=column.decimals)
+        return
+    (label,) = views.measured
+    estimates = {view: found[label] for view, found in shown.items() if label in found}
+    panel = Panel(estimates, f"{column.label} of {label}")
+    plot_dots([PanelLine(list(estimates), [panel])], {}, path, legend={})
 
 
-def _table(views: Views) -> str:
+def table_of(views: Views) -> str:
     """A row for each view, a column for each algorithm."""
-    labels = list(views.board.families)
-    rows = []
+    labels, rows = list(views.board.families), []
     for view, case in views.cases.items():
-        leaders = views.board.leaders(case)
+        leaders = views.board.leaders(case) if len(views.measured) > 1 else ()
         cells = (_text(views, case, label, label in leaders) for label in labels)
         rows.append((f"`{view}`", *cells))
     return markdown.table(("view", *(f"`{label}`" for label in labels)), rows)

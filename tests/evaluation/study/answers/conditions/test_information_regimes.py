@@ -1,16 +1,24 @@
-"""What views cost, and where a memory helps, in words."""
+"""What views cost, and where a memory helps, in words, tables and figures."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from swarmdata.evaluation.figures import dot_plot
 from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.study.answers.conditions import information_regimes
 from swarmdata.evaluation.study.answers.conditions.information_regimes import (
     Views,
+    draw_views,
     memory_sentence,
+    table_of,
     view_sentence,
 )
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.types import Double
+from tests.support.drawn import shown_figure
 
 
 def scores(mean: float) -> Double:
@@ -50,3 +58,37 @@ def test_a_memory_is_compared_in_each_view(views: Views) -> None:
         "`recorded` (−10.0 [−10.0, −10.0]), `heard` (−5.0 [−5.0, −5.0])."
     )
     assert memory_sentence(views, "bc-gru", "vdn") == ""
+
+
+def only(label: str, views: Views) -> Views:
+    """The same views, measured for one algorithm."""
+    values = {case: {label: found[label]} for case, found in views.board.values.items()}
+    return views._replace(board=replace(views.board, values=values))
+
+
+def test_several_algorithms_are_a_matrix_of_views(
+    views: Views, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+    monkeypatch.setattr(
+        information_regimes, "plot_score_matrix", lambda values, *_, **__: drawn.append(values)
+    )
+    draw_views(views, tmp_path / "a.png")
+    assert drawn[0]["lost"] == {"bc": 10.0, "bc-gru": 45.0}
+
+
+def test_one_algorithm_has_a_row_with_an_interval_for_each_view(
+    views: Views, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    one = only("bc", views)
+    assert (views.measured, one.measured) == (["bc", "bc-gru", "iql"], ["bc"])
+    drawing = shown_figure(monkeypatch, dot_plot, lambda: draw_views(one, tmp_path / "a.png"))
+    (axes,) = drawing.axes
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["recorded", "heard", "lost"]
+    assert axes.get_xlabel() == "score of bc"
+
+
+def test_the_best_are_bold_where_several_are_compared(views: Views) -> None:
+    assert "**90.0" in table_of(views)
+    assert "**" not in table_of(only("bc", views))
