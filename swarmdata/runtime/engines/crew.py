@@ -3,8 +3,8 @@
 `concurrent.futures.ProcessPoolExecutor` fails as a whole when one worker is killed, and
 `multiprocessing` runs the caller's script again in every worker unless it is guarded. Here a worker
 is a plain new interpreter, which reads jobs from its standard input and reports on its standard
-output, one JSON object per line. It ends when its standard input ends, so it never outlives the
-supervisor for long, however that one died.
+output, one JSON object per line. It ends when its standard input ends, in the middle of a job too,
+so it does not outlive the supervisor, however that one died.
 """
 
 import json
@@ -16,6 +16,8 @@ import sys
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from queue import SimpleQueue
+from threading import Thread
 from types import TracebackType
 from typing import Any, Self
 
@@ -232,13 +234,29 @@ def serve(entry: str) -> None:
         lines.write(json.dumps(message) + "\n")
 
     PROGRESS.tell = lambda text: send(kernels=text)
-    handle = load_handler(entry)
-    for line in sys.stdin:
+    handle, jobs = load_handler(entry), SimpleQueue[bytes]()
+    Thread(target=_receive, args=(jobs,), daemon=True).start()
+    while True:
+        payload = json.loads(jobs.get())
         try:
-            handle(json.loads(line), lambda amount: send(progress=amount))
+            handle(payload, lambda amount: send(progress=amount))
         except (SwarmdataError, OSError) as error:
             if isinstance(error, BrokenPipeError):
                 os._exit(0)  # the supervisor is gone
             send(error=f"{type(error).__name__}: {error}")
         else:
             send(done=True)
+
+
+def _receive(jobs: SimpleQueue[bytes]) -> None:
+    """Takes jobs from standard input; ends the process where it ends, since nobody waits then.
+
+    What the process was doing is lost as if it had been killed. It reads by descriptor: a thread
+    that waits in a buffered reader keeps the interpreter from shutting down.
+    """
+    buffer = b""
+    while data := os.read(0, 1 << 16):
+        *lines, buffer = (buffer + data).split(b"\n")
+        for line in lines:
+            jobs.put(line)
+    os._exit(0)

@@ -37,8 +37,9 @@ def handle(payload, report):
     if action == "compile":
         from swarmdata.runtime.kernel_progress import PROGRESS
         PROGRESS.say("compiling kernels")
-    while action == "forever":
-        report(1)
+    while action in ("forever", "silently forever"):
+        if action == "forever":
+            report(1)
         time.sleep(0.02)
     report(4)
 
@@ -128,18 +129,22 @@ def test_crew_needs_a_worker() -> None:
         pass
 
 
-def test_workers_end_when_the_supervisor_is_killed(tmp_path: Path, entry: str) -> None:
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("action", ["forever", "silently forever"])
+def test_workers_end_when_the_supervisor_is_killed(
+    tmp_path: Path, entry: str, action: str, number: signal.Signals
+) -> None:
     script = textwrap.dedent(f"""
         import sys; sys.path[:] = {sys.path!r}
         from swarmdata.runtime.engines.crew import Crew
         from swarmdata.runtime.engines.jobs import Job
         with Crew({entry!r}, 1) as crew:
-            crew.run([Job("long", {{"action": "forever", "note": {str(tmp_path / "long")!r}}})])
+            crew.run([Job("long", {{"action": {action!r}, "note": {str(tmp_path / "long")!r}}})])
     """)
     supervisor = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
     wait_for(lambda: (tmp_path / "long").exists() and bool(starts(tmp_path, "long")))
     worker = int(starts(tmp_path, "long")[0].split()[0])
-    supervisor.send_signal(signal.SIGKILL)
+    supervisor.send_signal(number)
     supervisor.wait()
 
     wait_for(lambda: not is_running(worker))
