@@ -74,6 +74,9 @@ def _most_and_cleanest(evidence: Evidence) -> Iterator[str]:
     for dataset, estimates in success.estimates.items():
         best, cleanest = success.ranking(dataset)[0], clean.ranking(dataset)[0]
         where = f"On {without_version(dataset)} (study {evidence.name})"
+        if estimates[best].value == 0.0:
+            yield f"{where}, no algorithm solves an episode."
+            continue
         solved = format_estimate(estimates[best], success.column)
         tidy = format_estimate(clean.estimates[dataset][best], clean.column)
         text = (

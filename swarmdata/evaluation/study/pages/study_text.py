@@ -41,6 +41,8 @@ def _winner(board: Scoreboard, dataset: str) -> str:
             f"{format_with_unit(found[second], board)}, which is {format_with_unit(lead, board)} "
             f"less, paired by episode{'' if lead.low > 0.0 else '; this may be chance'}."
         )
+    elif len(_measured_families(board)) > 1:
+        sentences.append("No other family was measured there.")
     return " ".join([*sentences, _compare_with_data(board, dataset, best)])
 
 
@@ -68,15 +70,23 @@ def _number(value: float, board: Scoreboard) -> str:
     return format_number(value, board.column) + unit
 
 
+def _measured_families(board: Scoreboard) -> list[str]:
+    """Families with a result on any dataset."""
+    measured = {name for dataset in board.estimates for name in board.best_by_family(dataset)}
+    return [name for name in dict.fromkeys(board.families.values()) if name in measured]
+
+
 def families(board: Scoreboard) -> list[str]:
     """How often each family has the best algorithm, and how far behind its best algorithm is.
 
-    Empty for a single dataset, where `winners` says the same.
+    Datasets on which half of the families or fewer were measured do not count: there a family would
+    win for want of others. Empty for a single dataset, where `winners` says the same.
     """
-    if len(board.estimates) < 2:
+    names = _measured_families(board)
+    every = {dataset: board.best_by_family(dataset) for dataset in board.estimates}
+    firsts = {dataset: best for dataset, best in every.items() if 2 * len(best) > len(names)}
+    if len(firsts) < 2:
         return []
-    firsts = {dataset: board.best_by_family(dataset) for dataset in board.estimates}
-    names = list(dict.fromkeys(board.families.values()))
     sentences = []
     for name in names:
         tried = [dataset for dataset, best in firsts.items() if name in best]
@@ -93,6 +103,10 @@ def families(board: Scoreboard) -> list[str]:
             f"{name[:1].upper()}{name[1:]} has the best algorithm on {len(won)} of {len(tried)} "
             f"datasets{where}. Its best algorithm is {_number(float(np.mean(behind)), board)} "
             f"behind the overall best on average, and at most {_number(max(behind), board)}."
+        )
+    if left_out := [without_version(dataset) for dataset in every if dataset not in firsts]:
+        sentences.append(
+            f"Not counted: {', '.join(left_out)}, where at most half of the families were measured."
         )
     return sentences
 

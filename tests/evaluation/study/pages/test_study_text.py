@@ -77,6 +77,18 @@ def test_families_win_and_lag() -> None:
     assert study_text.families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == []  # winners says it
 
 
+def test_a_family_does_not_win_for_want_of_others() -> None:
+    board = make_board(
+        {"x": {"bc": 1, "vdn": 2, "omar": 3}, "y": {"bc": 3, "omar": 2}, "z-v0": {"bc": 1}}, {}
+    )
+    sentences = study_text.families(board)
+    assert sentences[0].startswith("Cloning has the best algorithm on 1 of 2 datasets (y)")
+    assert sentences[-1] == ("Not counted: z, where at most half of the families were measured.")
+    assert study_text.winners(board)[2].startswith(
+        "On z, `bc` (cloning) is best with 1.0 [0.0, 2.0]. No other family was measured there."
+    )
+
+
 def test_every_algorithm_stands_on_one_side_of_the_data() -> None:
     first, second = study_text.against_data(BOARD)
     assert first == (
