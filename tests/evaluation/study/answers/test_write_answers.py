@@ -110,7 +110,7 @@ def test_a_study_answers_what_it_measured(
     assert (
         "with `near` instead of `recorded`, the return of `bc` changes by" in texts["information"]
     )
-    assert "\n| `near` | **" in texts["information"]
+    assert "\n| `near` | " in texts["information"]
     assert (
         "On coop_nav-tiny-v0, in 2 pairs of views `bc` solves 0 percentage" in texts["information"]
     )
