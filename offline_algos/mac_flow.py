@@ -218,21 +218,22 @@ class MACFlow:
         return td_target(r[..., 0], ends, q_next, discount)
 
     def measure_climb(self, s: Tensor, o: Tensor, actions: Tensor) -> None:
-        """Measures how far actors may climb, by actions that the flow draws.
+        """Measures how far actors may climb; draws noise.
 
         Args:
             s: normalized states, [K, B, S].
             o: normalized observations, [K, B, N, O].
             actions: of the data, [K, B, N, A].
         """
-        x, draws = information(s, o), range(N_DRAWS)
-        noises = (normal_like(self.generators, actions) for _ in draws)
-        drawn = torch.stack([self.copy.flow.sample(x, z) for z in noises], 3)  # [K, B, N, M, A]
-        if self.config.reward == "own":
-            values = torch.stack([self.critics.own_values(o, a) for a in drawn.unbind(3)], 3)
-        else:
-            values = self.critics.candidate_q(s, o, drawn, actions)
-        self.climb.measure(drawn, values)
+
+        def value_of(drawn: Tensor) -> Tensor:  # [K, B, N, M, A] -> [K, B, N, M]
+            if self.config.reward == "own":
+                return torch.stack([self.critics.own_values(o, a) for a in drawn.unbind(3)], 3)
+            return self.critics.candidate_q(s, o, drawn, actions)
+
+        mean = self.copy.flow.mean(information(s, o), normal_like(self.generators, actions))
+        noises = [normal_like(self.generators, actions) for _ in range(N_DRAWS)]
+        self.climb.measure(actions, mean, torch.stack(noises, 3), value_of)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
         """Returns the loss of `learn.flows.climb`.

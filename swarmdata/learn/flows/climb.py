@@ -1,11 +1,12 @@
 """Climb: how one-step actors climb critics without leaving the data that a joint flow models.
 
 The copy's squared error is the same everywhere, and the slope of a critic is not: where a team's
-actions are all alike, critics were never told what others are worth. So both scales are measured,
-with M actions of each robot that the flow draws in the same place and their values Q_i:
+actions are all alike, critics were never told what others are worth. So both scales are measured
+on a batch, by the data's actions a and their mean m given c, which the flow knows:
 
-    s      = mean deviation of the M values / deviation of the M actions, the slope of Q
-    lambda = 2 eta v / (A s), v the mean variance of the M actions
+    v      = mean over robots and components of (a - m)^2
+    s      = mean deviation of Q_i over M draws from N(m_i, v), divided by sqrt(v): the slope of Q
+    lambda = 2 eta v / (A s)
     loss   = - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i
 
 Beside the copy's error |mu_i - F_i|^2 / A this is the loss `anchored` of `extraction.objectives`,
@@ -13,7 +14,7 @@ times 2 v / A: actions leave the flow's by at most eta v times `slope_limit`, wh
 the data are all alike, whatever the unit of rewards.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
@@ -22,7 +23,7 @@ from torch import Tensor
 from swarmdata.learn.extraction.objectives import bounded_gradient
 
 N_DRAWS = 4
-"""M; the scales are means over all robots of a batch, so that few are enough."""
+"""M; the slope is a mean over all robots of a batch, so that few are enough."""
 
 
 class Climb:
@@ -53,16 +54,27 @@ class Climb:
         return bool(self.slope.all())
 
     @torch.no_grad()
-    def measure(self, candidates: Tensor, values: Tensor) -> None:
-        """Takes the scales of actions that the flow has drawn.
+    def measure(
+        self,
+        actions: Tensor,
+        mean: Tensor,
+        noise: Tensor,
+        value_of: Callable[[Tensor], Tensor],
+    ) -> None:
+        """Takes the scales of a batch.
 
         Args:
-            candidates: M actions of each robot, [K, B, N, M, A].
-            values: of them, [K, B, N, M].
+            actions: of the data, [K, B, N, A].
+            mean: of the data's actions, given what the flow knows, [K, B, N, A].
+            noise: standard normal, of the draws, [K, B, N, M, A].
+            value_of: gives the values [K, B, N, M] of each robot's M actions.
         """
-        variance = candidates.var(3).mean((1, 2, 3)).clamp(min=1e-6)  # [K]
-        self.slope = (values.std(3).mean((1, 2)) / variance.sqrt()).clamp(min=1e-6)
-        self.weight = 2 * self._eta * variance / (candidates.shape[4] * self.slope)
+        variance = (actions - mean).square().mean((1, 2, 3)).clamp(min=1e-6)  # [K]
+        spread = variance.sqrt()
+        drawn = mean[..., None, :] + spread[:, None, None, None, None] * noise
+        values = value_of(drawn.clamp(-1, 1))
+        self.slope = (values.std(3).mean((1, 2)) / spread).clamp(min=1e-6)
+        self.weight = 2 * self._eta * variance / (actions.shape[3] * self.slope)
 
     def loss(self, pi: Tensor, values: Tensor) -> Tensor:
         """Returns the loss, [K], whose gradient is what counts.

@@ -20,6 +20,10 @@ experts, e hardly depends on x, and the last step ends at e itself, where a velo
 noise in its input ever more exactly. On `coop_nav-expert`, `bc_flow` solved 75.5 % of the episodes
 with velocities, 52.2 % without a collision, and 85.5 and 78.5 % like this (4,500 updates of 256
 rows, students of 64 units, 2 seeds, 200 validation episodes).
+
+The price is that a spread much smaller than the noise is not copied: it shows in x at late times
+only, where e gains little by it. In one place of `coop_nav-medium`, draws of the flow deviated by
+0.01 and the actions of the data by 0.2. Modes far apart stay apart.
 """
 
 from collections.abc import Sequence
@@ -87,6 +91,20 @@ class JointFlow:
         on_path = z + times * (a - z)
         ends = self.network(torch.cat([x, on_path, times], 2))
         return (ends - a).square().mean((1, 2))
+
+    @torch.no_grad()
+    def mean(self, x: Tensor, noise: Tensor) -> Tensor:
+        """Returns the mean of the data's joint actions given c, [K, B, N, A].
+
+        At t = 0 a path is at its noise, which tells nothing of its end: e predicts the mean there.
+
+        Args:
+            x: c, normalized states and observations, [K, B, S + N O].
+            noise: z, standard normal, [K, B, N, A].
+        """
+        start = noise.flatten(2)
+        ends = self.network(torch.cat([x, start, start.new_zeros(*start.shape[:2], 1)], 2))
+        return ends.view_as(noise)
 
     @torch.no_grad()
     def sample(self, x: Tensor, noise: Tensor) -> Tensor:

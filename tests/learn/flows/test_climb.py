@@ -21,8 +21,10 @@ def climb_of(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Clim
 def measured(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Climb:
     """Of values that rise by SLOPES along the first action."""
     climb, generator = climb_of(inverse_temperature, slope_limit), torch.Generator().manual_seed(0)
-    candidates = torch.randn((K, B, N, M, A), generator=generator) * SPREADS.view(K, 1, 1, 1, 1)
-    climb.measure(candidates, SLOPES.view(K, 1, 1, 1) * candidates[..., 0])
+    mean = 0.1 * torch.randn((K, B, N, A), generator=generator)
+    away = SPREADS.view(K, 1, 1, 1) * torch.randn((K, B, N, A), generator=generator)
+    noise = torch.randn((K, B, N, M, A), generator=generator)
+    climb.measure(mean + away, mean, noise, lambda drawn: SLOPES.view(K, 1, 1, 1) * drawn[..., 0])
     return climb
 
 
@@ -35,7 +37,7 @@ def pull(climb: Climb, slopes: Tensor) -> Tensor:
     return -gradient[:, 0, 0] * B * N
 
 
-def test_scales_are_those_of_the_draws() -> None:
+def test_scales_are_those_of_the_data_and_the_values() -> None:
     climb = measured()
     torch.testing.assert_close(climb.slope, SLOPES, rtol=0.1, atol=0)
     torch.testing.assert_close(climb.weight, 2 * 2.0 * SPREADS**2 / (A * SLOPES), rtol=0.1, atol=0)
@@ -54,11 +56,27 @@ def test_a_pull_is_bounded(steeper: float) -> None:
     torch.testing.assert_close(pull(climb, steeper * SLOPES), expected)
 
 
+def test_values_are_asked_for_actions_about_the_mean_within_the_bounds() -> None:
+    climb, mean, noise = climb_of(), torch.zeros(K, B, N, A), torch.randn(K, B, N, M, A)
+    asked: list[Tensor] = []
+
+    def value_of(drawn: Tensor) -> Tensor:
+        asked.append(drawn)
+        return drawn.sum(4)
+
+    climb.measure(torch.full_like(mean, 0.5), mean, noise, value_of)
+    torch.testing.assert_close(asked[0], (0.5 * noise).clamp(-1, 1))
+
+
 def test_the_unit_of_values_does_not_matter() -> None:
-    plain, scaled, draws = climb_of(), climb_of(), torch.randn(K, B, N, M, A)
-    values = draws.sum(4).sin()
-    plain.measure(draws, values)
-    scaled.measure(draws, 7 * values)
+    plain, scaled = climb_of(), climb_of()
+    actions, mean, noise = (
+        torch.randn(K, B, N, A),
+        torch.zeros(K, B, N, A),
+        torch.randn(K, B, N, M, A),
+    )
+    plain.measure(actions, mean, noise, lambda drawn: drawn.sum(4).sin())
+    scaled.measure(actions, mean, noise, lambda drawn: 7 * drawn.sum(4).sin())
     ones = torch.ones(K)
     torch.testing.assert_close(pull(plain, ones), pull(scaled, 7 * ones))
 
@@ -85,11 +103,17 @@ def test_beside_the_copy_it_is_the_anchored_loss() -> None:
     torch.testing.assert_close(found, expected)
 
 
-def test_draws_that_are_all_alike_hold_still() -> None:
-    climb = climb_of()
-    climb.measure(torch.zeros(K, B, N, M, A), torch.zeros(K, B, N, M))
+def test_data_that_are_all_alike_hold_still() -> None:
+    climb, same = climb_of(), torch.zeros(K, B, N, A)
+    climb.measure(same, same, torch.randn(K, B, N, M, A), lambda drawn: drawn.sum(4))
     assert climb.is_measured
     assert pull(climb, torch.full((K,), 1e3)).abs().max() < 1e-5
+
+
+def test_values_that_are_all_alike_are_measured_too() -> None:
+    climb, mean = climb_of(), torch.zeros(K, B, N, A)
+    climb.measure(mean + 0.1, mean, torch.randn(K, B, N, M, A), lambda drawn: 0 * drawn.sum(4))
+    assert climb.is_measured
 
 
 def test_its_state_can_be_restored() -> None:

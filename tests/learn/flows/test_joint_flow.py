@@ -59,6 +59,14 @@ def test_the_last_step_ends_where_the_network_says() -> None:
     torch.testing.assert_close(flow.sample(x, z), end.clamp(-1, 1).view(K, B, 2, 2))
 
 
+def test_the_mean_is_what_is_predicted_from_noise_alone() -> None:
+    flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
+    end = flow.network(torch.cat([x, z.flatten(2), torch.zeros(K, B, 1)], 2)).detach()
+    mean = flow.mean(x, z)
+    torch.testing.assert_close(mean, end.view(K, B, 2, 2))
+    assert not mean.requires_grad
+
+
 @pytest.mark.parametrize(("hidden", "n_steps"), [((), 3), ((8,), 0)])
 def test_a_flow_needs_a_hidden_layer_and_a_step(hidden: tuple[int, ...], n_steps: int) -> None:
     with pytest.raises(SchemaError, match="at least one of each"):
@@ -80,3 +88,5 @@ def test_two_modes_stay_two() -> None:
     other = (samples + 0.7).abs().amax((2, 3)) < 0.25
     assert (one_mode | other).float().mean() > 0.9
     assert 0.4 < one_mode.float().mean() < 0.6
+    means = flow.mean(drawn(K, 500, SIZES.information, seed=9), drawn(K, 500, 2, 2, seed=8))
+    assert means.mean().abs() < 0.1
