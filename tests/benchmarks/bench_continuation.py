@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.bench_continuation --out runs/continuation
 
-For `vdn` and `maddpg` it trains an offline run on the dataset, and goes on from it in the world:
+For `vdn`, `qmix` and `maddpg` it trains an offline run on the dataset, and goes on from it in the world:
 with recorded rows as a share of every batch, and without. The same algorithm with the same networks
 and batches from scratch takes as many joint steps. All are played on the same validation episodes.
 It prints the table of docs/online-learning.md, and draws the curves beside the runs.
@@ -52,6 +52,7 @@ class Start(NamedTuple):
 
 STARTS = {
     "vdn": Start("vdn", {"regulariser": "cql"}, ("hidden",)),
+    "qmix": Start("qmix", {"regulariser": "cql"}, ("hidden",)),
     "maddpg": Start("maddpg_bc", {}, ("actor_hidden", "critic_hidden")),
 }
 """By the online algorithm."""

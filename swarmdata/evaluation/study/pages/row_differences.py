@@ -146,18 +146,15 @@ def _shortest_budget(
                 f"{len(each)} of {n_wanted} datasets."
             )
         by_budget.setdefault(budget, []).extend(each)
-    return f"{name}: {enough_updates(by_budget, main_column(found), len(datasets))}"
+    return f"{name}: {enough_updates(by_budget, main_column(found))}"
 
 
-def enough_updates(
-    by_budget: Mapping[int, list[RowDifference]], column: Column, n_datasets: int
-) -> str:
+def enough_updates(by_budget: Mapping[int, list[RowDifference]], column: Column) -> str:
     """The shortest budget from which on no doubling changes a score clearly, in words.
 
     Args:
         by_budget: updates that are doubled -> the changes on all datasets.
         column: of the quantity.
-        n_datasets: of the study.
     """
     passed: list[RowDifference] = []
     shortest, still = None, ""
@@ -173,7 +170,8 @@ def enough_updates(
         return f"no budget that was tried is enough.{still}"
     widest = max(passed, key=lambda d: _largest(d.estimates[column.key]))
     room = column.factor * _largest(widest.estimates[column.key])
-    where = "on the dataset" if n_datasets == 1 else f"on any of {n_datasets} datasets"
+    names = {d.dataset for d in passed}
+    where = f"on any of {len(names)} datasets" if len(names) > 1 else f"on {widest.dataset}"
     return (
         f"{shortest:,} updates. No doubling that was tried from there on changes the "
         f"{column.label} clearly {where}; the intervals leave room for at most "
