@@ -14,9 +14,11 @@ from swarmdata.drawing.style import (
     draw_grid,
     draw_legend,
     figure,
+    line_looks,
     line_style,
 )
 from swarmdata.errors import SchemaError
+from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
 from swarmdata.types import Double
@@ -61,7 +63,7 @@ AXIS_LABELS: Mapping[tuple[str, str], str] = {
 """Of the horizontal axis; other parameters are shown by their names."""
 
 
-def plot_degradation(found: Degradation, out: Path) -> None:
+def plot_degradation(found: Degradation, out: Path, looks: Looks | None = None) -> None:
     """Draws one axis of a sweep: lines with 95 % bands, and a ring at the value of training.
 
     If the value of training is not on the axis, such as unlimited bandwidth, a dotted line shows
@@ -70,6 +72,7 @@ def plot_degradation(found: Degradation, out: Path) -> None:
     Args:
         found: sweep to draw.
         out: where to save; the suffix is the format.
+        looks: color and marker of each line's label; None: colors in the order of the lines.
 
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
@@ -85,12 +88,15 @@ def plot_degradation(found: Degradation, out: Path) -> None:
         )
     first = "score" if "score" in [column.key for column in found.columns] else "return"
     xlabel = AXIS_LABELS.get((found.part, found.name), f"{found.part} {found.name}")
+    styles = {line.label: line_style(k) for k, line in enumerate(found.lines)}
+    if looks is not None:
+        styles = line_looks({label: looks[label] for label in styles})
     with figure(out, width=PAGE_WIDTH, height=4.2) as drawing:
         grid = drawing.subplots(2, 3, sharex=True)
         for axes, key in zip(grid.ravel(), (first, *PANEL_COLUMNS), strict=True):
             index = found.column(key)
-            for k, line in enumerate(found.lines):
-                _draw(axes, line, index, found.columns[index], line_style(k))
+            for line in found.lines:
+                _draw(axes, line, index, found.columns[index], styles[line.label])
             _set_limits(axes, found.columns[index])
         if found.falls:
             grid[0, 0].invert_xaxis()

@@ -1,6 +1,6 @@
 """Runs a study: trains and evaluates its cells, sweeps the best ones, and writes the pages."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cache
@@ -84,14 +84,28 @@ def run_study(
     work = options.work_of(study)
     chosen = [] if options.shifts_only else select_cells(cells, options.only)
     failures = _run(chosen, work, options)
-    found = collect_findings(study, cells, work, failures)
     measure = options.only is None
     if measure:
-        swept = [cell for sweep in _planned_sweeps(found) for cell in sweep.cells]
+        swept = _swept_cells(collect_findings(study, cells, work, failures))
         failures |= _run(swept, work, options)
-        by_name = {cell.name: cell for cell in [*cells, *swept]}  # some are in the grid
-        found = collect_findings(study, list(by_name.values()), work, failures)
+    found = _collect(study, cells, work, failures)
     return failures, _write_pages(found, options, command, measure=measure)
+
+
+def _collect(
+    study: Study, cells: Sequence[Cell], work: Path, failures: Mapping[str, str]
+) -> Findings:
+    """What was measured, by the cells of sweeps too, which the results of others decide on."""
+    found = collect_findings(study, cells, work, failures)
+    by_name = {cell.name: cell for cell in [*cells, *_swept_cells(found)]}  # some are in the grid
+    if len(by_name) == len(cells):
+        return found
+    return collect_findings(study, list(by_name.values()), work, failures)
+
+
+def _swept_cells(found: Findings) -> list[Cell]:
+    """The cells of the sweeps whose dataset has results."""
+    return [cell for sweep in _planned_sweeps(found) for cell in sweep.cells]
 
 
 def _planned_sweeps(found: Findings) -> "list[PlannedSweep]":
@@ -124,8 +138,8 @@ def _write_pages(
             if (sweep.is_ready(found.work) if measure else sweep.is_measured(found.work))
         ]
         sections = run_sweeps(
-            ready, found.work, options.out, engine=options.engine, workers=options.workers,
-            progress=options.progress,
+            ready, found.work, options.out, found.looks, engine=options.engine,
+            workers=options.workers, progress=options.progress,
         )  # fmt: skip
     shifts = _used_elsewhere(found, options, measure=measure)
     return write_pages(found, options.out, command, sections, shifts)
@@ -191,7 +205,7 @@ def collect_study(study: Study, options: StudyOptions, command: str) -> list[Pat
         StudyError: no cell is done, so there is nothing to write.
     """
     cells = all_cells(study, progress=options.progress)
-    found = collect_findings(study, cells, options.work_of(study), {})
+    found = _collect(study, cells, options.work_of(study), {})
     return _write_pages(found, options, command, measure=False)
 
 

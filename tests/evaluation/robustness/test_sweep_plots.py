@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="figures need matplotlib")
 
+from swarmdata.drawing.style import family_looks
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_plots import PANEL_COLUMNS, plot_degradation
@@ -31,12 +32,19 @@ def line(label: str, n_runs: int, trained: float | None, *values: float) -> Line
     )
 
 
-def draw(out: Path, *lines: Line, first: str = "score", name: str = "drop") -> str:
+def draw(
+    out: Path,
+    *lines: Line,
+    first: str = "score",
+    name: str = "drop",
+    looks: dict[str, dict[str, str]] | None = None,
+) -> str:
     columns = tuple(
         Column(key, key.replace("_", " "), "", 1, 100.0 if key in RATES else 1.0, key in RATES)
         for key in (first, *PANEL_COLUMNS)
     )
-    plot_degradation(Degradation("communication", name, columns, lines, 9, falls=False), out)
+    found = Degradation("communication", name, columns, lines, 9, falls=False)
+    plot_degradation(found, out, looks)
     return out.read_text(encoding="utf-8")
 
 
@@ -75,6 +83,13 @@ def test_no_skill_is_seen_however_low_the_scores_are(tmp_path: Path) -> None:
 def test_the_same_sweep_is_the_same_file(tmp_path: Path) -> None:
     teams = [line(f"team {k}", 2, 0.0, 0.5) for k in range(7)]  # colors repeat after six
     assert draw(tmp_path / "a.svg", *teams) == draw(tmp_path / "b.svg", *teams)
+
+
+def test_rows_of_a_study_keep_their_colors(tmp_path: Path) -> None:
+    looks = family_looks({"bc": "cloning", "vdn": "value decomposition"})
+    svg = draw(tmp_path / "x.svg", line("vdn", 2, 0.0, 0.5), looks=looks).lower()
+    assert looks["vdn"]["color"].lower() in svg
+    assert looks["bc"]["color"].lower() not in svg
 
 
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:

@@ -8,9 +8,11 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.results.estimate_table import format_estimate
 from swarmdata.evaluation.robustness.sweep import sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
+from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line
 from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder, is_done
 from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
@@ -91,6 +93,7 @@ def run_sweeps(
     planned: Sequence[PlannedSweep],
     work: Path,
     out: Path,
+    looks: Looks,
     *,
     engine: str | Executor = LOCAL,
     workers: int = 1,
@@ -102,6 +105,7 @@ def run_sweeps(
         planned: sweeps whose cells are done.
         work: folder of the cells; an interrupted sweep resumes there.
         out: folder of the page.
+        looks: color and marker of each row of the study.
         engine: where policies are evaluated, as `build` takes it.
         workers: processes of the engine `local`; 1: this one.
         progress: whether to show a progress bar for each.
@@ -122,8 +126,8 @@ def run_sweeps(
         page_folder = out / SWEEPS_FOLDER / each.label
         page_folder.mkdir(parents=True, exist_ok=True)
         picture = f"{axis.part}-{axis.name}.png"
-        for name in (SWEEP_FILE, picture):
-            shutil.copyfile(folder / name, page_folder / name)
+        shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)
+        plot_degradation(found, page_folder / picture, looks)
         sections[f"Robustness: {axis.parameter}"] = _section_body(
             plan, found, f"{SWEEPS_FOLDER}/{each.label}", picture
         )

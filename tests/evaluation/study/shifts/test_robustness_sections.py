@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
 
 pytestmark = pytest.mark.usefixtures("here", "empty_figures")
@@ -40,10 +40,14 @@ def test_the_best_of_each_family_is_swept(
     assert "`maddpg` at" not in noise
     for label, picture in (("loss", "communication-drop"), ("noise", "observation-noise")):
         names = {path.name for path in (tmp_path / "out" / "sweeps" / label).iterdir()}
-        assert names == {"sweep.csv", f"{picture}.png"}
+        assert names == {"sweep.csv", f"{picture}.png", f"{picture}.pdf"}
     trained = {path.parent.name for path in tmp_path.glob("work/cells/*/coop_nav-tiny-v0~perfect")}
     assert "maddpg" in trained
     assert len(trained) == 2
     assert "~" not in (tmp_path / "out" / "results.csv").read_text()
     _, again = run_study(study, options, "x")
     assert again[0].read_text() == page
+    costs = (tmp_path / "out" / "costs.csv").read_text()
+    assert costs.count("~perfect") == 2
+    assert collect_study(study, options, "x")[0].read_text() == page
+    assert (tmp_path / "out" / "costs.csv").read_text() == costs
