@@ -2,9 +2,10 @@
 
     python -m tests.benchmarks.bench_continuation --out runs/continuation
 
-For `vdn`, `qmix` and `maddpg` it trains an offline run on the dataset, and goes on from it in the world:
-with recorded rows as a share of every batch, and without. The same algorithm with the same networks
-and batches from scratch takes as many joint steps. All are played on the same validation episodes.
+For `vdn`, `qmix` and `maddpg` it trains an offline run on the dataset, and goes on from it in the
+world: with recorded rows as a share of every batch, and without. The same algorithm with the same
+networks and batches from scratch takes as many joint steps. All are played on the same validation
+episodes.
 It prints the table of docs/online-learning.md, and draws the curves beside the runs.
 
 Every run is kept in the folder `--out`; the same command goes on with what is not finished.

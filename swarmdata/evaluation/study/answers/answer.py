@@ -12,12 +12,14 @@ class Answer:
     """The body of a page.
 
     Attributes:
-        sentences: computed from the results, the most important first.
+        headline: what the page says, computed from the results.
+        sentences: all that follows from the results, likewise.
         details: tables and figures, as Markdown.
         evidence: the studies that it rests on.
         figures: names of the files that were drawn.
     """
 
+    headline: str
     sentences: tuple[str, ...]
     details: str
     evidence: tuple[Evidence, ...]

@@ -1,5 +1,6 @@
 """Answers from differences that studies name alike: sentences, tables, and one figure for all."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -53,29 +54,19 @@ def sentence_of(difference: RowDifference, columns: Sequence[Column]) -> str:
     )
 
 
-def count_sentences(compared: Sequence[Compared], what: str) -> list[str]:
-    """In how many comparisons the main quantity is higher, lower, or neither; names the latter.
-
-    None for a single comparison, whose own sentence says it.
-    """
-    groups: dict[str, list[str]] = {"higher": [], "lower": [], "no clear change": []}
-    for each in compared:
-        for difference in each.differences:
-            verdict = verdict_of(difference.estimates[each.columns[0].key])
-            groups[verdict].append(f"{difference.words} on {difference.dataset}")
-    higher, lower, unclear = groups.values()
-    n = len(higher) + len(lower) + len(unclear)
-    if n == 1:
-        return []
-    return [
-        f"In {n} comparisons, {what} clearly raises the "
-        f"{compared[0].columns[0].label} in {len(higher)}, lowers it in {_counted(lower)}, and "
-        f"changes nothing clearly in {_counted(unclear)}."
-    ]
-
-
-def _counted(names: Sequence[str]) -> str:
-    return f"{len(names)} ({'; '.join(names)})" if names else "0"
+def counted_verdicts(compared: Sequence[Compared], what: str) -> str:
+    """In how many comparisons the main quantity is higher, lower, or neither."""
+    counts = Counter(
+        verdict_of(difference.estimates[each.columns[0].key])
+        for each in compared
+        for difference in each.differences
+    )
+    n = counts.total()
+    return (
+        f"In {n} comparison{'s' if n > 1 else ''}, {what} clearly raises the "
+        f"{compared[0].columns[0].label} in {counts['higher']}, lowers it in {counts['lower']}, "
+        f"and changes nothing clearly in {counts['no clear change']}."
+    )
 
 
 def tables_of(compared: Sequence[Compared]) -> str:

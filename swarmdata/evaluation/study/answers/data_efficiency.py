@@ -18,7 +18,7 @@ from swarmdata.rollouts.score_intervals import difference_interval
 
 def answer_data_efficiency(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies that train on smaller parts of their datasets."""
-    sentences, parts, figures, chosen = [], [], [], []
+    sentences, headlines, parts, figures, chosen = [], [], [], [], []
     for each in evidence:
         scores = sized_scores(each.found)
         if scores is not None:
@@ -26,6 +26,7 @@ def answer_data_efficiency(evidence: Sequence[Evidence], out: Path) -> Answer | 
             label = scores.board.column.label
             plot_sizes(scores.panels, scores.data, each.found.looks, out / figure, ylabel=label)
             sentences += [text for name in scores.ids for text in _sentences(scores, name)]
+            headlines += [_headline(scores, name) for name in scores.ids]
             figures.append(figure)
             chosen.append(each)
             parts.append(
@@ -35,7 +36,22 @@ def answer_data_efficiency(evidence: Sequence[Evidence], out: Path) -> Answer | 
             )
     if not parts:
         return None
-    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+    headline = " ".join(headlines)
+    return Answer(headline, tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def _headline(scores: SizedScores, dataset: str) -> str:
+    """The best algorithm with the smallest and with the largest part."""
+    board, ids = scores.board, scores.ids[dataset]
+    shown = []
+    for n_steps in (min(ids), max(ids)):
+        best = board.ranking(ids[n_steps])[0]
+        text = format_estimate(board.estimates[ids[n_steps]][best], board.column)
+        shown.append(f"{text} (`{best}`)")
+    return (
+        f"With {min(ids):,} joint steps of {dataset}, the best {board.column.label} is "
+        f"{shown[0]}, with {max(ids):,} {shown[1]}."
+    )
 
 
 def _sentences(scores: SizedScores, dataset: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ from swarmdata.evaluation.study.answers.evidence import Evidence
 from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.row_differences import main_column
-from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
 from swarmdata.specs.plain_names import without_version
 
@@ -22,11 +22,11 @@ def answer_data_regimes(evidence: Sequence[Evidence], out: Path) -> Answer | Non
     chosen = [each for each in evidence if each.compares_rows and len(each.found.results.cases) > 1]
     if not chosen:
         return None
-    sentences, parts, figures = _sentences(chosen[0]), [], []
-    for each in chosen:
+    compared = [_without_ablations(each.found) for each in chosen]
+    parts, figures = [], []
+    for each, drawn in zip(chosen, compared, strict=True):
         found = each.found
         board = make_scoreboard(found.results, found.families, main_column(found).key)
-        drawn = make_scoreboard(found.results, _without_ablations(found), board.column.key)
         shown = {without_version(name): drawn.in_shown_units(name) for name in drawn.estimates}
         data = {
             without_version(name): board.column.factor * mean for name, mean in board.data.items()
@@ -47,16 +47,13 @@ def answer_data_regimes(evidence: Sequence[Evidence], out: Path) -> Answer | Non
             f"study {each.name}; bold are the best and those that are not clearly worse, paired by "
             f"episode:\n\n{scoreboard_table(board)}"
         )
-    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+    winners = study_text.winners(compared[0])  # of the study with the most cells
+    headline = study_text.best_families(compared[0]) or winners[0]
+    sentences = (*study_text.families(compared[0]), *winners)
+    return Answer(headline, sentences, "\n".join(parts), tuple(chosen), tuple(figures))
 
 
-def _sentences(largest: Evidence) -> list[str]:
-    """What the study with the most cells says, whose ablations are no families."""
-    found = largest.found
-    board = make_scoreboard(found.results, _without_ablations(found), main_column(found).key)
-    return study_text.families(board) + study_text.winners(board)
-
-
-def _without_ablations(found: Findings) -> dict[str, str]:
-    """The family of each row that is no ablation."""
-    return {label: family for label, family in found.families.items() if family != ABLATIONS}
+def _without_ablations(found: Findings) -> Scoreboard:
+    """The scores of the rows that are no ablations, which are of no family."""
+    families = {label: family for label, family in found.families.items() if family != ABLATIONS}
+    return make_scoreboard(found.results, families, main_column(found).key)

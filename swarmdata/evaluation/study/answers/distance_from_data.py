@@ -39,13 +39,14 @@ def answer_distance_from_data(evidence: Sequence[Evidence], out: Path) -> Answer
     chosen = [each for each in evidence if each.compares_rows and clone_of(each.found.study)]
     if not chosen:
         return None
-    sentences, parts, figures = [], [], []
+    sentences, headlines, parts, figures = [], [], [], []
     for each in chosen:
         board = make_scoreboard(
             each.found.results, each.found.families, main_column(each.found).key
         )
         distances = list(_distances(board, clone_of(each.found.study)))
         sentences += [*_against_clone(distances, board), *study_text.against_data(board)]
+        headlines.append(_headline(each, distances, board))
         best = {(d, k) for d in board.values for k in board.best_by_family(d).values()}
         drawn = [each for each in distances if (each.dataset, each.label) in best]
         figures.append(f"distance-from-data-{each.name}.png")
@@ -55,7 +56,19 @@ def answer_distance_from_data(evidence: Sequence[Evidence], out: Path) -> Answer
             f"![{board.column.label} minus that of the data and of the clone]({figures[-1]})\n\n"
             f"All rows:\n\n{_table(distances, board)}"
         )
-    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+    headline = " ".join(headlines)
+    return Answer(headline, tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def _headline(evidence: Evidence, distances: Sequence[Distance], board: Scoreboard) -> str:
+    """On how many datasets some row is clearly better than the data, and than the clone."""
+    above = {each.dataset for each in distances if verdict_of(each.from_mean) == "higher"}
+    beaten = {each.dataset for each in distances if verdict_of(each.from_clone) == "higher"}
+    return (
+        f"In study {evidence.name}, some row is clearly above the mean of the data on "
+        f"{len(above)} of {len(board.data)} datasets, and above a clone of the data on "
+        f"{len(beaten)} of {len(board.estimates)}."
+    )
 
 
 def clone_of(study: Study) -> str:

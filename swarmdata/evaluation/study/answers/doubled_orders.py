@@ -55,6 +55,19 @@ def doubled_orders(found: Findings, plan: DifferencesPlan) -> list[Doubled]:
     ]
 
 
+def orders_kept(doubled: Sequence[Doubled]) -> str:
+    """How many orders of two families stay and how many turn round, by what is doubled."""
+    parts = []
+    for updates in sorted({each.updates for each in doubled}):
+        here = [each for each in doubled if each.updates == updates]
+        same = sum(each.before == each.after for each in here)
+        turned = sum(each.is_turned_round for each in here)
+        parts.append(
+            f"{updates:,} updates leaves {same} of {len(here)} as they are and turns {turned} round"
+        )
+    return f"Of the orders of two families, doubling {'; doubling '.join(parts)}."
+
+
 def order_sentences(doubled: Sequence[Doubled]) -> list[str]:
     """For each number of updates, how many orders of two families doubling it changes."""
     return [

@@ -6,7 +6,7 @@ from pathlib import Path
 from swarmdata.evaluation.study.answers.answer import Answer
 from swarmdata.evaluation.study.answers.compared_rows import (
     compared_rows,
-    count_sentences,
+    counted_verdicts,
     plot_compared,
     sentence_of,
     tables_of,
@@ -23,7 +23,7 @@ def answer_ingredients(evidence: Sequence[Evidence], out: Path) -> Answer | None
     compared = compared_rows(evidence, DIFFERENCES)
     if not compared:
         return None
-    sentences = count_sentences(compared, "the ingredient")
+    headline, sentences = counted_verdicts(compared, "the ingredient"), []
     for each in compared:
         for difference in each.differences:
             what = _ingredient(each.evidence, difference.one)
@@ -34,7 +34,8 @@ def answer_ingredients(evidence: Sequence[Evidence], out: Path) -> Answer | None
     figure = "ingredients.png"
     plot_compared(compared, out / figure)
     details = f"![with the ingredient minus without it]({figure})\n\n{tables_of(compared)}"
-    return Answer(tuple(sentences), details, tuple(each.evidence for each in compared), (figure,))
+    studies = tuple(each.evidence for each in compared)
+    return Answer(headline, tuple(sentences), details, studies, (figure,))
 
 
 def _ingredient(evidence: Evidence, label: str) -> str:

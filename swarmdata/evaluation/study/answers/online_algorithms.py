@@ -30,7 +30,7 @@ HARDLY_ANY = 0.01
 
 def answer_online_algorithms(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies that have online rows beside the offline ones."""
-    sentences, parts, figures, chosen = [], [], [], []
+    sentences, headlines, parts, figures, chosen = [], [], [], [], []
     for each in evidence:
         results = _with_online_rows(each.found.results)
         if not results.cases:
@@ -44,6 +44,7 @@ def answer_online_algorithms(evidence: Sequence[Evidence], out: Path) -> Answer 
         figures.append(figure)
         parts.append(f"![{boards[0].column.label} by task]({figure})\n")
         for case in results.cases:
+            headlines += list(_headline(case, boards[0]))
             sentences += list(_sentences(case, boards[0], boards[1]))
             parts.append(_table(case, boards))
         curves = _curves(each)
@@ -62,7 +63,8 @@ def answer_online_algorithms(evidence: Sequence[Evidence], out: Path) -> Answer 
             parts.append(_curve_text(curves, figures[-1]))
     if not parts:
         return None
-    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+    headline = " ".join(headlines)
+    return Answer(headline, tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
 
 
 def _with_online_rows(results: ResultSet) -> ResultSet:
@@ -84,6 +86,25 @@ def _best(board: Scoreboard, case: Case, *, online: bool) -> str | None:
     """The best row of a task that learned online, or offline."""
     ranked = board.ranking(case.name)
     return next((k for k in ranked if (board.families[k] == ONLINE_FAMILY) is online), None)
+
+
+def _headline(case: Case, board: Scoreboard) -> Iterator[str]:
+    """The best of both kinds and their difference, in short."""
+    own, other = (_best(board, case, online=kind) for kind in (True, False))
+    if own is None:
+        return
+    found = board.estimates[case.name]
+    column = board.column
+    text = (
+        f"On {case.spec.task}, the {column.label} of `{own}`, which learns in the task, is "
+        f"{format_estimate(found[own], column)}"
+    )
+    if other is not None:
+        text += (
+            f", that of `{other}` from {without_version(case.name)} "
+            f"{format_estimate(found[other], column)}"
+        )
+    yield f"{text}."
 
 
 def _sentences(case: Case, board: Scoreboard, success: Scoreboard) -> Iterator[str]:

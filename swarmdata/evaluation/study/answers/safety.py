@@ -35,6 +35,7 @@ def answer_safety(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     chosen = [each for each in evidence if each.compares_rows or each in with_rewards]
     if not chosen:
         return None
+    headline = " ".join([*_shares(chosen[0]), *_changed_collisions(compared)])
     sentences = [sentence for each in chosen for sentence in _most_and_cleanest(each)]
     sentences += [sentence for pairs in compared for sentence in _changes(pairs)]
     figures, parts = [], []
@@ -49,7 +50,46 @@ def answer_safety(evidence: Sequence[Evidence], out: Path) -> Answer | None:
             f"{_table(each)}"
         )
     parts += [tables_of(compared)] if compared else []
-    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+    return Answer(headline, tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def _shares(evidence: Evidence) -> Iterator[str]:
+    """How much of what the most successful rows solve is clean, over the datasets of a study."""
+    found = evidence.found
+    success, clean = (
+        make_scoreboard(found.results, found.families, key) for key in ("success", "clean_success")
+    )
+    shares = {}
+    for dataset, estimates in success.estimates.items():
+        best = success.ranking(dataset)[0]
+        if estimates[best].value > 0.0:
+            share = clean.estimates[dataset][best].value / estimates[best].value
+            shares[without_version(dataset)] = share
+    if shares:
+        ranked = sorted(shares, key=shares.__getitem__)
+        least, most = (f"{100 * shares[name]:.0f} % ({name})" for name in (ranked[0], ranked[-1]))
+        yield (
+            f"Of the episodes that the most successful row of study {evidence.name} solves, "
+            f"{least} to {most} are without a collision."
+        )
+
+
+def _changed_collisions(compared: Sequence[Compared]) -> Iterator[str]:
+    """In how many comparisons safe rewards change collisions and the main quantity."""
+    if not compared:
+        return
+    crashes, verdicts = [], []
+    for each in compared:
+        board = collision_board(each.evidence.found)
+        ids = {without_version(name): name for name in board.values}
+        for pair in each.differences:
+            name = ids[without_version(pair.dataset)]
+            crashes.append(verdict_of(board.lead(name, pair.one, pair.other)))
+            verdicts.append(verdict_of(pair.estimates[each.columns[0].key]))
+    yield (
+        f"Safe rewards lower collisions clearly in {crashes.count('lower')} of {len(crashes)} "
+        f"comparisons, and the {compared[0].columns[0].label} in {verdicts.count('lower')}."
+    )
 
 
 def _changes(compared: Compared) -> Iterator[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from swarmdata.evaluation.study.answers.answer import Answer
 from swarmdata.evaluation.study.answers.compared_rows import (
     compared_rows,
-    count_sentences,
+    counted_verdicts,
     plot_compared,
     tables_of,
 )
@@ -14,6 +14,7 @@ from swarmdata.evaluation.study.answers.doubled_orders import (
     doubled_orders,
     order_sentences,
     order_table,
+    orders_kept,
 )
 from swarmdata.evaluation.study.answers.evidence import Evidence
 from swarmdata.evaluation.study.pages.row_differences import doubling_sentences
@@ -27,14 +28,16 @@ def answer_training_length(evidence: Sequence[Evidence], out: Path) -> Answer | 
     compared = compared_rows(evidence, DIFFERENCES)
     if not compared:
         return None
-    sentences, orders = [], ""
+    sentences, orders, kept = [], "", []
     for each in compared:
         found = each.evidence.found
         plan = found.study.differences[DIFFERENCES]
-        sentences += order_sentences(doubled_orders(found, plan))
+        doubled = doubled_orders(found, plan)
+        kept += [orders_kept(doubled)] if doubled else []
+        sentences += order_sentences(doubled)
         sentences += doubling_sentences(found, plan)
         orders += f"Study {each.evidence.name}:\n\n{order_table(found, plan)}\n"
-    sentences += count_sentences(compared, "doubling the updates")
+    changes = counted_verdicts(compared, "doubling the updates")
     figure = "training-length.png"
     plot_compared(compared, out / figure)
     details = (
@@ -42,4 +45,6 @@ def answer_training_length(evidence: Sequence[Evidence], out: Path) -> Answer | 
         f"`≥`: not clearly.\n\n{orders}![what doubling changes]({figure})\n\n"
         f"{tables_of(compared)}"
     )
-    return Answer(tuple(sentences), details, tuple(each.evidence for each in compared), (figure,))
+    studies = tuple(each.evidence for each in compared)
+    headline = " ".join([*kept, changes])
+    return Answer(headline, tuple(sentences), details, studies, (figure,))

@@ -1,6 +1,6 @@
 """Writes the pages of all questions that the studies of a folder can answer, and their index."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.evaluation.study.answers.answer import Answer, Question
@@ -12,7 +12,7 @@ from swarmdata.evaluation.study.answers.conditions.robustness import answer_robu
 from swarmdata.evaluation.study.answers.data_efficiency import answer_data_efficiency
 from swarmdata.evaluation.study.answers.data_regimes import answer_data_regimes
 from swarmdata.evaluation.study.answers.distance_from_data import answer_distance_from_data
-from swarmdata.evaluation.study.answers.evidence import limits, open_evidence
+from swarmdata.evaluation.study.answers.evidence import Evidence, limits, open_evidence
 from swarmdata.evaluation.study.answers.ingredients import answer_ingredients
 from swarmdata.evaluation.study.answers.online_algorithms import answer_online_algorithms
 from swarmdata.evaluation.study.answers.safety import answer_safety
@@ -142,7 +142,8 @@ def write_answers(studies: Path, out: Path) -> tuple[list[Path], dict[str, str]]
             else:
                 answers[question.stem] = found
                 write_file(out / f"{question.stem}.md", _page(question, found, out).encode())
-    write_file(out / INDEX_FILE, _index(answers, out).encode())
+        index = _index(answers, out, _spent(evidence))
+    write_file(out / INDEX_FILE, index.encode())
     return [out / INDEX_FILE, *(out / f"{stem}.md" for stem in answers)], left_out
 
 
@@ -156,8 +157,9 @@ def _remove(question: Question, out: Path) -> None:
 def _page(question: Question, answer: Answer, out: Path) -> str:
     sentences = "".join(f"- {sentence}\n" for sentence in answer.sentences)
     return (
-        f"# {question.title}\n\n{question.scope}\n\n{sentences}\n## Results\n\n"
-        f"{answer.details.rstrip()}\n\n## Limits\n\n{limits(answer.evidence, out)}\n{CAVEATS}\n\n"
+        f"# {question.title}\n\n{question.scope}\n\n**In short:** {answer.headline}\n\n"
+        f"{answer.details.rstrip()}\n\n## In words\n\n{sentences}\n"
+        f"## Limits\n\n{limits(answer.evidence, out)}\n{CAVEATS}\n\n"
         "`swarmdata study-pages` writes this page from the episodes of these studies.\n"
     )
 
@@ -169,10 +171,25 @@ def _other(path: Path) -> str:
     return f"- [{lines[0].removeprefix('# ')}]({path.name}) {sentence.removeprefix('- ')}\n"
 
 
-def _index(answers: Mapping[str, Answer], out: Path) -> str:
+def _spent(evidence: Sequence[Evidence]) -> str:
+    """How many cells the studies have, and what they took; those that studies share count once."""
+    seconds = {
+        cell.key: each.found.costs[cell.name].cpu_seconds
+        for each in evidence
+        for cell in each.found.cells
+    }
+    hours = sum(seconds.values()) / 3600
+    return (
+        f"The studies have {len(seconds):,} different cells, each an algorithm with all its seeds "
+        f"on a dataset, which took {hours:.1f} hours of processor time. Evaluations in other "
+        "conditions and unfinished cells are not counted."
+    )
+
+
+def _index(answers: Mapping[str, Answer], out: Path, spent: str) -> str:
     asked = {question.stem: question for question in QUESTIONS}
     known = "".join(
-        f"- [{asked[stem].title}]({stem}.md) {answer.sentences[0]}\n"
+        f"- [{asked[stem].title}]({stem}.md) {answer.headline}\n"
         for stem, answer in answers.items()
     )
     known += "".join(_other(out / name) for name in OTHER_PAGES if (out / name).exists())
@@ -186,5 +203,5 @@ def _index(answers: Mapping[str, Answer], out: Path) -> str:
         "# Results\n\nOne page for each question, computed from the studies in "
         "[cards/studies](../../cards/studies) or by a command that the page names. `swarmdata "
         "study-pages` writes those of studies again.\n\n"
-        f"{known}{rest}"
+        f"{known}\n{spent}\n{rest}"
     )

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,39 +77,86 @@ def _measured_families(board: Scoreboard) -> list[str]:
     return [name for name in dict.fromkeys(board.families.values()) if name in measured]
 
 
-def families(board: Scoreboard) -> list[str]:
-    """How often each family has the best algorithm, and how far behind its best algorithm is.
+class FamilyRecord(NamedTuple):
+    """How the best algorithm of a family compares with the best of all, over datasets."""
 
-    Datasets on which half of the families or fewer were measured do not count: there a family would
-    win for want of others. Empty for a single dataset, where `winners` says the same.
+    name: str
+    won: list[str]  # datasets on which it is the best of all
+    behind: list[float]  # how far it is behind, on each dataset on which the family was measured
+
+
+def _counted_datasets(board: Scoreboard) -> list[str]:
+    """Datasets on which more than half of the families were measured.
+
+    On others a family would win for want of others. Empty if there is only one, where `winners`
+    says the same.
     """
-    names = _measured_families(board)
-    every = {dataset: board.best_by_family(dataset) for dataset in board.estimates}
-    firsts = {dataset: best for dataset, best in every.items() if 2 * len(best) > len(names)}
-    if len(firsts) < 2:
-        return []
-    sentences = []
-    for name in names:
+    n_families = len(_measured_families(board))
+    counted = [d for d in board.estimates if 2 * len(board.best_by_family(d)) > n_families]
+    return counted if len(counted) > 1 else []
+
+
+def _family_records(board: Scoreboard) -> list[FamilyRecord]:
+    """The records of all families that were measured on the datasets that count."""
+    firsts = {dataset: board.best_by_family(dataset) for dataset in _counted_datasets(board)}
+    records = []
+    for name in _measured_families(board):
         tried = [dataset for dataset, best in firsts.items() if name in best]
-        if not tried:
-            continue
         won = [without_version(dataset) for dataset in tried if next(iter(firsts[dataset])) == name]
         behind = [
             board.estimates[d][board.ranking(d)[0]].value
             - board.estimates[d][firsts[d][name]].value
             for d in tried
         ]
+        records += [FamilyRecord(name, won, behind)] if tried else []
+    return records
+
+
+def families(board: Scoreboard) -> list[str]:
+    """How often each family has the best algorithm, and how far behind its best algorithm is."""
+    records = _family_records(board)
+    if not records:
+        return []
+    sentences = []
+    for name, won, behind in records:
         where = f" ({', '.join(won)})" if won else ""
         sentences.append(
-            f"{name[:1].upper()}{name[1:]} has the best algorithm on {len(won)} of {len(tried)} "
+            f"{_capital(name)} has the best algorithm on {len(won)} of {len(behind)} "
             f"datasets{where}. Its best algorithm is {_number(float(np.mean(behind)), board)} "
             f"behind the overall best on average, and at most {_number(max(behind), board)}."
         )
-    if left_out := [without_version(dataset) for dataset in every if dataset not in firsts]:
+    counted = _counted_datasets(board)
+    if left_out := [without_version(d) for d in board.estimates if d not in counted]:
         sentences.append(
             f"Not counted: {', '.join(left_out)}, where at most half of the families were measured."
         )
     return sentences
+
+
+def best_families(board: Scoreboard) -> str:
+    """Which families have the best algorithm, and how far behind the others are, in two sentences.
+
+    The second is of the families that were measured on all datasets that count. Empty where
+    `families` is.
+    """
+    records, n_datasets = _family_records(board), len(_counted_datasets(board))
+    if not records:
+        return ""
+    first, *others = sorted((each for each in records if each.won), key=lambda each: -len(each.won))
+    count = f"{len(first.won)} of {n_datasets} datasets"
+    wins = [f"{_capital(first.name)} has the best algorithm on {count}"]
+    wins += [f"{each.name} on {len(each.won)}" for each in others]
+    whole = [each for each in records if len(each.behind) == n_datasets]
+    gaps = sorted((float(np.mean(each.behind)), each.name) for each in whole)
+    shown = ", ".join(f"{_number(gap, board)} ({name})" for gap, name in gaps)
+    return (
+        f"{', '.join(wins)}. On average the best algorithm of a family is behind the best of all "
+        f"by {shown}."
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def against_data(board: Scoreboard) -> list[str]:

@@ -1,6 +1,10 @@
 """Orders of families before and after doubling, in words."""
 
-from swarmdata.evaluation.study.answers.doubled_orders import Doubled, order_sentences
+from swarmdata.evaluation.study.answers.doubled_orders import (
+    Doubled,
+    order_sentences,
+    orders_kept,
+)
 from swarmdata.evaluation.study.pages.row_differences import Verdict
 
 
@@ -24,6 +28,10 @@ def test_what_changes_is_named_and_what_stays_is_counted() -> None:
         "Orders of two families on one dataset: of 1, doubling 2,000 updates leaves 1 as they are, "
         "turns 0 round, makes 0 clear that were not, and leaves 0 no longer clear.",
     ]
+    assert orders_kept(doubled) == (
+        "Of the orders of two families, doubling 1,000 updates leaves 2 of 5 as they are and turns "
+        "1 round; doubling 2,000 updates leaves 1 of 1 as they are and turns 0 round."
+    )
 
 
 def test_only_clear_orders_turn_round() -> None:

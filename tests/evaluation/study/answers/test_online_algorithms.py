@@ -30,6 +30,8 @@ def test_online_rows_stand_beside_the_offline_ones_of_their_task(
     out = tmp_path / "results"
     write_answers(tmp_path / "studies", out)
     page = (out / "online.md").read_text()
+    assert "On coop_nav, the return of `learned (online)`, which learns in the task, is " in page
+    assert ", that of `bc` from coop_nav-tiny " in page
     assert "- On coop_nav, of the algorithms that learn in the task, `learned (online)`" in page
     assert " after 64 joint steps; of those that learned from coop_nav-tiny it is `bc`" in page
     assert "\n| `learned (online)` | 2 | 64 joint steps | " in page

@@ -18,7 +18,7 @@ from swarmdata.evaluation.study.answers.write_answers import (
     write_answers,
 )
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+from swarmdata.evaluation.study.run_study import StudyOptions, all_cells, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
 
 ROOT = Path(__file__).parents[4]
@@ -102,7 +102,15 @@ def test_a_study_answers_what_it_measured(
     texts = {page.stem: page.read_text() for page in pages}
     for stem, text in texts.items():
         assert stem == "README" or "Without results: `later/coop_nav-tiny-v0`." in text
+        assert stem == "README" or "\n\n**In short:** " in text
+        if stem != "README":
+            headline = text.partition("**In short:** ")[2].partition("\n")[0]
+            assert f"]({stem}.md) {headline}\n" in texts["README"]
+    assert "In 1 comparison, the ingredient clearly raises the return in " in texts["ingredients"]
     assert "The critic of `maddpg_bc`, on coop_nav-tiny-v0: return " in texts["ingredients"]
+    n_cells = len({cell.key for cell in all_cells(study) if cell.label != "later"})
+    assert f"The studies have {n_cells} different cells" in texts["README"]
+    assert "Of the orders of two families, doubling 20 updates" in texts["training-length"]
     assert "Cloning: " in texts["training-length"]
     orders = "Orders of two families on one dataset: of 1, doubling 20 updates leaves "
     assert orders in texts["training-length"]
@@ -148,9 +156,11 @@ def test_other_conditions_places_and_sizes_have_pages(
         texts[stem] for stem in ("robustness", "places", "data-efficiency")
     )
     assert "On coop_nav-tiny-v0, observation noise 0.3 changes the return least for `" in robustness
+    assert re.search(r"In short:.* value: observation noise 0\.3: \d+ and \d+ %\.\n", robustness)
     assert "[All values](../studies/tiny/sweeps/noise/sweep.csv)" in robustness
     assert "On coop_nav-easy, of policies that learned on coop_nav-tiny-v0, those of " in places
     assert "On coop_nav-n8, no policies that learned on coop_nav-tiny-v0 fit." in places
+    assert "With 120 joint steps of coop_nav-tiny-v0, the best return is " in sizes
     assert re.search(r"On coop_nav-tiny-v0, with 120 joint steps instead of \d+, the return", sizes)
     drawn = {file.stem for file in out.glob("*.png")}
     assert {"robustness-tiny", "places-tiny-coop_nav-tiny-v0", "data-efficiency-tiny"} <= drawn

@@ -89,6 +89,17 @@ def test_a_family_does_not_win_for_want_of_others() -> None:
     )
 
 
+def test_the_best_families_in_short() -> None:
+    board = make_board(
+        {"x": {"bc": 1, "vdn": 2, "omar": 6}, "y": {"bc": 3, "omar": 2}, "z-v0": {"bc": 1}}, {}
+    )
+    assert study_text.best_families(board) == (
+        "Cloning has the best algorithm on 1 of 2 datasets, critics on 1. On average the best "
+        "algorithm of a family is behind the best of all by 0.5 (critics), 2.5 (cloning)."
+    )
+    assert study_text.best_families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == ""
+
+
 def test_every_algorithm_stands_on_one_side_of_the_data() -> None:
     first, second = study_text.against_data(BOARD)
     assert first == (

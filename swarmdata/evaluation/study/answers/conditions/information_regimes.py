@@ -57,6 +57,7 @@ def answer_information_regimes(evidence: Sequence[Evidence], out: Path) -> Answe
         return None
     sentences: list[str] = []
     details, figures = "", []
+    headline = " ".join(best_scores(views) for _, views in measured)
     for each, views in measured:
         pairs = each.found.study.differences.get(MEMORY)
         sentences += [view_sentence(views, view) for view in views.against if views.changes(view)]
@@ -74,7 +75,7 @@ def answer_information_regimes(evidence: Sequence[Evidence], out: Path) -> Answe
         details += moved.details
         figures += moved.figures
     chosen = tuple(dict.fromkeys(each for each, _ in measured))
-    return Answer(tuple(filter(None, sentences)), details, chosen, tuple(figures))
+    return Answer(headline, tuple(filter(None, sentences)), details, chosen, tuple(figures))
 
 
 def _views_of(evidence: Evidence) -> Iterator[Views]:
@@ -95,6 +96,22 @@ def _views_of(evidence: Evidence) -> Iterator[Views]:
         }
         if against:
             yield Views(dataset, board, cases, against)
+
+
+def best_scores(views: Views) -> str:
+    """The best algorithm's score in the first view, and in the views of the least and the most."""
+    column, found = views.board.column, views.board.estimates
+    best = {view: found[case][views.board.ranking(case)[0]] for view, case in views.cases.items()}
+    first, *others = best
+    ranked = sorted(others, key=lambda view: -best[view].value)
+    shown = {view: f"{format_estimate(best[view], column)} with `{view}`" for view in best}
+    ends = (
+        f"{shown[ranked[0]]} to {shown[ranked[-1]]} in {len(ranked)} other views"
+        if len(ranked) > 1
+        else shown[ranked[0]]
+    )
+    joint = "and from " if len(ranked) > 1 else "and "
+    return f"On {views.dataset}, the best {column.label} is {shown[first]}, {joint}{ends}."
 
 
 def view_sentence(views: Views, view: str) -> str:

@@ -15,12 +15,13 @@ SUCCESS, CLEAN = QUANTITIES["success"], QUANTITIES["clean_success"]
 
 def answer_other_places(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies whose policies were evaluated in other tasks."""
-    sentences, parts, figures, chosen = [], [], [], []
+    sentences, headlines, parts, figures, chosen = [], [], [], [], []
     for each in evidence:
         rows = read_shifts(each.folder / TASKS_FILE)
         for dataset in dict.fromkeys(row.dataset for row in rows):
             here = [row for row in rows if row.dataset == dataset]
             sentences += list(place_sentences(dataset, here))
+            headlines.append(most_solved(dataset, here))
             figures.append(f"places-{each.name}-{dataset}.png")
             plot_score_matrix(
                 _success(here), out / figures[-1], label=SUCCESS.column.header, decimals=0
@@ -35,7 +36,15 @@ def answer_other_places(evidence: Sequence[Evidence], out: Path) -> Answer | Non
             parts += task_section(each.found, rows).values()
     if not parts:
         return None
-    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+    headline = " ".join(headlines)
+    return Answer(headline, tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def most_solved(dataset: str, rows: Sequence[Shifted]) -> str:
+    """The most that policies of a dataset solve in each task."""
+    solved = {task: found for task, found in _success(rows).items() if found}
+    shown = ", ".join(f"{max(found.values()):.0f} % of {task}" for task, found in solved.items())
+    return f"The best policies from {dataset} solve {shown or 'no task that they fit'}."
 
 
 def place_sentences(dataset: str, rows: Sequence[Shifted]) -> Iterator[str]:

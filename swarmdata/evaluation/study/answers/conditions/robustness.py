@@ -27,11 +27,12 @@ SUCCESS, CLEAN = QUANTITIES["success"], QUANTITIES["clean_success"]
 
 def answer_robustness(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     """Answers from studies that sweep parameters of radios and sensors."""
-    sentences, parts, figures, chosen = [], [], [], []
+    sentences, solved, parts, figures, chosen = [], [], [], [], []
     for each in evidence:
         axes = [axis for axis in read_sweeps(each.folder) if axis.label in each.found.study.sweeps]
         if axes:
             sentences += [_sentence(each, axis) for axis in axes]
+            solved += [_most_solved(axis) for axis in axes]
             figures.append(f"robustness-{each.name}.png")
             panels = [_panel(axis) for axis in axes]
             label = SUCCESS.column.header
@@ -45,7 +46,23 @@ def answer_robustness(evidence: Sequence[Evidence], out: Path) -> Answer | None:
             chosen.append(each)
     if not parts:
         return None
-    return Answer(tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+    headline = (
+        "Episodes that the best policies solve as trained, and those that the best ones solve at "
+        f"the worst value: {'; '.join(solved)}."
+    )
+    return Answer(headline, tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def _most_solved(axis: SweptAxis) -> str:
+    """The highest success as trained and at the worst value of an axis."""
+    column, lines = SUCCESS.column, axis.lines.values()
+    trained = [point for points in lines for point in points if point.is_trained]
+    worst = [points[-1] for points in lines]
+    before, after = (
+        max(column.factor * point.estimates[column.key].value for point in points)
+        for points in (trained, worst)
+    )
+    return f"{axis.part} {axis.parameter} {worst[0].value:g}: {before:.0f} and {after:.0f} %"
 
 
 def _sentence(evidence: Evidence, axis: SweptAxis) -> str:

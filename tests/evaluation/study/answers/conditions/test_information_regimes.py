@@ -11,6 +11,7 @@ from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.study.answers.conditions import information_regimes
 from swarmdata.evaluation.study.answers.conditions.information_regimes import (
     Views,
+    best_scores,
     draw_views,
     memory_sentence,
     table_of,
@@ -50,6 +51,19 @@ def test_a_view_is_compared_with_the_one_that_the_plan_says(views: Views) -> Non
     assert "with `lost` instead of `heard`, the score of 2 of 2 algorithms falls" in text
     assert "and that of none rises" in text
     assert "from −45.0 [−45.0, −45.0] (`bc`) to −5.0 [−5.0, −5.0] (`bc-gru`)" in text
+
+
+def test_the_best_scores_are_those_of_the_first_the_least_and_the_most_harmful_view(
+    views: Views,
+) -> None:
+    text = best_scores(views)
+    assert text.startswith("On nav, the best score is 90.0 [")
+    assert "] with `recorded`, and from 75.0 [" in text
+    assert "] with `heard` to 45.0 [" in text
+    assert text.endswith("] with `lost` in 2 other views.")
+    one = views._replace(cases={view: views.cases[view] for view in ("recorded", "lost")})
+    assert "] with `recorded`, and 45.0 [" in best_scores(one)
+    assert best_scores(one).endswith("] with `lost`.")
 
 
 def test_a_memory_is_compared_in_each_view(views: Views) -> None:

@@ -1,6 +1,9 @@
 """What policies solve in other tasks, in words."""
 
-from swarmdata.evaluation.study.answers.conditions.other_places import place_sentences
+from swarmdata.evaluation.study.answers.conditions.other_places import (
+    most_solved,
+    place_sentences,
+)
 from swarmdata.evaluation.study.shifts.shift_table import Shifted
 from swarmdata.rollouts.score_statistics import Estimate
 
@@ -23,3 +26,7 @@ def test_the_best_policies_of_each_task_are_named() -> None:
     assert "50.0 [50.0, 50.0] % of 200 episodes" in easy
     assert swap == "On swap, no policies that learned on nav solve any of 200 episodes."
     assert large == "On large, no policies that learned on nav fit."
+    assert most_solved("nav", rows) == "The best policies from nav solve 50 % of easy, 0 % of swap."
+    assert most_solved("nav", rows[-2:]) == (
+        "The best policies from nav solve no task that they fit."
+    )
