@@ -24,10 +24,10 @@ Deviations:
 - lambda is measured, and the slope of Q that pulls a robot is bounded, as `learn.flows.climb` has
   it; Flow Q-learning offers a division by mean |Q| and takes a weight for each dataset. An earlier
   version had 2.5 / mean |Q|, and a flow of velocities. Its scores, then those of this version, on
-  reserved episodes (`cards/studies/regimes`): `coop_nav-medium-replay` 63.4 and 65.6, `-medium`
-  85.9 and 51.9, `-expert` -72.7 and 75.4; medium-replay data of `formation` 55.4 and 63.4, of
-  `transport` -108.3 and -23.6, of `warehouse` 24.2 and 20.7. It no longer fails on good data, and
-  gains nothing over a clone on `coop_nav-medium`.
+  reserved episodes (`cards/studies/regimes`): `coop_nav-medium-replay` 63.4 and 73.1, `-medium`
+  85.9 and 75.5, `-expert` -72.7 and 67.2; medium-replay data of `formation` 55.4 and 66.7, of
+  `transport` -108.3 and -54.3, of `warehouse` 24.2 and 25.4. A version that took v from what the
+  flow draws, not from the data about the flow's mean, had 65.6, 51.9, 75.4, 63.4, -23.6 and 20.7.
 - The smaller of two critics, bounded in y by the data's largest return-to-go.
 - Robots share one actor and one critic, which see their number. Critics have LayerNorm, inputs are
   normalized, rewards divided by the deviation of the returns-to-go, actors end in tanh.
