@@ -40,7 +40,8 @@ def plot_score_matrix(
         for y, row in enumerate(values):
             for x, value in enumerate(row):
                 color = "white" if value > DARK * top else INK
-                shown = "" if math.isnan(value) else f"{value:.{decimals}f}"
+                rounded = round(value, decimals) + 0.0  # no -0
+                shown = "" if math.isnan(value) else f"{rounded:.{decimals}f}"
                 axes.text(x, y, shown, ha="center", va="center", fontsize=7, color=color)
         axes.set_xticks(range(len(labels)), labels, rotation=45, ha="left", rotation_mode="anchor")
         axes.set_yticks(range(len(values)), list(scores))

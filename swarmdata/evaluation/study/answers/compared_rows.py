@@ -80,13 +80,18 @@ def tables_of(compared: Sequence[Compared]) -> str:
 
 
 def plot_compared(compared: Sequence[Compared], path: Path) -> None:
-    """Draws all differences, a row each."""
+    """Draws all differences, a row each.
+
+    A group has the pairs on one dataset; a pair on several datasets is a group of its own.
+    """
     groups: dict[str, dict[str, list[Estimate]]] = {}
     for each in compared:
         where = f" (study {each.evidence.name})" if len(compared) > 1 else ""
+        counts = Counter(difference.words for difference in each.differences)
         for difference in each.differences:
-            rows = groups.setdefault(f"{difference.dataset}{where}", {})
-            rows[f"{difference.one} − {difference.other}"] = [
+            pair, dataset = f"{difference.one} − {difference.other}", difference.dataset
+            title, row = (pair, dataset) if counts[difference.words] > 1 else (dataset, pair)
+            groups.setdefault(f"{title}{where}", {})[row] = [
                 Estimate(*(column.factor * end for end in difference.estimates[column.key]))
                 for column in each.columns
             ]

@@ -18,6 +18,9 @@ from swarmdata.evaluation.study.pages.study_tables import (
 )
 from swarmdata.evaluation.study.plan import Study
 
+ABLATIONS = "ablations"
+"""What studies call the family of rows without the ingredient that they are named after."""
+
 MAX_NAMED_CELLS = 8
 """Cells without results that a page names; more are counted."""
 
@@ -33,6 +36,12 @@ class Evidence:
     def name(self) -> str:
         """The name of the study."""
         return self.found.study.name
+
+    @property
+    def families(self) -> dict[str, str]:
+        """The family of each row that is no ablation, in the order of the plan."""
+        known = self.found.families
+        return {label: family for label, family in known.items() if family != ABLATIONS}
 
     @property
     def is_on_reserved_seeds(self) -> bool:

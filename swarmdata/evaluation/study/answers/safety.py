@@ -16,6 +16,7 @@ from swarmdata.evaluation.study.answers.evidence import Evidence
 from swarmdata.evaluation.study.pages.row_differences import format_difference, verdict_of
 from swarmdata.evaluation.study.pages.safety_section import (
     COLLISIONS,
+    Fronts,
     collision_board,
     front_sentences,
     fronts_of,
@@ -41,16 +42,22 @@ def answer_safety(evidence: Sequence[Evidence], out: Path) -> Answer | None:
     figures, parts = [], []
     for each in chosen:
         figures.append(f"safety-{each.name}.png")
-        fronts = fronts_of(each.found)
-        plot_safety(each.found, fronts, out / figures[-1])
-        bullets = "".join(f"- {sentence}\n" for sentence in front_sentences(fronts))
+        plot_safety(each.found, _best_of_families(each), out / figures[-1])
+        bullets = "".join(f"- {line}\n" for line in front_sentences(fronts_of(each.found)))
         parts.append(
-            f"Study {each.name}:\n\n"
+            f"Study {each.name}, the row of each family that solves most:\n\n"
             f"![success, clean success and collisions]({figures[-1]})\n\n{bullets}\n"
             f"{_table(each)}"
         )
     parts += [tables_of(compared)] if compared else []
     return Answer(headline, tuple(sentences), "\n".join(parts), tuple(chosen), tuple(figures))
+
+
+def _best_of_families(evidence: Evidence) -> dict[str, Fronts]:
+    """The fronts of each dataset, among the rows of each family that solve most."""
+    board = make_scoreboard(evidence.found.results, evidence.families, "success")
+    best = {without_version(name): board.best_by_family(name).values() for name in board.values}
+    return {name: each.among(best[name]) for name, each in fronts_of(evidence.found).items()}
 
 
 def _shares(evidence: Evidence) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """The sections on safety: success, success without a collision, and collisions of every row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +41,14 @@ class Fronts:
 
     clean: Pairs
     collisions: Pairs
+
+    def among(self, labels: Collection[str]) -> "Fronts":
+        """The fronts of some rows only."""
+        clean, crashes = (
+            {label: pairs[label] for label in pairs if label in labels}
+            for pairs in (self.clean, self.collisions)
+        )
+        return Fronts(clean, crashes)
 
     @property
     def cleanest(self) -> tuple[str, ...]:
@@ -102,8 +110,10 @@ def plot_safety(found: Findings, fronts: Mapping[str, Fronts], path: Path) -> No
     tasks = {without_version(case.name): case.spec.task for case in found.results.cases}
     means = _data_means(found)
     lines = [_safety_line(each, dataset, tasks[dataset], means) for dataset, each in fronts.items()]
+    shown = {label for each in fronts.values() for label in each.clean}
+    families = {label: family for label, family in found.families.items() if label in shown}
     legend = {
-        **family_legend(found.families, found.looks),
+        **family_legend(families, found.looks),
         "not Pareto-optimal in this and success": HOLLOW_LOOK,
     }
     plot_dots(lines, found.looks, path, legend=legend)

@@ -22,3 +22,10 @@ def test_a_row_is_optimal_if_no_other_is_as_good_in_both() -> None:
         "On x, Pareto-optimal in success and clean success: `bold`, `careful`; in success and "
         "collisions: `bold`, `careful`, `idle`."
     ]
+
+
+def test_a_front_is_among_the_rows_that_are_shown() -> None:
+    pairs = {"good": (at(50.0), at(90.0)), "fair": (at(40.0), at(80.0)), "poor": (at(1.0), at(2.0))}
+    shown = Fronts(pairs, pairs).among(["poor", "fair"])
+    assert shown.cleanest == ("fair",)
+    assert shown.clean.keys() == shown.collisions.keys() == {"fair", "poor"}
