@@ -30,9 +30,9 @@ that are not of speed.
 """,
     "measurements.md": """# Measurements
 
-This page has figures of contacts, rewards, intervals, memory, of the algorithms beside code of
-others, and of ten tasks in a new clone. `make bench` measures every section but the last two again
-and rewrites it. [Benchmarks](benchmarks.md) has the speed.
+This page has figures of contacts, rewards, intervals, memory, of what critics know, of the
+algorithms beside code of others, and of ten tasks in a new clone. `make bench` measures every
+section but the last two again and rewrites it. [Benchmarks](benchmarks.md) has the speed.
 
 """,
 }
@@ -40,8 +40,8 @@ and rewrites it. [Benchmarks](benchmarks.md) has the speed.
 
 MEASUREMENTS = (
     "Contacts", "Contacts in datasets", "Contacts under other physics", "What rewards prefer",
-    "Coverage of intervals", "Algorithms beside others", "Memory", "Memory of large datasets",
-    "Ten tasks by the clock",
+    "Coverage of intervals", "What critics know of actions", "Algorithms beside others", "Memory",
+    "Memory of large datasets", "Ten tasks by the clock",
 )  # fmt: skip
 """Sections that are not of speed."""
 
