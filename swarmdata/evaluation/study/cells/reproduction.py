@@ -31,7 +31,8 @@ class Comparison(Frozen):
     key: str
     n_values: int  # of results: seeds times episodes times metrics
     n_different: int
-    largest_difference: float  # of two values
+    largest_difference: float  # of two values that both runs define
+    n_one_sided: int  # values that one run defines and the other does not, among the different
     first_differing_update: int | None  # of the losses; None: all are equal, or nothing was trained
 
     @property
@@ -43,12 +44,13 @@ class Comparison(Frozen):
         """The comparison in words."""
         if self.is_same:
             return f"{self.cell}: all {self.n_values:,} values and all losses are the same."
-        first = self.first_differing_update
+        first, alone = self.first_differing_update, self.n_one_sided
+        one_sided = f" ({alone:,} of them are defined in one run only)" if alone else ""
         losses = "losses are equal" if first is None else f"losses differ from update {first:,} on"
         return (
             f"{self.cell}: {self.n_different:,} of {self.n_values:,} values differ, by at most "
-            f"{self.largest_difference:g}; {losses}. Equal bits are promised only on the same "
-            "machine with the same versions."
+            f"{self.largest_difference:g}{one_sided}; {losses}. Equal bits are promised only on "
+            "the same machine with the same versions."
         )
 
 
@@ -79,7 +81,8 @@ def reproduce_cell(folder: Path, *, progress: bool = True) -> Comparison:
         key=cell.key,
         n_values=len(differences),
         n_different=int((differences > 0).sum()),
-        largest_difference=float(differences.max(initial=0.0)),
+        largest_difference=float(differences[np.isfinite(differences)].max(initial=0.0)),
+        n_one_sided=int(np.isinf(differences).sum()),
         first_differing_update=first,
     )
 

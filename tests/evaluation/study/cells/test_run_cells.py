@@ -75,6 +75,12 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     assert (other.n_different, other.largest_difference) == (1, 0.5)
     assert other.first_differing_update is None
     assert "1 of " in other.sentence()
+    times = content["metrics"]["time_to_goal"]
+    times[0] = 1.5 if times[0] is None else None  # an episode that only one run solves
+    file.write_text(json.dumps(content))
+    other = reproduce_cell(folder, progress=False)
+    assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
+    assert "by at most 0.5 (1 of them are defined in one run only)" in other.sentence()
 
 
 def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None:
