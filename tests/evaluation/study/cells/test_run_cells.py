@@ -19,6 +19,8 @@ from swarmdata.evaluation.study.cells.cells import Cell, cells_of
 from swarmdata.evaluation.study.cells.reproduction import reproduce_cell
 from swarmdata.evaluation.study.cells.run_cells import longest_first, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
+from swarmdata.evaluation.study.pages.cell_archive import Notes, read_archive, write_archive
+from swarmdata.evaluation.study.pages.collect_results import collect_findings
 from swarmdata.evaluation.study.plan import Study
 from tests.evaluation.study.conftest import BC
 
@@ -81,6 +83,32 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     other = reproduce_cell(folder, progress=False)
     assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
     assert "by at most 0.5 (1 of them are defined in one run only)" in other.sentence()
+
+
+@pytest.mark.usefixtures("here")
+def test_a_cell_from_an_archive_is_compared_with_the_digits_that_it_has(
+    make_study: Make, tmp_path: Path
+) -> None:
+    study = make_study()
+    found = cells(study)
+    run_cells(found, tmp_path / "work", progress=False)
+    archive = tmp_path / "cells.tar.xz"
+    write_archive(
+        collect_findings(study, found, tmp_path / "work", {}),
+        Notes(command="x", missing={}, sweeps={}),
+        archive,
+    )
+    restored, _ = read_archive(study, archive, tmp_path / "restored")
+    folder = cell_folder(restored.work, found[0])
+    same = reproduce_cell(folder, progress=False)
+    assert same.is_same
+    assert "values that the study's archive keeps are the same" in same.sentence()
+    file = sorted((folder / RESULTS_FOLDER).glob("*.json"))[0]
+    content = json.loads(file.read_text())
+    content["metrics"]["return"][0] += 0.001
+    file.write_text(json.dumps(content))
+    other = reproduce_cell(folder, progress=False)
+    assert (other.n_different, other.n_one_sided) == (1, 0)
 
 
 def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None:
