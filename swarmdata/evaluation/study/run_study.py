@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from swarmdata.errors import StudyError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_folder import DONE_FILE, cell_folder, is_done
 from swarmdata.evaluation.study.cells.cells import Cell, cells_of
-from swarmdata.evaluation.study.cells.reproduction import Comparison, reproduce_cell
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
 from swarmdata.evaluation.study.pages.study_folder import write_pages
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.reproduction import Comparison, reproduce_cell
 from swarmdata.evaluation.study.shifts.shift_table import TASKS_FILE, TRANSFER_FILE, Shifted
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.engines.open_engine import LOCAL

@@ -1,26 +1,21 @@
-"""All cells: the longest first, failures apart, stale ones refused, one done again to check it."""
+"""All cells: the longest first, failures apart, stale ones refused."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from swarmdata.errors import StaleCellError, StudyError, UnknownNameError
+from swarmdata.errors import StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, CostMeter
 from swarmdata.evaluation.study.cells.cell_folder import (
     COST_FILE,
     DONE_FILE,
-    RESULTS_FOLDER,
     cell_folder,
     is_done,
 )
 from swarmdata.evaluation.study.cells.cells import Cell, cells_of
-from swarmdata.evaluation.study.cells.reproduction import reproduce_cell
 from swarmdata.evaluation.study.cells.run_cells import longest_first, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
-from swarmdata.evaluation.study.pages.cell_archive import Notes, read_archive, write_archive
-from swarmdata.evaluation.study.pages.collect_results import collect_findings
 from swarmdata.evaluation.study.plan import Study
 from tests.evaluation.study.conftest import BC
 
@@ -55,60 +50,6 @@ def test_stale_cells_are_refused_and_done_again_when_asked(
     assert is_done(before[0], cell_folder(tmp_path, before[0]))
     run_cells(after[:1], tmp_path, again=True, progress=False)
     assert is_done(after[0], cell_folder(tmp_path, after[0]))
-
-
-@pytest.mark.usefixtures("here")
-def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
-    make_study: Make, tmp_path: Path
-) -> None:
-    (cell, *_) = cells(make_study())
-    folder = cell_folder(tmp_path, cell)
-    with pytest.raises(StudyError, match="holds no finished cell"):
-        reproduce_cell(folder, progress=False)
-    run_cells([cell], tmp_path, progress=False)
-    same = reproduce_cell(folder, progress=False)
-    assert same.is_same
-    assert "are the same" in same.sentence()
-    file = sorted((folder / RESULTS_FOLDER).glob("*.json"))[0]
-    content = json.loads(file.read_text())
-    content["metrics"]["return"][0] += 0.5
-    file.write_text(json.dumps(content))
-    other = reproduce_cell(folder, progress=False)
-    assert (other.n_different, other.largest_difference) == (1, 0.5)
-    assert other.first_differing_update is None
-    assert "1 of " in other.sentence()
-    times = content["metrics"]["time_to_goal"]
-    times[0] = 1.5 if times[0] is None else None  # an episode that only one run solves
-    file.write_text(json.dumps(content))
-    other = reproduce_cell(folder, progress=False)
-    assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
-    assert "by at most 0.5 (1 of them are defined in one run only)" in other.sentence()
-
-
-@pytest.mark.usefixtures("here")
-def test_a_cell_from_an_archive_is_compared_with_the_digits_that_it_has(
-    make_study: Make, tmp_path: Path
-) -> None:
-    study = make_study()
-    found = cells(study)
-    run_cells(found, tmp_path / "work", progress=False)
-    archive = tmp_path / "cells.tar.xz"
-    write_archive(
-        collect_findings(study, found, tmp_path / "work", {}),
-        Notes(command="x", missing={}, sweeps={}),
-        archive,
-    )
-    restored, _ = read_archive(study, archive, tmp_path / "restored")
-    folder = cell_folder(restored.work, found[0])
-    same = reproduce_cell(folder, progress=False)
-    assert same.is_same
-    assert "values that the study's archive keeps are the same" in same.sentence()
-    file = sorted((folder / RESULTS_FOLDER).glob("*.json"))[0]
-    content = json.loads(file.read_text())
-    content["metrics"]["return"][0] += 0.001
-    file.write_text(json.dumps(content))
-    other = reproduce_cell(folder, progress=False)
-    assert (other.n_different, other.n_one_sided) == (1, 0)
 
 
 def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None:

@@ -53,8 +53,10 @@ class Comparison(Frozen):
         if self.is_same:
             return f"{self.cell}: all {self.n_values:,} values and all losses are the same."
         first, alone = self.first_differing_update, self.n_one_sided
-        one_sided = f" ({alone:,} of them are defined in one run only)" if alone else ""
+        one_sided = f" (only one run defines {alone:,} of them)" if alone else ""
         losses = "losses are equal" if first is None else f"losses differ from update {first:,} on"
+        if self.is_restored:
+            losses = "the archive keeps no losses"
         return (
             f"{self.cell}: {self.n_different:,} of {self.n_values:,} values differ, by at most "
             f"{self.largest_difference:g}{one_sided}; {losses}. Equal bits are promised only on "

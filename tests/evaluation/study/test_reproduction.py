@@ -1,0 +1,71 @@
+"""A cell that is run again to check it: what is the same, what differs, what an archive keeps."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmdata.errors import StudyError
+from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER, cell_folder
+from swarmdata.evaluation.study.cells.cells import cells_of
+from swarmdata.evaluation.study.cells.run_cells import run_cells
+from swarmdata.evaluation.study.cells.study_data import digest_of
+from swarmdata.evaluation.study.pages.cell_archive import Notes, read_archive, write_archive
+from swarmdata.evaluation.study.pages.collect_results import collect_findings
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.reproduction import reproduce_cell
+
+Make = Callable[..., Study]
+
+pytestmark = pytest.mark.usefixtures("here")
+
+
+def change_first_value(folder: Path, metric: str, change: Callable[[Any], Any]) -> None:
+    """Changes the first episode's metric in the first result of a cell."""
+    file = sorted((folder / RESULTS_FOLDER).glob("*.json"))[0]
+    content = json.loads(file.read_text())
+    content["metrics"][metric][0] = change(content["metrics"][metric][0])
+    file.write_text(json.dumps(content))
+
+
+def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
+    make_study: Make, tmp_path: Path
+) -> None:
+    (cell, *_) = cells_of(make_study(), digest_of)
+    folder = cell_folder(tmp_path, cell)
+    with pytest.raises(StudyError, match="holds no finished cell"):
+        reproduce_cell(folder, progress=False)
+    run_cells([cell], tmp_path, progress=False)
+    same = reproduce_cell(folder, progress=False)
+    assert same.is_same
+    assert "all losses are the same" in same.sentence()
+    change_first_value(folder, "return", lambda value: value + 0.5)
+    other = reproduce_cell(folder, progress=False)
+    assert (other.n_different, other.largest_difference) == (1, 0.5)
+    assert other.first_differing_update is None
+    assert "1 of " in other.sentence()
+    change_first_value(folder, "time_to_goal", lambda time: 1.5 if time is None else None)
+    other = reproduce_cell(folder, progress=False)
+    assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
+    assert "by at most 0.5 (only one run defines 1 of them)" in other.sentence()
+
+
+def test_a_cell_from_an_archive_is_compared_with_the_digits_that_it_has(
+    make_study: Make, tmp_path: Path
+) -> None:
+    study = make_study()
+    found, archive = cells_of(study, digest_of), tmp_path / "cells.tar.xz"
+    run_cells(found, tmp_path / "work", progress=False)
+    notes = Notes(command="x", missing={}, sweeps={})
+    write_archive(collect_findings(study, found, tmp_path / "work", {}), notes, archive)
+    restored, _ = read_archive(study, archive, tmp_path / "restored")
+    folder = cell_folder(restored.work, found[0])
+    same = reproduce_cell(folder, progress=False)
+    assert same.is_same
+    assert "values that the study's archive keeps are the same" in same.sentence()
+    change_first_value(folder, "return", lambda value: value + 0.001)
+    other = reproduce_cell(folder, progress=False)
+    assert (other.n_different, other.n_one_sided) == (1, 0)
+    assert "the archive keeps no losses" in other.sentence()
