@@ -13,7 +13,11 @@ from swarmdata.evaluation.study.answers.compared_rows import (
     tables_of,
 )
 from swarmdata.evaluation.study.answers.evidence import Evidence
-from swarmdata.evaluation.study.pages.row_differences import format_difference, verdict_of
+from swarmdata.evaluation.study.pages.row_differences import (
+    RowDifference,
+    format_difference,
+    verdict_of,
+)
 from swarmdata.evaluation.study.pages.safety_section import (
     COLLISIONS,
     Fronts,
@@ -23,6 +27,7 @@ from swarmdata.evaluation.study.pages.safety_section import (
     plot_safety,
 )
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
 DIFFERENCES = "rewards"
@@ -72,13 +77,15 @@ def _shares(evidence: Evidence) -> Iterator[str]:
         if estimates[best].value > 0.0:
             share = clean.estimates[dataset][best].value / estimates[best].value
             shares[without_version(dataset)] = share
-    if shares:
-        ranked = sorted(shares, key=shares.__getitem__)
-        least, most = (f"{100 * shares[name]:.0f} % ({name})" for name in (ranked[0], ranked[-1]))
-        yield (
-            f"Of the episodes that the most successful row of study {evidence.name} solves, "
-            f"{least} to {most} are without a collision."
-        )
+    if not shares:
+        yield f"No row of study {evidence.name} solves an episode."
+        return
+    ranked = sorted(shares, key=shares.__getitem__)
+    least, most = (f"{100 * shares[name]:.0f} % ({name})" for name in (ranked[0], ranked[-1]))
+    yield (
+        f"Of the episodes that the most successful row of study {evidence.name} solves, {least} to "
+        f"{most} are without a collision."
+    )
 
 
 def _changed_collisions(compared: Sequence[Compared]) -> Iterator[str]:
@@ -87,11 +94,8 @@ def _changed_collisions(compared: Sequence[Compared]) -> Iterator[str]:
         return
     crashes, verdicts = [], []
     for each in compared:
-        board = collision_board(each.evidence.found)
-        ids = {without_version(name): name for name in board.values}
-        for pair in each.differences:
-            name = ids[without_version(pair.dataset)]
-            crashes.append(verdict_of(board.lead(name, pair.one, pair.other)))
+        for pair, change in _with_collisions(each):
+            crashes.append(verdict_of(change))
             verdicts.append(verdict_of(pair.estimates[each.columns[0].key]))
     yield (
         f"Safe rewards lower collisions clearly in {crashes.count('lower')} of {len(crashes)} "
@@ -99,13 +103,17 @@ def _changed_collisions(compared: Sequence[Compared]) -> Iterator[str]:
     )
 
 
-def _changes(compared: Compared) -> Iterator[str]:
-    """What safe rewards change, collisions among it."""
+def _with_collisions(compared: Compared) -> Iterator[tuple[RowDifference, Estimate]]:
+    """Each pair, and how its collisions differ, paired by episode."""
     crashes = collision_board(compared.evidence.found)
     ids = {without_version(name): name for name in crashes.values}
     for each in compared.differences:
-        name = ids[without_version(each.dataset)]
-        change = crashes.lead(name, each.one, each.other)
+        yield each, crashes.lead(ids[without_version(each.dataset)], each.one, each.other)
+
+
+def _changes(compared: Compared) -> Iterator[str]:
+    """What safe rewards change, collisions among it."""
+    for each, change in _with_collisions(compared):
         yield (
             f"{each.words} on {each.dataset}: {sentence_of(each, compared.columns)}, "
             f"{COLLISIONS.label} {format_difference(change, COLLISIONS)} ({verdict_of(change)})."
