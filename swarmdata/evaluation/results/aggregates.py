@@ -54,12 +54,16 @@ def comparable_scores(
         absent = [name for name in names if name not in found]
         counts = {len(found[name]) for name in names if name in found}
         if absent:
-            left_out[label] = f"not measured on {', '.join(absent)}"
+            left_out[label] = f"not measured on {_few(absent)}"
         elif len(counts) > 1:
             left_out[label] = f"has between {min(counts)} and {max(counts)} runs on a dataset"
         else:
             tables[label] = np.stack([found[name] for name in names], axis=1)
     return ComparableScores(names, tables, left_out)
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{len(names)} of them"
 
 
 class Aggregate(NamedTuple):

@@ -267,7 +267,10 @@ def _target(found: ComparableScores) -> str:
 
 def _over(found: ComparableScores) -> str:
     """The datasets of an aggregate, and what is left out."""
-    left = "".join(f"; {name} left out, {why}" for name, why in found.left_out.items())
+    names_of: dict[str, list[str]] = {}
+    for name, why in found.left_out.items():
+        names_of.setdefault(why, []).append(name)
+    left = "".join(f"; {', '.join(names)} left out, {why}" for why, names in names_of.items())
     n_datasets = len(found.datasets)
     several = "one dataset" if n_datasets == 1 else f"{n_datasets} datasets"
     return f"over runs and {several} ({', '.join(found.datasets)}{left})"

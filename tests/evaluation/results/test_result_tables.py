@@ -130,12 +130,12 @@ def test_views_are_explained() -> None:
 
 
 def test_aggregates_stand_below_those_of_the_data() -> None:
-    results = group_results([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}})])
+    results = group_results([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}, "vdn": {MEDIUM: 0.0}})])
     table = aggregate_table(results)
     assert [row.label for row in table.rows] == ["data", "bc", "omar"]
     own = [case.data_score for case in results.cases]
     assert cells(table, "data")["mean"].value == pytest.approx(np.mean(own))  # type: ignore[arg-type]
-    assert f"iql left out, not measured on {EXPERT}" in table.caption
+    assert f"; iql, vdn left out, not measured on {EXPERT})" in table.caption
 
 
 def test_who_is_better_by_how_much() -> None:
