@@ -40,8 +40,8 @@ section but the last two again and rewrites it. [Benchmarks](benchmarks.md) has 
 
 MEASUREMENTS = (
     "Contacts", "Contacts in datasets", "Contacts under other physics", "What rewards prefer",
-    "Coverage of intervals", "What critics know of actions", "Algorithms beside others", "Memory",
-    "Memory of large datasets", "Ten tasks by the clock",
+    "Coverage of intervals", "What critics know of actions", "What values change in a clone",
+    "Algorithms beside others", "Memory", "Memory of large datasets", "Ten tasks by the clock",
 )  # fmt: skip
 """Sections that are not of speed."""
 
