@@ -30,9 +30,10 @@ that are not of speed.
 """,
     "measurements.md": """# Measurements
 
-This page has figures of contacts, rewards, intervals, memory, of what critics know, of the
-algorithms beside code of others, and of ten tasks in a new clone. `make bench` measures every
-section but the last two again and rewrites it. [Benchmarks](benchmarks.md) has the speed.
+This page has figures of contacts, rewards, intervals, memory, of what critics know and do to a
+clone, of the algorithms beside code of others, and of ten tasks in a new clone. `make bench`
+measures every section again but memory, large datasets, the ten tasks, and those that need
+policies of a study. [Benchmarks](benchmarks.md) has the speed.
 
 """,
 }
@@ -41,7 +42,8 @@ section but the last two again and rewrites it. [Benchmarks](benchmarks.md) has 
 MEASUREMENTS = (
     "Contacts", "Contacts in datasets", "Contacts under other physics", "What rewards prefer",
     "Coverage of intervals", "What critics know of actions", "What values change in a clone",
-    "Algorithms beside others", "Memory", "Memory of large datasets", "Ten tasks by the clock",
+    "Where policies push", "Algorithms beside others", "Memory", "Memory of large datasets",
+    "Ten tasks by the clock",
 )  # fmt: skip
 """Sections that are not of speed."""
 
