@@ -1,7 +1,7 @@
 """The findings of a study in sentences that are computed from its numbers."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -18,6 +18,9 @@ from swarmdata.types import Double
 
 MIN_RANKED = 4
 """With fewer algorithms on a dataset, ranks are too coarse for a rank shift to be a surprise."""
+
+GOOD_DATA = 70.0
+"""The mean score from which data count as good: experts have 100, medium-expert tiers 72 to 86."""
 
 MAX_NAMED_ALGORITHMS = 6
 """Algorithms that a sentence names; more are counted."""
@@ -136,22 +139,40 @@ def families(board: Scoreboard) -> list[str]:
 def best_families(board: Scoreboard) -> str:
     """Which families have the best algorithm, and how far behind the others are, in two sentences.
 
-    The second is of the families that were measured on all datasets that count. Empty where
-    `families` is.
+    Scores on good data and on the rest are counted apart. The second sentence is of the families
+    that were measured on all datasets that count. Empty where `families` is.
     """
-    records, n_datasets = _family_records(board), len(_counted_datasets(board))
+    records, counted = _family_records(board), _counted_datasets(board)
     if not records:
         return ""
-    first, *others = sorted((each for each in records if each.won), key=lambda each: -len(each.won))
-    count = f"{len(first.won)} of {n_datasets} datasets"
-    wins = [f"{_capital(first.name)} has the best algorithm on {count}"]
-    wins += [f"{each.name} on {len(each.won)}" for each in others]
-    whole = [each for each in records if len(each.behind) == n_datasets]
+    good = [d for d in counted if board.data.get(d, -math.inf) >= GOOD_DATA]
+    rest = [d for d in counted if d not in good]
+    if board.column.key == "score" and good and rest:
+        wins = (
+            f"Of data that score below {GOOD_DATA:g}, where experts have 100, "
+            f"{_wins(records, rest)}; of better data, {_wins(records, good)}"
+        )
+    else:
+        wins = _capital(_wins(records, counted))
+    whole = [each for each in records if len(each.behind) == len(counted)]
     gaps = sorted((float(np.mean(each.behind)), each.name) for each in whole)
     shown = ", ".join(f"{_number(gap, board)} ({name})" for gap, name in gaps)
     return (
-        f"{', '.join(wins)}. On average the best algorithm of a family is behind the best of all "
-        f"by {shown}."
+        f"{wins}. On average the best algorithm of a family is behind the best of all by {shown}."
+    )
+
+
+def _wins(records: Sequence[FamilyRecord], datasets: Sequence[str]) -> str:
+    """How often each family has the best algorithm on some datasets, most often first."""
+    names = {without_version(dataset) for dataset in datasets}
+    won = {each.name: len(names.intersection(each.won)) for each in records}
+    first, *others = sorted((name for name in won if won[name]), key=lambda name: -won[name])
+    several = f"{len(names)} dataset{'s' if len(names) > 1 else ''}"
+    return ", ".join(
+        [
+            f"{first} has the best algorithm on {won[first]} of {several}",
+            *(f"{name} on {won[name]}" for name in others),
+        ]
     )
 
 

@@ -100,6 +100,28 @@ def test_the_best_families_in_short() -> None:
     assert study_text.best_families(make_board({"x": {"bc": 1, "vdn": 2}}, {})) == ""
 
 
+def test_good_data_count_apart() -> None:
+    scores = {
+        "x-v0": {"bc": 1, "vdn": 2, "omar": 6},
+        "y-v0": {"bc": 2, "omar": 3},
+        "z-v0": {"bc": 9, "vdn": 8},
+    }
+    board = make_board(scores, {"x-v0": 20, "y-v0": 70, "z-v0": 99})
+    assert study_text.best_families(board).startswith(
+        "Of data that score below 70, where experts have 100, critics has the best algorithm on 1 "
+        "of 1 dataset; of better data, cloning has the best algorithm on 1 of 2 datasets, critics "
+        "on 1. On average "
+    )
+    all_good = make_board(scores, dict.fromkeys(scores, 80.0))
+    returns = make_board(
+        scores, {"x-v0": 20, "y-v0": 70, "z-v0": 99}, column=Column("return", "return", "", 1)
+    )
+    for other in (all_good, returns):
+        assert study_text.best_families(other).startswith(
+            "Critics has the best algorithm on 2 of 3"
+        )
+
+
 def test_every_algorithm_stands_on_one_side_of_the_data() -> None:
     first, second = study_text.against_data(BOARD)
     assert first == (
