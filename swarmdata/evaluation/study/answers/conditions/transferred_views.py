@@ -1,5 +1,6 @@
 """Transfer in an answer: policies that learned in one view and are used in another."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -40,6 +41,7 @@ def describe_transfers(evidence: Evidence, dataset: str, out: Path) -> TransferT
             figure = f"information-{evidence.name}-{dataset}-{label}-transfer.png"
             plot_score_matrix(found, out / figure, label=SUCCESS.column.header, decimals=0)
             text.sentences.append(_sentence(dataset, label, losses, found))
+            text.sentences.extend(teachers(dataset, label, found))
             text.figures.append(figure)
             details = (
                 f"Episodes solved (%) by `{label}` on {dataset}: a row is the view that policies "
@@ -48,6 +50,36 @@ def describe_transfers(evidence: Evidence, dataset: str, out: Path) -> TransferT
             )
             text = text._replace(details=text.details + details)
     return text
+
+
+def teachers(dataset: str, label: str, found: Matrix) -> list[str]:
+    """Which view to learn with solves most in each view of use, where that is not always the same.
+
+    Views of use count in which policies of that view and of others were tried.
+    """
+    tried = {
+        used: {learned: values[used] for learned, values in found.items() if used in values}
+        for used in found
+    }
+    best = {
+        used: max(values, key=lambda learned: (values[learned], learned == used))
+        for used, values in tried.items()
+        if used in values and len(values) > 1
+    }
+    elsewhere = Counter(learned for used, learned in best.items() if learned != used)
+    if not elsewhere:
+        return []
+    teacher, n_won = elsewhere.most_common(1)[0]
+    gains = {
+        used: tried[used][teacher] - tried[used][used] for used in best if best[used] == teacher
+    }
+    used = max(gains, key=lambda view: gains[view])
+    n_own = len(best) - elsewhere.total()
+    return [
+        f"On {dataset}, in {n_own} of {len(best)} views of use `{label}` solves most if it learned "
+        f"with the same view, and in {n_won} if it learned with `{teacher}`; most of all with "
+        f"`{used}`: {tried[used][teacher]:.0f} % instead of {tried[used][used]:.0f} %."
+    ]
 
 
 def _matrix(rows: Sequence[Shifted], quantity: Quantity) -> Matrix:
