@@ -112,13 +112,17 @@ class _TiledProduct(torch.autograd.Function):
 
 
 @torch.library.custom_op("swarmdata::tiled_product", mutates_args=())
-def compiled_product(x: Tensor, weight: Tensor, bias: Tensor | None = None) -> Tensor:
-    """`tiled_product` for graphs of torch.compile, with its gradient; slower to call than that."""
+def compiled_product(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
+    """`tiled_product` for graphs of torch.compile, with its gradient; slower to call than that.
+
+    No operand has a default: torch leaves out trailing operands that equal theirs, and gradients
+    of two would not fit.
+    """
     return tiled_product(x, weight, bias)
 
 
 @compiled_product.register_fake
-def _(x: Tensor, weight: Tensor, bias: Tensor | None = None) -> Tensor:
+def _(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
     return x.new_empty(*x.shape[:2], weight.shape[2])
 
 

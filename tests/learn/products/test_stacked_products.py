@@ -1,5 +1,7 @@
 """Products and their gradients against torch's own, eager and compiled."""
 
+from collections.abc import Callable
+
 import pytest
 
 torch = pytest.importorskip("torch", reason="products of torch's tensors")
@@ -52,10 +54,12 @@ def test_other_types_are_left_to_torch() -> None:
 
 
 @pytest.mark.usefixtures("with_tiles")
-def test_graphs_of_torch_compile_have_the_same_products() -> None:
-    parts = operands(18)
-    compiled = torch.compile(affine, backend="aot_eager", fullgraph=True)
-    results = [function(*parts) for function in (compiled, affine)]
+@pytest.mark.parametrize("n_operands", [3, 2])
+def test_graphs_of_torch_compile_have_the_same_products(n_operands: int) -> None:
+    multiplied: Callable[..., Tensor] = affine if n_operands == 3 else product
+    parts = operands(18)[:n_operands]
+    compiled = torch.compile(multiplied, backend="aot_eager", fullgraph=True)
+    results = [function(*parts) for function in (compiled, multiplied)]
     assert torch.equal(*results)
     gradients = [torch.autograd.grad(y.square().sum(), parts) for y in results]
     torch.testing.assert_close(*gradients)
