@@ -121,6 +121,7 @@ class MADDPGConfig:
     critic_hidden: tuple[int, ...] = (128, 128)
     parameters: Parameters = "shared"
     frame: str = "target"  # in which robots observe and act, `frames.find_frame`
+    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
     actor_learning_rate: float = 1e-3
     critic_learning_rate: float = 1e-3
     final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.network_inputs import (
     generator_states,
@@ -23,6 +23,7 @@ from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer, measure_moments
 from swarmdata.online_algos.collection.recorded_rows import RecordedRows, Stored, joined
 from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.shaping.shaped_env import reweighted
 from swarmdata.perception.frames import find_frame
 from swarmdata.types import Batch
 
@@ -50,6 +51,7 @@ class Plan:
     margin: int  # joint steps that may follow a checkpoint, see `training.replay_buffer`
     warmup_transitions: int  # joint steps before the first gradient step
     frame: str
+    reward_weights: tuple[str, ...] = ()  # that replace the task's, `shaped_env.reweighted`
     n_measured: int = 64  # steps of every copy that measure the inputs
 
     def __post_init__(self) -> None:
@@ -66,7 +68,7 @@ class Plan:
         """Reads the fields of the same names from an algorithm's config."""
         names = (
             "n_steps", "n_copies", "rollout_steps", "n_gradient_steps", "batch_size", "capacity",
-            "margin", "warmup_transitions", "frame",
+            "margin", "warmup_transitions", "frame", "reward_weights",
         )  # fmt: skip
         return cls(**{name: getattr(config, name) for name in names})
 
@@ -80,6 +82,9 @@ class Collector:
         plan: how much is collected and sampled.
         folder: of the replay.
 
+    Raises:
+        SpecError: a reward weight does not exist or cannot have its value.
+
     Attributes:
         seeds: of the runs, [K].
         frames: joint steps that each seed has taken.
@@ -90,7 +95,7 @@ class Collector:
     def __init__(self, env: VecEnv, seeds: Sequence[int], plan: Plan, folder: Path | str) -> None:
         self.plan, self.frames = plan, 0
         self.frame = find_frame(env.features, plan.frame)
-        self.worlds = Worlds(env, seeds, self.frame)
+        self.worlds = Worlds(reweighted(env, plan.reward_weights), seeds, self.frame)
         if self.worlds.n_copies != plan.n_copies:
             raise SchemaError(
                 f"got {env.n_copies} copies for {len(seeds)} seeds, expected n_copies = "
@@ -113,7 +118,15 @@ class Collector:
             data: recorded in the same task.
             share: of each batch, above 0 and below 1.
             stored: what the algorithm stores of actions in [-1, 1]; None: themselves.
+
+        Raises:
+            SpecError: training has other reward weights than the task, which the data have.
         """
+        if self.plan.reward_weights:
+            raise SpecError(
+                f"reward_weights is {','.join(self.plan.reward_weights)} and recorded data are "
+                "mixed in, whose rewards have the task's weights. Leave one of them out."
+            )
         size = self.plan.batch_size
         self.recorded = RecordedRows(data, self.frame, self.seeds, size, share, stored)
 

@@ -48,6 +48,7 @@ class ValueLearningConfig:
     layer_norm: bool = False  # in the utility networks
     parameters: Parameters = "shared"
     frame: str = "target"  # in which robots see and act, `frames.find_frame`
+    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
     learning_rate: float = 1e-3
     final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
     discount: float = 0.97

@@ -10,8 +10,10 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.errors import SchemaError, SpecError  # noqa: E402
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan  # noqa: E402
+from swarmdata.registry.components import make_env  # noqa: E402
+from swarmdata.registry.presets import preset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 
@@ -99,3 +101,22 @@ def test_wrong_numbers_are_refused(two_episodes: Any, tmp_path: Path) -> None:
         plan(n_gradient_steps=0)
     with pytest.raises(SchemaError, match="at least one step of every copy"):
         plan(capacity=3)
+
+
+def test_other_reward_weights_are_learned_from(tmp_path: Path) -> None:
+    """In the same worlds, robots that stand still pay twice the price of time."""
+    rewards = []
+    for weights in ((), ("time=0.04", "success=1")):
+        chosen = plan(reward_weights=weights)
+        env = make_env(preset("coop_nav-easy"), 4)
+        collector = Collector(env, [3], chosen, tmp_path / str(len(weights)))
+        rewards.append(collector.round(act, lambda _: {}, [])["reward"])
+    assert preset("coop_nav-easy").rules.rewards.time == 0.02
+    torch.testing.assert_close(rewards[1], rewards[0] - 0.02)
+
+
+def test_recorded_rows_have_the_rewards_of_the_task(two_episodes: Any, tmp_path: Path) -> None:
+    collector = Collector(two_episodes, [3], plan(), tmp_path)
+    collector.plan = plan(reward_weights=("time=0.04",))
+    with pytest.raises(SpecError, match=r"reward_weights is time=0.04 and recorded data"):
+        collector.mix_in(None, 0.5)  # type: ignore[arg-type]

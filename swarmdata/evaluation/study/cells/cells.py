@@ -34,6 +34,9 @@ FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run"}
 """Fields that affect neither training nor evaluation, as the name of the family does not, or that
 `digest` covers, as it does paths of files."""
 
+YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}
+"""Settings that algorithms got after studies had run, and the values that change nothing."""
+
 AS_RECORDED = View()
 """Models of the dataset itself."""
 
@@ -78,6 +81,9 @@ class Cell(Frozen):
         content = self.model_dump(mode="json", exclude=FIELDS_OUTSIDE_KEY)
         if not self.rewards:  # keys of cells without are those of before cells had rewards
             del content["rewards"]
+        for name, value in YOUNGER_SETTINGS.items():  # the same for cells without these settings
+            if content["config"].get(name) == value:
+                del content["config"][name]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property

@@ -174,6 +174,16 @@ def test_online_trainings_are_cells_of_their_task(make_study: Make) -> None:
     assert (cell.kind, cell.n_updates, cell.seeds) == ("online", 500, (0, 1))
 
 
+def test_results_from_before_a_setting_are_kept(make_study: Make) -> None:
+    """Cells were finished before online algorithms had reward weights."""
+    on = {"algorithm": "vdn", "task": "coop_nav", "frames": 500}
+    cell = cells(make_study(online={"on": on}))["on/coop_nav"]
+    config = {k: v for k, v in cell.config.items() if k != "reward_weights"}
+    assert cell.key == cell.model_copy(update={"config": config}).key
+    others = on | {"settings": {"reward_weights": ["time=0.04"]}}
+    assert cell.key != cells(make_study(online={"on": others}))["on/coop_nav"].key
+
+
 def test_names_and_sizes_of_datasets(data: Path) -> None:
     assert short_name("coop_nav-medium") == "coop_nav-medium"
     assert short_name(str(data)) == "coop_nav-tiny-v0"
