@@ -10,10 +10,28 @@ from swarmdata.evaluation.results.result_tables import QUANTITIES, Quantity
 from swarmdata.evaluation.study.answers.evidence import Evidence
 from swarmdata.evaluation.study.shifts.shift_table import TRANSFER_FILE, Shifted, read_shifts
 
-SUCCESS = QUANTITIES["success"]
-
 Matrix = Mapping[str, Mapping[str, float]]
-"""View of the training -> view of the use -> solved episodes, %."""
+"""View of the training -> view of the use -> what was measured, in shown units."""
+
+FEW = 20.0
+"""Percent of the episodes; where no view solves more, scores tell views apart."""
+
+
+class Measure(NamedTuple):
+    """A quantity, and how sentences speak of it."""
+
+    quantity: Quantity
+    what: str  # the caption's beginning
+    verb: str
+    less: str  # of a number
+    unit: str
+
+
+SUCCESS = Measure(
+    QUANTITIES["success"], "Episodes solved (%) by", "solves",
+    "percentage points of the episodes less", " %",
+)  # fmt: skip
+SCORE = Measure(QUANTITIES["score"], "Scores of", "scores", "less", "")
 
 
 class TransferText(NamedTuple):
@@ -35,25 +53,44 @@ def describe_transfers(evidence: Evidence, dataset: str, out: Path) -> TransferT
     text = TransferText([], "", [])
     rows = [row for row in read_shifts(evidence.folder / TRANSFER_FILE) if row.dataset == dataset]
     for label in dict.fromkeys(row.label for row in rows):
-        found = _matrix([row for row in rows if row.label == label], SUCCESS)
+        own = [row for row in rows if row.label == label]
+        measure, found = measured(own)
         losses = _losses(found)
         if losses:
             figure = f"information-{evidence.name}-{dataset}-{label}-transfer.png"
-            plot_score_matrix(found, out / figure, label=SUCCESS.column.header, decimals=0)
-            text.sentences.append(_sentence(dataset, label, losses, found))
-            text.sentences.extend(teachers(dataset, label, found))
+            header = measure.quantity.column.header
+            plot_score_matrix(found, out / figure, label=header, decimals=0)
+            text.sentences.append(_sentence(dataset, label, losses, found, measure))
+            text.sentences.extend(teachers(dataset, label, found, measure))
+            text.sentences.extend(all_round(dataset, label, found, measure))
             text.figures.append(figure)
             details = (
-                f"Episodes solved (%) by `{label}` on {dataset}: a row is the view that policies "
+                f"{measure.what} `{label}` on {dataset}: a row is the view that policies "
                 f"learned in, a column that of their use; empty where they do not fit.\n\n"
-                f"![episodes solved by views of training and use]({figure})\n\n"
+                f"![{header} by views of training and use]({figure})\n\n"
             )
             text = text._replace(details=text.details + details)
     return text
 
 
-def teachers(dataset: str, label: str, found: Matrix) -> list[str]:
-    """Which view to learn with solves most in each view of use, where that is not always the same.
+def measured(rows: Sequence[Shifted]) -> tuple[Measure, Matrix]:
+    """The solved episodes of views that fit others, or the scores where few are solved."""
+    solved, scores = (_matrix(rows, each.quantity) for each in (SUCCESS, SCORE))
+    is_few = all(value < FEW for values in solved.values() for value in values.values())
+    return (SCORE, fitting(scores)) if is_few and scores else (SUCCESS, fitting(solved))
+
+
+def fitting(found: Matrix) -> Matrix:
+    """Leaves out views whose inputs no other view has."""
+    others = [
+        (learned, used) for learned, values in found.items() for used in values if learned != used
+    ]
+    fit = {view for pair in others for view in pair}
+    return {view: values for view, values in found.items() if view in fit}
+
+
+def teachers(dataset: str, label: str, found: Matrix, measure: Measure = SUCCESS) -> list[str]:
+    """Which view to learn with is best in each view of use, where that is not always the same.
 
     Views of use count in which policies of that view and of others were tried.
     """
@@ -76,9 +113,26 @@ def teachers(dataset: str, label: str, found: Matrix) -> list[str]:
     used = max(gains, key=lambda view: gains[view])
     n_own = len(best) - elsewhere.total()
     return [
-        f"On {dataset}, in {n_own} of {len(best)} views of use `{label}` solves most if it learned "
-        f"with the same view, and in {n_won} if it learned with `{teacher}`; most of all with "
-        f"`{used}`: {tried[used][teacher]:.0f} % instead of {tried[used][used]:.0f} %."
+        f"On {dataset}, in {n_own} of {len(best)} views of use `{label}` {measure.verb} most if it "
+        f"learned with the same view, and in {n_won} if it learned with `{teacher}`; most of all "
+        f"with `{used}`: {tried[used][teacher]:.0f}{measure.unit} instead of "
+        f"{tried[used][used]:.0f}{measure.unit}."
+    ]
+
+
+def all_round(dataset: str, label: str, found: Matrix, measure: Measure = SUCCESS) -> list[str]:
+    """Which view to learn with is best where it is worst, of three or more that fit one another."""
+    n_views = len(found)
+    least = {
+        learned: min(values.values()) for learned, values in found.items() if len(values) == n_views
+    }
+    if n_views < 3 or len(least) < 2:
+        return []
+    second, best = sorted(least, key=lambda learned: least[learned])[-2:]
+    return [
+        f"On {dataset}, `{label}` that learned with `{best}` {measure.verb} "
+        f"{least[best]:.0f}{measure.unit} or more with each of the {n_views} views, after "
+        f"`{second}`: {least[second]:.0f}{measure.unit}."
     ]
 
 
@@ -93,7 +147,7 @@ def _matrix(rows: Sequence[Shifted], quantity: Quantity) -> Matrix:
 
 
 def _losses(found: Matrix) -> dict[tuple[str, str], float]:
-    """Views of training and use -> how much less is solved than by those that learned there."""
+    """Views of training and use -> how far behind those that learned there."""
     return {
         (learned, used): found[used][used] - value
         for learned, values in found.items()
@@ -103,14 +157,18 @@ def _losses(found: Matrix) -> dict[tuple[str, str], float]:
 
 
 def _sentence(
-    dataset: str, label: str, losses: Mapping[tuple[str, str], float], found: Matrix
+    dataset: str,
+    label: str,
+    losses: Mapping[tuple[str, str], float],
+    found: Matrix,
+    measure: Measure,
 ) -> str:
     """The mean loss, and the pair of views with the largest."""
     learned, used = max(losses, key=lambda pair: losses[pair])
     mean = sum(losses.values()) / len(losses)
     return (
-        f"On {dataset}, in {len(losses)} pairs of views `{label}` solves {mean:.0f} percentage "
-        f"points of the episodes less where it learned with another view than it is used with; "
-        f"most between `{learned}` and `{used}`: {found[learned][used]:.0f} % instead of "
-        f"{found[used][used]:.0f} %."
+        f"On {dataset}, in {len(losses)} pairs of views `{label}` {measure.verb} {mean:.0f} "
+        f"{measure.less} where it learned with another view than it is used with; most between "
+        f"`{learned}` and `{used}`: {found[learned][used]:.0f}{measure.unit} instead of "
+        f"{found[used][used]:.0f}{measure.unit}."
     )
