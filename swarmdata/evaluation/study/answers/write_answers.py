@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from swarmdata.evaluation.study.answers.answer import Answer, Question
 from swarmdata.evaluation.study.answers.conditions.information_regimes import (
@@ -117,7 +118,8 @@ CAVEATS = (
 def write_answers(studies: Path, out: Path) -> tuple[list[Path], dict[str, str]]:
     """Writes a page for each question that has an answer, their figures, and an index.
 
-    A page of a question that has no answer any more is removed.
+    A page of a question that has no answer any more is removed. If an answer fails, all pages stay
+    as they were.
 
     Args:
         studies: folder of studies, such as `cards/studies`.
@@ -131,19 +133,26 @@ def write_answers(studies: Path, out: Path) -> tuple[list[Path], dict[str, str]]
         MissingExtraError: matplotlib is not installed.
     """
     out.mkdir(parents=True, exist_ok=True)
-    with open_evidence(studies) as (evidence, unread):
+    # pages are made beside the old ones, so that relative links hold, and take their place at once
+    with (
+        open_evidence(studies) as (evidence, unread),
+        TemporaryDirectory(prefix=f".{out.name}-", dir=out.absolute().parent) as folder,
+    ):
         left_out = {f"study {name}": reason for name, reason in unread.items()}
         answers: dict[str, Answer] = {}
         for question in QUESTIONS:
-            _remove(question, out)
-            found = question.answer(evidence, out)
+            found = question.answer(evidence, Path(folder))
             if found is None:
                 left_out[f"{question.stem}.md"] = f"no study has {question.needs}"
             else:
                 answers[question.stem] = found
-                write_file(out / f"{question.stem}.md", _page(question, found, out).encode())
-        index = _index(answers, out, _spent(evidence))
-    write_file(out / INDEX_FILE, index.encode())
+                page = _page(question, found, out)
+                write_file(Path(folder, f"{question.stem}.md"), page.encode())
+        write_file(Path(folder, INDEX_FILE), _index(answers, out, _spent(evidence)).encode())
+        for question in QUESTIONS:
+            _remove(question, out)
+        for made in Path(folder).iterdir():
+            made.replace(out / made.name)
     return [out / INDEX_FILE, *(out / f"{stem}.md" for stem in answers)], left_out
 
 

@@ -12,6 +12,7 @@ pytest.importorskip("torch", reason="a study needs the torch extra")
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
 
 from swarmdata.errors import StudyError
+from swarmdata.evaluation.study.answers import write_answers as write_answers_module
 from swarmdata.evaluation.study.answers.write_answers import (
     OTHER_PAGES,
     QUESTIONS,
@@ -193,3 +194,21 @@ def test_a_page_without_an_answer_goes_and_a_folder_without_studies_is_refused(
     assert left_out["study two"] == "it has no cells.tar.xz, so its episodes are not known"
     with pytest.raises(StudyError, match=r"no folder of a study with study\.yaml and cells"):
         write_answers(tmp_path / "results", out)
+
+
+def test_pages_stay_if_an_answer_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise StudyError("the disk is full")
+
+    shutil.copytree(ROOT / "cards/studies/validation-medium", tmp_path / "studies/one")
+    out = tmp_path / "results"
+    out.mkdir()
+    for question in QUESTIONS:
+        (out / f"{question.stem}.md").write_text("as before")
+    before = {file: file.read_text() for file in tmp_path.glob("results*/*")}
+    failing = (*QUESTIONS[:-1], replace(QUESTIONS[-1], answer=fail))
+    monkeypatch.setattr(write_answers_module, "QUESTIONS", failing)
+    with pytest.raises(StudyError, match="the disk is full"):
+        write_answers(tmp_path / "studies", out)
+    assert {file: file.read_text() for file in tmp_path.glob("results*/*")} == before
+    assert {file.name for file in tmp_path.iterdir()} == {"studies", "results"}
