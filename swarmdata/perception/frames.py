@@ -253,11 +253,13 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
         features: of an observation.
         anchor: the vector along the x axis: the name of an observed vector without its `_x`, such
             as `payload_goal`, or `target`, the robot's own; `own.heading` where some robots are
-            unicycles; `world` for no rotation.
+            unicycles; `world` for no rotation; `auto` for the `natural_anchor`.
 
     Raises:
         SpecError: these observations have no such vector.
     """
+    if anchor == "auto":
+        anchor = natural_anchor(features)
     if anchor == "world":
         return None
     has_unicycles = any(feature.name.startswith(HEADING) for feature in features)
@@ -274,8 +276,8 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
             features[k].name.removesuffix("_x") for k in vectors if features[k].name.endswith("_x")
         )
         raise SpecError(
-            f"frame {anchor!r} needs the observed vector {name}; expected 'world', 'target' (where "
-            f"own.goal_dx is observed) or one of {', '.join(known)}."
+            f"frame {anchor!r} needs the observed vector {name}; expected 'auto', 'world', 'target' "
+            f"(where own.goal_dx is observed) or one of {', '.join(known)}."
         )
     index = {feature.name: k for k, feature in enumerate(features)}
     return Frame(

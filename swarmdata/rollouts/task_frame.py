@@ -1,7 +1,7 @@
 """The frame in which robots of a task observe and act, by the name of its anchor."""
 
 from swarmdata.errors import SpecError
-from swarmdata.perception.frames import Frame, find_frame, natural_anchor
+from swarmdata.perception.frames import Frame, find_frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.specs.origins import Spec
@@ -12,7 +12,7 @@ def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
 
     Args:
         spec: of a dataset. Recorded environments have only the world frame.
-        anchor: as `frames.find_frame` takes it, or `auto` for the natural one of the task.
+        anchor: as `frames.find_frame` takes it.
 
     Raises:
         SpecError: the task's observations have no such anchor.
@@ -24,5 +24,4 @@ def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
                 "Use frame 'world'."
             )
         return None
-    features = features_of(make_task(spec.world))
-    return find_frame(features, natural_anchor(features) if anchor == "auto" else anchor)
+    return find_frame(features_of(make_task(spec.world)), anchor)

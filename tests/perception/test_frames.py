@@ -181,6 +181,11 @@ def test_frames_are_found_by_name() -> None:
     assert find_frame(FEATURES, "world") is None
     heading = find_frame(make_env(preset("formation"), 1).features, "reference.heading")
     assert heading is not None
+    natural = find_frame(FEATURES, "auto")
+    assert natural is not None
+    assert natural == find_frame(FEATURES, "target")
+    lidar = with_models(preset("coop_nav"), "lidar", None)
+    assert find_frame(make_env(lidar, 1).features, "auto") is None
     with pytest.raises(SpecError, match="payload_goal"):
         find_frame(FEATURES, "payload_goal")
 

@@ -218,8 +218,7 @@ def train(
         communication: communication model, likewise.
         rewards: weights of rewards to learn from, as `load` takes them; learning curves and
             evaluations stay on those of the task.
-        frame: anchor of the frame of observations and actions, as `frames.find_frame` takes it, or
-            `auto` for the natural one of the task.
+        frame: anchor of the frame of observations and actions, as `frames.find_frame` takes it.
         curve_every: updates between two points of the learning curve.
         keep: whether to keep all checkpoints, so that `rank` can compare them.
         device: torch device.

@@ -92,6 +92,7 @@ class ViewsPlan(Frozen):
     """Information: the same data seen and heard in other ways, for training and evaluation.
 
     Policies that `transfer` names are also evaluated in the other views that give the same inputs.
+    Rows that `online` names learn in their task with the sensors and the radio of each view.
     """
 
     datasets: Names  # of the study
@@ -99,6 +100,7 @@ class ViewsPlan(Frozen):
     views: Annotated[dict[Label, View], Field(min_length=1)]  # by label
     transfer: Names = ()  # labels
     transfer_episodes: Episodes = 200  # seeds of each pair
+    online: Names = ()  # labels of online rows
 
 
 class TasksPlan(Frozen):
@@ -254,6 +256,18 @@ class Study(Frozen):
                 raise ValueError(
                     f"information.views: {label} has the models of "
                     f"{list(views)[models.index(models[k])]}; leave one of them out"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _online_rows_learn_in_views(self) -> Self:
+        labels = self.information.online if self.information else ()
+        _check_known("information.online", labels, tuple(self.online))
+        for label in labels:
+            if self.online[label].run is not None:
+                raise ValueError(
+                    f"information.online has {label}, a finished run, which learned in one view; "
+                    "expected rows that the study trains"
                 )
         return self
 

@@ -81,6 +81,9 @@ def test_a_study_survives_its_own_yaml(
     assert Study.from_text(study.to_yaml()) == study
 
 
+SEEN = {"datasets": [], "algorithms": ["bc"], "views": {"recorded": {}}}
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -90,6 +93,11 @@ def test_a_study_survives_its_own_yaml(
         ({"sizes": {"datasets": ["x"], "algorithms": ["bc"]}}, "sizes.datasets has 'x'"),
         ({"sizes": {"datasets": [], "algorithms": ["x"]}}, "sizes.algorithms has 'x'"),
         ({"curves": {"datasets": ["x"]}}, "curves.datasets has 'x'"),
+        ({"information": {**SEEN, "online": ["x"]}}, "information.online has 'x', which the study"),
+        (
+            {"information": {**SEEN, "online": ["x"]}, "online": {"x": {"run": "runs/x"}}},
+            "information.online has x, a finished run",
+        ),
         ({"mixtures": {"m": {"a": 3, "b": 1}}}, "mixtures has 'm', which the study lacks"),
         ({"mixtures": {"m": {"a": 3}}, "datasets": ["m"]}, "mixtures.m"),
         ({"mixtures": {"m": {"a": 3, "b": 0}}, "datasets": ["m"]}, "mixtures.m.b"),

@@ -29,11 +29,15 @@ HARDLY_ANY = 0.01
 
 
 def answer_online_algorithms(evidence: Sequence[Evidence], out: Path) -> Answer | None:
-    """Answers from studies that have online rows beside the offline ones."""
+    """Answers from studies that have online rows beside the offline ones.
+
+    Those that train them with several sensors and radios answer what information costs.
+    """
     sentences, headlines, parts, figures, chosen = [], [], [], [], []
     for each in evidence:
+        plan = each.found.study.information
         results = _with_online_rows(each.found.results)
-        if not results.cases:
+        if not results.cases or (plan is not None and plan.online):
             continue
         families = _families(each, results)
         keys = (quantity_of(results).column.key, *BESIDE)

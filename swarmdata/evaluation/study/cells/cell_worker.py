@@ -51,6 +51,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.locking import locked
+from swarmdata.specs.model_choice import with_models
 from swarmdata.store import write_file
 
 MIN_LOSS_ROWS = 50
@@ -159,7 +160,8 @@ def _train_online(cell: Cell, run: Path, meter: CostMeter, report: Report) -> No
     is_finished = all(frames and frames[0] >= cell.n_updates for frames in last)
     if not is_finished or (run / CHECKPOINT).exists():
         config = _config(ONLINE_ALGORITHMS, cell)
-        description = describe_run(cell.algorithm, config, find_spec(cell.source), cell.seeds)
+        spec = with_models(find_spec(cell.source), cell.observation, cell.communication)
+        description = describe_run(cell.algorithm, config, spec, cell.seeds)
         train_run(description, run, progress=False)
         meter.add_updates(cell.n_updates)
         report(cell.n_updates)

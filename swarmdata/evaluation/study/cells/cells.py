@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +19,7 @@ from swarmdata.evaluation.study.cells.study_data import (
     short_count,
     short_name,
 )
-from swarmdata.evaluation.study.plan import Baseline, Study, Variant, View
+from swarmdata.evaluation.study.plan import Study, Variant, View
 from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.numerics.random import SeedBlock
@@ -124,8 +124,8 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
         ):
             if study.has(label, dataset):
                 _add(cells, offline_cell(study, label, dataset, digest_of, view=view))
-    for label, baseline in study.online.items():
-        _add(cells, _online_cell(study, label, baseline))
+    for cell in _online_cells(study):
+        _add(cells, cell)
     return list(cells.values())
 
 
@@ -165,8 +165,6 @@ def offline_cell(
     variant = study.algorithms[label]
     config = config_of(study, variant)
     data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
-    for model in (view.observation, view.communication):
-        data += "" if model is None else f"~{model}"
     curves = study.curves
     parts = study.mixtures.get(dataset, {})
     is_drawn = curves is not None and (not curves.datasets or dataset in curves.datasets)
@@ -174,7 +172,7 @@ def offline_cell(
     return Cell(
         kind="offline",
         label=label,
-        data=data,
+        data=_seen_in(data, view),
         family=variant.family,
         algorithm=variant.algorithm,
         config=config,
@@ -211,7 +209,22 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
     return _json(override(config, as_texts({**changes, **variant.settings})))
 
 
-def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
+def _seen_in(data: str, view: View) -> str:
+    """The short name of data or of a task in a view."""
+    return "~".join((data, *(model for model in view.models if model is not None)))
+
+
+def _online_cells(study: Study) -> Iterator[Cell]:
+    """Online rows in their tasks as they are, then those that learn in views."""
+    for label in study.online:
+        yield _online_cell(study, label)
+    if (seen := study.information) is not None:
+        for view, label in itertools.product(seen.views.values(), seen.online):
+            yield _online_cell(study, label, view)
+
+
+def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
+    baseline = study.online[label]
     shared = {
         "label": label,
         "family": ONLINE_FAMILY,
@@ -227,11 +240,13 @@ def _online_cell(study: Study, label: str, baseline: Baseline) -> Cell:
     config = _json(override(kind.Config(), as_texts({**length, **baseline.settings})))
     return Cell(
         kind="online",
-        data=Path(baseline.task).stem,
+        data=_seen_in(Path(baseline.task).stem, view),
         algorithm=baseline.algorithm,
         config=config,
         source=baseline.task,
         digest="",
+        observation=view.observation,
+        communication=view.communication,
         seeds=study.seeds,
         **shared,  # type: ignore[arg-type]
     )

@@ -37,7 +37,8 @@ class Findings:
         missing: names of the other cells, with the reason if they failed.
         results: on the study's datasets, with online algorithms as baselines.
         sizes: results of the data efficiency, if the study has it and it was measured.
-        views: results of the data seen in other ways, likewise.
+        views: results of the data seen in other ways, likewise, beside rows that learned in the
+            task in the same ways.
         facts: the cell's name -> facts of the dataset that it was trained on.
         costs: the cell's name -> its cost.
         work: folder of the cells.
@@ -62,6 +63,16 @@ class Findings:
     def families(self) -> dict[str, str]:
         """The family of each offline row, in the order of the plan."""
         return {label: each.family for label, each in self.study.algorithms.items()}
+
+    @property
+    def view_families(self) -> dict[str, str]:
+        """The family of each row that was measured in views, offline ones first."""
+        plan = self.study.information
+        cases = () if self.views is None else self.views.cases
+        offline = {} if plan is None else {label: self.family(label) for label in plan.algorithms}
+        return offline | {
+            label: ONLINE_FAMILY for case in cases for label in case.runs if label not in offline
+        }
 
     @property
     def looks(self) -> dict[str, dict[str, str]]:
@@ -130,11 +141,15 @@ def collect_findings(
         missing={**missing, **excluded},
         results=results,
         sizes=_read_results(sized, work, facts) if sized else None,
-        views=_read_results(viewed, work, facts) if viewed else None,
+        views=_beside_online(_read_results(viewed, work, facts)) if viewed else None,
         facts=facts,
         costs={cell.name: Cost.from_file(cell_folder(work, cell) / COST_FILE) for cell in done},
         work=work,
     )
+
+
+def _beside_online(results: ResultSet) -> ResultSet:
+    return replace(results, cases=tuple(map(results.with_baselines, results.cases)))
 
 
 def _without_other_worlds(results: ResultSet) -> tuple[ResultSet, dict[str, str]]:
@@ -151,9 +166,9 @@ def _without_other_worlds(results: ResultSet) -> tuple[ResultSet, dict[str, str]
 
 
 def is_in_grid(study: Study, cell: Cell) -> bool:
-    """Whether a cell is in the grid, or online; cells of data efficiency and sweeps are not."""
+    """Whether a cell is in the grid, or online as recorded; those of sizes and sweeps are not."""
     if cell.kind != "offline":
-        return True
+        return cell.observation is None and cell.communication is None
     return cell.data in {short_name(dataset) for dataset in study.datasets}
 
 
@@ -168,7 +183,10 @@ def is_data_efficiency_cell(study: Study, cell: Cell) -> bool:
 def is_view_cell(study: Study, cell: Cell) -> bool:
     """Whether a cell is of the data seen and heard in one of the study's ways."""
     plan = study.information
-    if plan is None or cell.source not in plan.datasets or cell.label not in plan.algorithms:
+    if plan is None:
+        return False
+    is_offline = cell.source in plan.datasets and cell.label in plan.algorithms
+    if not is_offline and cell.label not in plan.online:
         return False
     models = {view.models for view in plan.views.values()}
     return cell.n_steps is None and (cell.observation, cell.communication) in models

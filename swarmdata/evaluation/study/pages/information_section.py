@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from swarmdata.drawing import markdown
+from swarmdata.drawing.style import family_looks
 from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, Column, format_estimate
 from swarmdata.evaluation.study.cells.cells import Cell
@@ -27,7 +28,7 @@ def information_section(found: Findings, out: Path) -> dict[str, str]:
     plan = found.study.information
     if plan is None or found.views is None:
         return {}
-    families = {label: found.family(label) for label in plan.algorithms}
+    families = found.view_families
     keys = (quantity_of(found.views).column.key, *QUANTITIES_BESIDE)
     boards = [make_scoreboard(found.views, families, key) for key in keys]
     parts = [
@@ -56,9 +57,10 @@ def label_of(plan: ViewsPlan, cell: Cell) -> str:
 
 
 def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
-    """The finished cells of the views of a dataset, by its short name."""
+    """The finished offline cells of the views of a dataset, by its short name."""
     for cell in found.cells:
-        if is_view_cell(found.study, cell) and short_name(cell.source) == dataset:
+        is_offline = cell.kind == "offline" and short_name(cell.source) == dataset
+        if is_offline and is_view_cell(found.study, cell):
             yield cell
 
 
@@ -101,7 +103,8 @@ def _figure(
         if name in board.data
     }
     file = f"information-{dataset}.png"
+    looks = family_looks({**found.families, **board.families})
     plot_by_dataset(
-        shown, data, found.looks, out / file, label=board.column.label, families=board.families
+        shown, data, looks, out / file, label=board.column.label, families=board.families
     )
     return f"![{board.column.label} by view]({file})\n"

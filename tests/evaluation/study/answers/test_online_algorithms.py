@@ -43,3 +43,34 @@ def test_online_rows_stand_beside_the_offline_ones_of_their_task(
         "online-tiny-curves.png",
     }
     assert not (out / "data-regimes.md").exists()
+
+
+@pytest.mark.usefixtures("here", "empty_figures")
+def test_rows_that_learn_with_other_sensors_stand_among_the_views_of_the_data(
+    make_study: Callable[..., Study], data: Path, tmp_path: Path
+) -> None:
+    task = tmp_path / "nav.yaml"
+    task.write_text(swarmdata.load(data).task.to_yaml())
+    online = {"learned": {"algorithm": "mappo", "task": str(task), "frames": 64, "settings": TINY}}
+    seen = {
+        "datasets": [str(data)],
+        "algorithms": ["bc"],
+        "views": {"recorded": {}, "near": {"observation": "state-1"}},
+        "online": ["learned"],
+    }
+    study = make_study(algorithms={"bc": BC}, online=online, information=seen)
+    options = StudyOptions(tmp_path / "studies/tiny", tmp_path / "work", progress=False)
+    failures, (report, *_) = run_study(study, options, "x")
+    assert not failures
+    names = {path.name for path in tmp_path.glob("work/cells/learned/*")}
+    assert {"nav", "nav~state-1"} <= names
+    section = report.read_text().partition("## Information: trained and evaluated")[2]
+    row = next(line for line in section.splitlines() if line.startswith("| `learned (online)`"))
+    assert "–" not in row.strip("| ").split(" | ")[1:3], "an estimate in both views"
+    assert "near" not in report.read_text().partition("## Information")[0]
+    _, left_out = write_answers(tmp_path / "studies", tmp_path / "results")
+    page = (tmp_path / "results/information.md").read_text()
+    assert "\n| view | `bc` | `learned (online)` |\n" in page
+    assert "with `near` instead of `recorded`, the return of " in page
+    assert " of 2 algorithms " in page
+    assert "online.md" in left_out, "the study asks what information costs"

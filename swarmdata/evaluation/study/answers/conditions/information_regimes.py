@@ -83,8 +83,7 @@ def _views_of(evidence: Evidence) -> Iterator[Views]:
     found, plan = evidence.found, evidence.found.study.information
     if plan is None or found.views is None:
         return
-    families = {label: found.family(label) for label in plan.algorithms}
-    board = make_scoreboard(found.views, families, quantity_of(found.views).column.key)
+    board = make_scoreboard(found.views, found.view_families, quantity_of(found.views).column.key)
     first = next(iter(plan.views))
     for dataset in map(short_name, plan.datasets):
         cases = dict(view_columns(found, dataset))
