@@ -276,8 +276,8 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
             features[k].name.removesuffix("_x") for k in vectors if features[k].name.endswith("_x")
         )
         raise SpecError(
-            f"frame {anchor!r} needs the observed vector {name}; expected 'auto', 'world', 'target' "
-            f"(where own.goal_dx is observed) or one of {', '.join(known)}."
+            f"frame {anchor!r} needs the observed vector {name}; expected 'auto', 'world', "
+            f"'target' (where own.goal_dx is observed) or one of {', '.join(known)}."
         )
     index = {feature.name: k for k, feature in enumerate(features)}
     return Frame(
