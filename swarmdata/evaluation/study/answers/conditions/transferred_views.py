@@ -17,6 +17,10 @@ FEW = 20.0
 """Percent of the episodes; where no view solves more, scores tell views apart."""
 
 
+CLEAR = 1.0
+"""Percentage points or scores; smaller advantages are not spoken of."""
+
+
 class Measure(NamedTuple):
     """A quantity, and how sentences speak of it."""
 
@@ -92,14 +96,15 @@ def fitting(found: Matrix) -> Matrix:
 def teachers(dataset: str, label: str, found: Matrix, measure: Measure = SUCCESS) -> list[str]:
     """Which view to learn with is best in each view of use, where that is not always the same.
 
-    Views of use count in which policies of that view and of others were tried.
+    Views of use count in which policies of that view and of others were tried. The same view is the
+    best unless another is better by `CLEAR`.
     """
     tried = {
         used: {learned: values[used] for learned, values in found.items() if used in values}
         for used in found
     }
     best = {
-        used: max(values, key=lambda learned: (values[learned], learned == used))
+        used: max(values, key=lambda learned: values[learned] + CLEAR * (learned == used))
         for used, values in tried.items()
         if used in values and len(values) > 1
     }
@@ -129,6 +134,8 @@ def all_round(dataset: str, label: str, found: Matrix, measure: Measure = SUCCES
     if n_views < 3 or len(least) < 2:
         return []
     second, best = sorted(least, key=lambda learned: least[learned])[-2:]
+    if least[best] - least[second] < CLEAR:
+        return []
     return [
         f"On {dataset}, `{label}` that learned with `{best}` {measure.verb} "
         f"{least[best]:.0f}{measure.unit} or more with each of the {n_views} views, after "

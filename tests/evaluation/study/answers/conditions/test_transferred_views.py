@@ -27,6 +27,16 @@ def test_nothing_is_said_where_the_same_view_is_always_best() -> None:
     assert teachers("x", "bc", found) == []
 
 
+def test_small_advantages_are_not_spoken_of() -> None:
+    found = {
+        "near": {"near": 0.4, "far": 50.0, "none": 9.0},
+        "far": {"near": 0.9, "far": 50.0, "none": 8.5},
+        "none": {"near": 0.0, "far": 40.0, "none": 9.4},
+    }
+    assert teachers("x", "bc", found) == []
+    assert all_round("x", "bc", found) == []
+
+
 def test_where_few_episodes_are_solved_scores_tell_views_apart() -> None:
     found = {"near": {"near": 20.0, "far": -30.0}, "far": {"near": 24.4, "far": -40.0}}
     assert teachers("coop_nav-medium-replay", "bc", found, SCORE) == [
