@@ -30,7 +30,7 @@ def label_points(
     """Writes names beside points: each at the place where it covers the least, the highest first.
 
     Args:
-        axes: the panel; its limits and those of its neighbors are final.
+        axes: the panel, laid out by `figure.draw_without_rendering`, so that pixels are final.
         named: name -> point, in the units of the axes.
         colors: name -> color of the name.
         others: points without names, which names should not cover either.
@@ -38,9 +38,7 @@ def label_points(
     """
     from matplotlib.patheffects import withStroke  # noqa: PLC0415  (matplotlib is an extra)
 
-    drawing = axes.figure
-    drawing.draw_without_rendering()  # lays out the panels, so that pixels are final
-    scale = drawing.dpi / 72
+    scale = axes.figure.dpi / 72
     points = [*named.values(), *others, *lines]
     places = np.array([axes.transData.transform(point) for point in points])
     weights = np.array([POINT_COST] * (len(points) - len(lines)) + [LINE_COST] * len(lines))

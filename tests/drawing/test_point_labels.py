@@ -17,6 +17,7 @@ OTHERS = [(1.2, 1.0), (0.8, 1.1)]
 def test_names_are_beside_their_points_and_apart() -> None:
     drawing = Figure(figsize=(4.0, 3.0), layout="constrained")
     axes = drawing.add_subplot(xlim=(0.0, 2.0), ylim=(0.0, 2.0))
+    drawing.draw_without_rendering()
     label_points(axes, NAMED, dict.fromkeys(NAMED, "black"), OTHERS, [])
     boxes = {text.get_text(): text.get_window_extent() for text in axes.texts}
     assert set(boxes) == set(NAMED)

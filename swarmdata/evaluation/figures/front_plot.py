@@ -26,6 +26,9 @@ MAX_NAMED_POINTS = 6
 
 MAX_COLUMNS = 3
 
+TITLE_SIZE, TITLE_LENGTH = 7.5, 26
+"""Points, and the letters that a panel's width has room for; longer titles are smaller."""
+
 POINTS_ON_A_LINE = 25
 """Of which each keeps names away from the line."""
 
@@ -37,14 +40,12 @@ class FrontPanel(NamedTuple):
         points: label -> (horizontal, vertical) in shown units.
         front: labels that no other exceeds; they are filled, and a line joins them.
         line: vertical place of the mean of the data; None: there is none.
-        scale: panels of one scale have the same limits; empty: limits of its own.
         far: labels that are listed in words, because they would dwarf the others.
     """
 
     points: Mapping[str, tuple[Estimate, Estimate]]
     front: Collection[str]
     line: float | None = None
-    scale: str = ""
     far: Collection[str] = ()
 
     @property
@@ -84,41 +85,35 @@ def plot_fronts(
     n_columns = 2 if len(panels) == 4 else min(MAX_COLUMNS, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
-    limits = _limits(panels.values())
     with figure(path, width=width, height=0.4 + 2.2 * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, panel) in zip(grid, panels.items(), strict=False):
             _draw_panel(axes, panel, looks)
-            xlim, ylim = limits[panel.scale or id(panel)]
+            xlim, ylim = _limits(panel)
             axes.set(xlim=xlim, ylim=ylim)
-            axes.set_title(title, loc="left", fontweight="bold", fontsize=7.5)
+            size = min(TITLE_SIZE, TITLE_SIZE * TITLE_LENGTH / len(title))
+            axes.set_title(title, loc="left", fontweight="bold", fontsize=size)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
         drawing.supxlabel(xlabel, fontsize=8)
         drawing.supylabel(ylabel, fontsize=8)
         draw_legend(drawing, _handles(grid[0], panels.values(), legend))
+        drawing.draw_without_rendering()  # lays out the panels, on which names depend
         for axes, panel in zip(grid, panels.values(), strict=False):
             _name_points(axes, panel, looks)
 
 
-def _limits(panels: Iterable[FrontPanel]) -> dict[str | int, Limits]:
-    """The limits of each scale, and of each panel without one."""
-    xs: dict[str | int, list[float]] = {}
-    ys: dict[str | int, list[float]] = {}
-    for panel in panels:
-        key = panel.scale or id(panel)
-        is_crowded = len(panel.near) > MAX_NAMED_POINTS
-        for label, (x, y) in panel.near.items():
-            whole = label in panel.front or not is_crowded
-            xs.setdefault(key, [0.0]).extend((x.value, *(x if whole else ())))
-            ys.setdefault(key, []).extend((y.value, *(y if whole else ())))
-        ys.setdefault(key, []).extend([] if panel.line is None else [panel.line])
-    limits = {}
-    for key, found in ys.items():
-        right, low, high = max(xs.get(key, [1.0])), min(found), max(found)
-        margin = 0.08 * (high - low) or 0.5
-        limits[key] = (-0.03 * right, 1.06 * right or 1.0), (low - margin, high + margin)
-    return limits
+def _limits(panel: FrontPanel) -> Limits:
+    """Limits that show every point, and the intervals of those that have them."""
+    is_crowded = len(panel.near) > MAX_NAMED_POINTS
+    xs, ys = [0.0], [] if panel.line is None else [panel.line]
+    for label, (x, y) in panel.near.items():
+        whole = label in panel.front or not is_crowded
+        xs += (x.value, *(x if whole else ()))
+        ys += (y.value, *(y if whole else ()))
+    right, low, high = max(xs) or 1.0, min(ys), max(ys)
+    margin = 0.08 * (high - low) or 0.5
+    return (-0.03 * right, 1.06 * right), (low - margin, high + margin)
 
 
 def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks) -> None:

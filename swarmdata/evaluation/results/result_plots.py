@@ -175,7 +175,6 @@ def _front_of(case: Case) -> FrontPanel:
         points={point.label: (point.collisions, point.team_return) for point in points},
         front=[point.label for point, is_best in zip(near, best.tolist(), strict=True) if is_best],
         line=None if case.data is None else case.data.mean_return,
-        scale=case.spec.task,
         far=far,
     )
 

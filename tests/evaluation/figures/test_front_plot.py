@@ -6,6 +6,8 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
 
+from matplotlib.text import Text
+
 from swarmdata.drawing.style import family_looks
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures import front_plot
@@ -38,13 +40,13 @@ def test_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n: int, named: i
     assert len(drawing.axes[0].texts) == named
 
 
-def test_one_scale_has_the_same_limits_and_far_points_are_listed(
+def test_panels_have_limits_of_their_own_and_far_points_are_listed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     panels = {
-        "a": panel(3, scale="task", line=4.0),
-        "b": panel(5, scale="task", far=["row_4"]),
-        "c": panel(6, scale="other"),
+        "a": panel(3, line=4.0),
+        "b": panel(5, far=["row_4"]),
+        "a-name-longer-than-its-panel-is-wide": panel(6),
     }
     looks = family_looks({f"row_{k}": "one" for k in range(6)})
     drawing = shown_figure(
@@ -55,7 +57,10 @@ def test_one_scale_has_the_same_limits_and_far_points_are_listed(
         ),
     )
     first, second, third = drawing.axes
-    assert first.get_ylim() == second.get_ylim() != third.get_ylim()
+    assert first.get_ylim()[0] < 4.0 < second.get_ylim()[0], "only the first has a line there"
+    assert second.get_xlim()[1] < third.get_xlim()[1]
+    sizes = {text.get_text(): text.get_fontsize() for text in drawing.findobj(Text)}
+    assert sizes["a"] == sizes["b"] > sizes["a-name-longer-than-its-panel-is-wide"]
     assert second.get_xlabel() == "not in view: row_4 (4.0, 5.0)"
     with pytest.raises(SchemaError, match="no points to draw"):
         plot_fronts({}, looks, tmp_path / "b.png", xlabel="", ylabel="", legend={})
