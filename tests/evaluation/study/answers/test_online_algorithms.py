@@ -73,4 +73,5 @@ def test_rows_that_learn_with_other_sensors_stand_among_the_views_of_the_data(
     assert "\n| view | `bc` | `learned (online)` |\n" in page
     assert "with `near` instead of `recorded`, the return of " in page
     assert " of 2 algorithms " in page
+    assert "**In short:** On coop_nav-tiny-v0 and in its task, the best return is " in page
     assert "online.md" in left_out, "the study asks what information costs"

@@ -11,6 +11,7 @@ from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estima
 from swarmdata.evaluation.study.answers.answer import Answer
 from swarmdata.evaluation.study.answers.conditions.transferred_views import describe_transfers
 from swarmdata.evaluation.study.answers.evidence import Evidence
+from swarmdata.evaluation.study.cells.cells import ONLINE_FAMILY
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.information_section import view_columns
 from swarmdata.evaluation.study.pages.row_differences import Verdict, format_difference, verdict_of
@@ -110,7 +111,9 @@ def best_scores(views: Views) -> str:
         else shown[ranked[0]]
     )
     joint = "and from " if len(ranked) > 1 else "and "
-    return f"On {views.dataset}, the best {column.label} is {shown[first]}, {joint}{ends}."
+    is_online = ONLINE_FAMILY in map(views.board.families.get, views.measured)
+    where = f"{views.dataset} and in its task" if is_online else views.dataset
+    return f"On {where}, the best {column.label} is {shown[first]}, {joint}{ends}."
 
 
 def view_sentence(views: Views, view: str) -> str:
