@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,13 +17,18 @@ from tests.evaluation.study.conftest import BC
 TINY = {"n_copies": 2, "rollout_steps": 16, "minibatch": 32, "n_epochs": 1, "hidden": 8}
 
 
-@pytest.mark.usefixtures("here", "empty_figures")
-def test_online_rows_stand_beside_the_offline_ones_of_their_task(
-    make_study: Callable[..., Study], data: Path, tmp_path: Path
-) -> None:
+@pytest.fixture
+def online(data: Path, tmp_path: Path) -> dict[str, Any]:
+    """A row that learns in the task of the tiny dataset."""
     task = tmp_path / "nav.yaml"
     task.write_text(swarmdata.load(data).task.to_yaml())
-    online = {"learned": {"algorithm": "mappo", "task": str(task), "frames": 64, "settings": TINY}}
+    return {"learned": {"algorithm": "mappo", "task": str(task), "frames": 64, "settings": TINY}}
+
+
+@pytest.mark.usefixtures("here", "empty_figures")
+def test_online_rows_stand_beside_the_offline_ones_of_their_task(
+    make_study: Callable[..., Study], online: dict[str, Any], tmp_path: Path
+) -> None:
     study = make_study(algorithms={"bc": BC}, online=online)
     options = StudyOptions(tmp_path / "studies/tiny", tmp_path / "work", progress=False)
     failures, _ = run_study(study, options, "x")
@@ -47,11 +53,8 @@ def test_online_rows_stand_beside_the_offline_ones_of_their_task(
 
 @pytest.mark.usefixtures("here", "empty_figures")
 def test_rows_that_learn_with_other_sensors_stand_among_the_views_of_the_data(
-    make_study: Callable[..., Study], data: Path, tmp_path: Path
+    make_study: Callable[..., Study], online: dict[str, Any], data: Path, tmp_path: Path
 ) -> None:
-    task = tmp_path / "nav.yaml"
-    task.write_text(swarmdata.load(data).task.to_yaml())
-    online = {"learned": {"algorithm": "mappo", "task": str(task), "frames": 64, "settings": TINY}}
     seen = {
         "datasets": [str(data)],
         "algorithms": ["bc"],
