@@ -72,6 +72,7 @@ def updating(path: Path, shown: bool = False) -> Iterator[None]:
 
     One process at a time is inside, so no change is lost and no two runs share a folder; the others
     wait. The lock, `.<name>.lock` beside the file, says who holds it and goes with the last one.
+    A folder that was made for the file goes as well where nothing was written there.
 
     Args:
         path: of the file, which need not exist; its folder is made.
@@ -80,9 +81,8 @@ def updating(path: Path, shown: bool = False) -> Iterator[None]:
     Raises:
         BuildError: nothing can be written there.
     """
-    note = path.parent / f".{path.name}.lock"
+    note, is_new = path.parent / f".{path.name}.lock", not path.parent.exists()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         lock = _taken(note, path, shown)
     except OSError as error:
         raise BuildError(
@@ -94,12 +94,18 @@ def updating(path: Path, shown: bool = False) -> Iterator[None]:
     finally:
         note.unlink(missing_ok=True)  # before the unlock, so that no process locks a deleted file
         os.close(lock)
+        if is_new:
+            _remove_if_empty(path.parent)
 
 
 def _taken(note: Path, path: Path, shown: bool) -> int:
     """The descriptor that holds the lock; of a file that its last holder has removed, once more."""
     while True:
-        lock = os.open(note, os.O_RDWR | os.O_CREAT, 0o644)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            lock = os.open(note, os.O_RDWR | os.O_CREAT, 0o644)
+        except FileNotFoundError:  # its last holder has just removed the empty folder
+            continue
         try:
             _flock(lock, note, path, shown)
             if os.fstat(lock).st_nlink:
@@ -110,6 +116,14 @@ def _taken(note: Path, path: Path, shown: bool) -> int:
             os.close(lock)
             raise
         os.close(lock)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    try:
+        folder.rmdir()
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
+            raise
 
 
 def _flock(lock: int, note: Path, path: Path, shown: bool) -> None:

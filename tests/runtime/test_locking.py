@@ -38,6 +38,14 @@ for _ in range(50):
         path.write_text(str(n + 1))
 """
 
+COME_AND_GO = """
+from pathlib import Path
+from swarmdata.runtime.locking import updating
+for _ in range(200):
+    with updating(Path(sys.argv[1])):
+        pass
+"""
+
 HOLD = """
 import time
 from pathlib import Path
@@ -83,7 +91,20 @@ def test_an_error_inside_frees_the_lock(tmp_path: Path) -> None:
     for _ in range(2):
         with pytest.raises(ZeroDivisionError), updating(tmp_path / "deep" / "x"):
             raise ZeroDivisionError
-    assert list((tmp_path / "deep").iterdir()) == []
+        assert not (tmp_path / "deep").exists(), "it was made for the file, and holds nothing"
+    (tmp_path / "deep").mkdir()
+    with updating(tmp_path / "deep" / "x"):
+        pass
+    assert (tmp_path / "deep").exists(), "it is the user's"
+
+
+def test_a_folder_that_comes_and_goes_stops_nobody(tmp_path: Path) -> None:
+    processes = [start(COME_AND_GO, tmp_path / "deep" / "x") for _ in range(3)]
+    results = [process.communicate(timeout=300) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0, 0], results
+    with updating(tmp_path / "deep" / "x"):
+        (tmp_path / "deep" / "x").touch()
+    assert [each.name for each in (tmp_path / "deep").iterdir()] == ["x"]
 
 
 def test_where_nothing_can_be_written(tmp_path: Path) -> None:

@@ -215,6 +215,22 @@ def test_a_run_shorter_than_a_rollout_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+WRONG = ("proximty=2",)
+REFUSED_LATE = {
+    "mappo": replace(SMALL, shaping=ShapingConfig(reward_weights=WRONG)),
+    "vdn": VDNConfig(n_steps=320, n_copies=4, hidden=(8,), reward_weights=WRONG),
+}
+
+
+@pytest.mark.parametrize("algorithm", REFUSED_LATE)
+def test_a_setting_that_is_refused_late_leaves_no_folder(tmp_path: Path, algorithm: str) -> None:
+    """When its worlds are made, after the folder, and the replay in it, have been."""
+    run = describe_run(algorithm, REFUSED_LATE[algorithm], SPEC, (0,), n_checkpoints=1)
+    with pytest.raises(SwarmdataError, match="proximty"):
+        train_run(run, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 def test_the_length_of_runs_of_earlier_versions_is_known() -> None:
     old = {"n_frames": 500, "n_copies": 4, "n_steps": 64}
     assert RUN.model_copy(update={"config": old}).n_steps == 500
