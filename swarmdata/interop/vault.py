@@ -11,6 +11,7 @@ terminals; the user is asked.
 
 import contextlib
 import io
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,12 @@ from swarmdata.interop.formats import Format
 from swarmdata.runtime.documents import read_document
 
 NOTE_KEY = "swarmdata"
+
+QUIET_SECONDS = 0.5
+"""How long the files of a failed export must stay the same before they are removed."""
+
+MAX_WAIT_SECONDS = 10.0
+"""How long to wait for that."""
 
 KEPT_NAMES = {
     "observations": "observations",
@@ -71,7 +78,7 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
     for _, arrays in step_blocks(dataset):
         leaves = _leaves(arrays)
         n = len(arrays["actions"])
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints where it writes
+        with contextlib.redirect_stdout(io.StringIO()), _ended(path):  # it prints where it writes
             if vault is None:
                 vault = Vault(
                     path.parent.name,
@@ -82,6 +89,31 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
                 )
             state = TrajectoryBufferState(experience=leaves, current_index=n, is_full=False)
             vault.write(state, source_interval=(0, n))
+
+
+@contextlib.contextmanager
+def _ended(folder: Path) -> Iterator[None]:
+    """Waits, where a write fails, until TensorStore's threads have ended those of other leaves.
+
+    Flashbax keeps no handle of them, and they would make again the folder that the caller removes.
+    """
+    try:
+        yield
+    except Exception:
+        deadline, seen = time.monotonic() + MAX_WAIT_SECONDS, None
+        while (now := _sizes(folder)) != seen and time.monotonic() < deadline:
+            seen = now
+            time.sleep(QUIET_SECONDS)
+        raise
+
+
+def _sizes(folder: Path) -> dict[str, int]:
+    """Bytes of each file; one that goes meanwhile has none."""
+    found = {}
+    for file in folder.rglob("*"):
+        with contextlib.suppress(FileNotFoundError):
+            found[str(file)] = file.stat().st_size
+    return found
 
 
 def _leaves(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
