@@ -1,7 +1,9 @@
 """Vault: Flashbax reads what we write, and we read what it wrote, OG-MARL's keys included."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -124,3 +126,28 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
     with pytest.raises(ConversionError, match="not the folder of a vault's uid"):
         import_dataset(tmp_path / "x", tmp_path / "out", format="vault", id="smac_3m-good-v0")
+
+
+def test_a_failed_export_waits_for_threads_that_still_write(
+    recorded: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They would make the temporary folder again after it was removed."""
+    threads: list[Thread] = []
+
+    def go_on(folder: Path) -> None:
+        for k in range(8):
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / str(k)).write_bytes(b"x")
+            time.sleep(0.2)
+
+    def fail(*_: Any, **__: Any) -> None:
+        (folder,) = tmp_path.rglob("mine")
+        threads.append(Thread(target=go_on, args=[folder]))
+        threads[0].start()
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(flashbax_vault.Vault, "write", fail)
+    with pytest.raises(OSError, match="Input/output"):
+        export_dataset(recorded, tmp_path / "mine", format="vault")
+    threads[0].join()
+    assert list(tmp_path.iterdir()) == []
