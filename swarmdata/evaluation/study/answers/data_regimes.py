@@ -28,10 +28,13 @@ def answer_data_regimes(evidence: Sequence[Evidence], out: Path) -> Answer | Non
         make_scoreboard(each.found.results, each.families, main_column(each.found).key)
         for each in chosen
     ]
+    whole = [
+        make_scoreboard(each.found.results, each.found.families, main_column(each.found).key)
+        for each in chosen
+    ]
     parts, figures = [], []
-    for each, drawn in zip(chosen, compared, strict=True):
+    for each, drawn, board in zip(chosen, compared, whole, strict=True):
         found = each.found
-        board = make_scoreboard(found.results, found.families, main_column(found).key)
         figures.append(f"data-regimes-{each.name}.png")
         _draw(found, drawn, out / figures[-1])
         label = board.column.label
@@ -41,7 +44,12 @@ def answer_data_regimes(evidence: Sequence[Evidence], out: Path) -> Answer | Non
             f"{scoreboard_table(board)}"
         )
     winners = study_text.winners(compared[0])  # of the study with the most cells
-    headline = study_text.best_families(compared[0]) or winners[0]
+    headline = " ".join(
+        [
+            study_text.best_families(compared[0]) or winners[0],
+            *study_text.ablations_ahead(compared[0], whole[0]),
+        ]
+    )
     sentences = (*study_text.families(compared[0]), *winners)
     return Answer(headline, sentences, "\n".join(parts), tuple(chosen), tuple(figures))
 

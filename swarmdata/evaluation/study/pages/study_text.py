@@ -31,6 +31,31 @@ def winners(board: Scoreboard) -> list[str]:
     return [_winner(board, dataset) for dataset in board.estimates if board.estimates[dataset]]
 
 
+def ablations_ahead(board: Scoreboard, whole: Scoreboard) -> list[str]:
+    """Datasets on which rows that the board leaves out clearly exceed its best one.
+
+    Args:
+        board: without ablations.
+        whole: with them.
+    """
+    sentences = []
+    for dataset in (name for name, found in board.estimates.items() if found):
+        best = board.ranking(dataset)[0]
+        left_out = [label for label in whole.ranking(dataset) if label not in board.families]
+        leads = {label: whole.lead(dataset, label, best) for label in left_out}
+        ahead = [
+            f"`{label}` by {format_with_unit(lead, whole)}"
+            for label, lead in leads.items()
+            if lead.low > 0.0
+        ]
+        if ahead:
+            sentences.append(
+                f"Ablations do not count as algorithms; on {without_version(dataset)}, some are "
+                f"clearly better than `{best}`, paired by episode: {', '.join(ahead)}."
+            )
+    return sentences
+
+
 def _winner(board: Scoreboard, dataset: str) -> str:
     found, families = board.estimates[dataset], board.best_by_family(dataset)
     family, *others = families

@@ -53,6 +53,22 @@ def test_winners_say_by_how_much_and_whether_it_is_certain() -> None:
     assert "which is 0.0 [0.0, 0.0] less, paired by episode; this may be chance" in equal
 
 
+def test_ablations_that_exceed_the_best_are_named() -> None:
+    scores = {"x-v0": {"bc": 10, "vdn": 30, "qmix": 34, "omar": 29}, "y": {"bc": 9, "qmix": 8}}
+    whole = make_board(scores, {})
+    counted = {label: family for label, family in FAMILIES.items() if label != "qmix"}
+    values = {
+        name: {label: each for label, each in found.items() if label in counted}
+        for name, found in whole.values.items()
+    }
+    board = Scoreboard(SCORE, values, {}, counted)
+    assert study_text.ablations_ahead(board, whole) == [
+        "Ablations do not count as algorithms; on x, some are clearly better than `vdn`, paired by "
+        "episode: `qmix` by 4.0 [4.0, 4.0]."
+    ]
+    assert study_text.ablations_ahead(whole, whole) == []
+
+
 def test_bold_are_those_that_are_not_clearly_worse() -> None:
     rng = np.random.default_rng(0)
     hard = 50 * rng.normal(size=(1, 40))
