@@ -1,6 +1,7 @@
 """Learning in the task: algorithms that collect their own data, beside those that learn offline."""
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,10 +55,10 @@ def answer_online_algorithms(evidence: Sequence[Evidence], out: Path) -> Answer 
         curves = _curves(each)
         if curves:
             figures.append(f"online-{each.name}-curves.png")
-            looks = family_looks({label: label for found in curves.values() for label in found})
+            drawn = {task: _by_algorithm(each, found) for task, found in curves.items()}
             plot_training_curves(
-                curves,
-                looks,
+                drawn,
+                family_looks({name: name for found in drawn.values() for name in found}),
                 out / figures[-1],
                 ylabel="success (%)",
                 factor=100.0,
@@ -147,6 +148,17 @@ def _curves(evidence: Evidence) -> dict[str, dict[str, Curve]]:
         if cell.kind == "online" and curve is not None:
             panels.setdefault(cell.data, {})[cell.label] = curve
     return panels
+
+
+def _by_algorithm(evidence: Evidence, curves: Mapping[str, Curve]) -> dict[str, Curve]:
+    """The curves of a task by algorithm, alike on all tasks; by row where one has several."""
+    rows = evidence.found.study.online
+    names = {label: rows[label].algorithm or label for label in curves}
+    counts = Counter(names.values())
+    return {
+        names[label] if counts[names[label]] == 1 else label: curve
+        for label, curve in curves.items()
+    }
 
 
 def _curve_text(curves: dict[str, dict[str, Curve]], figure: str) -> str:

@@ -9,6 +9,8 @@ import pytest
 pytest.importorskip("torch", reason="a study needs the torch extra")
 
 import swarmdata
+from swarmdata.evaluation.study.answers import online_algorithms
+from swarmdata.evaluation.study.answers.evidence import open_evidence
 from swarmdata.evaluation.study.answers.write_answers import write_answers
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
@@ -49,6 +51,35 @@ def test_online_rows_stand_beside_the_offline_ones_of_their_task(
         "online-tiny-curves.png",
     }
     assert not (out / "data-regimes.md").exists()
+
+
+@pytest.mark.usefixtures("here", "empty_figures")
+@pytest.mark.parametrize(
+    ("labels", "shown"), [(["learned"], ["mappo"]), (["one", "other"], ["one", "other"])]
+)
+def test_curves_are_those_of_algorithms_and_of_rows_where_one_has_several(
+    make_study: Callable[..., Study],
+    online: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    labels: list[str],
+    shown: list[str],
+) -> None:
+    rows = dict.fromkeys(labels, online["learned"])
+    study = make_study(algorithms={"bc": BC}, online=rows, seeds=[0])
+    options = StudyOptions(tmp_path / "studies/tiny", tmp_path / "work", progress=False)
+    run_study(study, options, "x")
+    drawn = []
+    monkeypatch.setattr(
+        online_algorithms,
+        "plot_training_curves",
+        lambda panels, looks, *_, **__: drawn.append((panels, looks)),
+    )
+    with open_evidence(tmp_path / "studies") as (evidence, _):
+        online_algorithms.answer_online_algorithms(evidence, tmp_path)
+    ((panels, looks),) = drawn
+    assert [list(curves) for curves in panels.values()] == [shown]
+    assert list(looks) == shown
 
 
 @pytest.mark.usefixtures("here", "empty_figures")
