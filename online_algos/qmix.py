@@ -60,6 +60,7 @@ class QMIXConfig(ValueLearningConfig):
 
     mixer_embedding: int = 32  # Rashid et al. 2018, appendix C
     mixer_hidden: int = 64
+    exploration: float = 0.05  # less than VDN, whose values do not diverge: docs/online-learning.md
 
 
 class QMIXLearner:
