@@ -51,7 +51,8 @@ def ablations_ahead(board: Scoreboard, whole: Scoreboard) -> list[str]:
         if ahead:
             sentences.append(
                 f"Ablations do not count as algorithms; on {without_version(dataset)}, some are "
-                f"clearly better than `{best}`, paired by episode: {', '.join(ahead)}."
+                f"clearly better than the best algorithm, `{best}`, paired by episode: "
+                f"{', '.join(ahead)}."
             )
     return sentences
 

@@ -63,8 +63,8 @@ def test_ablations_that_exceed_the_best_are_named() -> None:
     }
     board = Scoreboard(SCORE, values, {}, counted)
     assert study_text.ablations_ahead(board, whole) == [
-        "Ablations do not count as algorithms; on x, some are clearly better than `vdn`, paired by "
-        "episode: `qmix` by 4.0 [4.0, 4.0]."
+        "Ablations do not count as algorithms; on x, some are clearly better than the best "
+        "algorithm, `vdn`, paired by episode: `qmix` by 4.0 [4.0, 4.0]."
     ]
     assert study_text.ablations_ahead(whole, whole) == []
 
