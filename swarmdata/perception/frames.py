@@ -241,8 +241,7 @@ def _turn_back(rows: Float, anchor: int, actions: Double) -> None:
         x = ux * actions[m, 0] - uy * actions[m, 1]
         y = uy * actions[m, 0] + ux * actions[m, 1]
         norm = np.sqrt(x * x + y * y)
-        if norm < 1.0:
-            norm = 1.0
+        norm = max(norm, 1.0)
         actions[m, 0], actions[m, 1] = x / norm, y / norm
         for a in range(actions.shape[1]):
             if actions[m, a] > 1.0:

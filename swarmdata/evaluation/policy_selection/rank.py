@@ -107,11 +107,7 @@ def rank(
     parts = dataset.split("train"), dataset.split("validation")
     with ThreadLimit():
         found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
-        policies = [policy for each in found for policy in each.policies]
-        statistics = Statistics.measure(parts[0], config.discount)
-        train, held_out = (_ask(policies, part, statistics, config, device) for part in parts)
-        scale = statistics.return_std
-        values = fitted_q_evaluation(train, held_out, scale, config, progress=progress)
+        values, held_out = _values(found, parts, config, device, progress=progress)
     scores = _scores(found, dataset, n_episodes, results, progress=progress)
     rows = _rows(found, values, held_out, None if scores is None else scores.values)
     return Ranking(
@@ -180,14 +176,23 @@ def _candidates(
     return found
 
 
-def _ask(
-    policies: Sequence[Policy],
-    part: Dataset,
-    statistics: Statistics,
+def _values(
+    found: Sequence[Candidates],
+    parts: Sequence[Dataset],
     config: FQEConfig,
     device: str,
-) -> Answered:
-    return Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
+    *,
+    progress: bool,
+) -> tuple[Values, Answered]:
+    """What the policies are worth, fitted on the first part, and their answers on the second."""
+    policies = [policy for each in found for policy in each.policies]
+    statistics = Statistics.measure(parts[0], config.discount)
+    train, held_out = (
+        Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
+        for part in parts
+    )
+    scale = statistics.return_std
+    return fitted_q_evaluation(train, held_out, scale, config, progress=progress), held_out
 
 
 def _scores(

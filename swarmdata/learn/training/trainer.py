@@ -143,10 +143,8 @@ def train_seeds(
         _claim(path, run)
         statistics = Statistics.measure(dataset, config.discount)
         trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
-        with (
-            ThreadLimit(n_threads),
-            compiling() if compile else nullcontext() as trainer.compilation,
-        ):
+        context = compiling() if compile else nullcontext()
+        with ThreadLimit(n_threads), context as trainer.compilation:
             trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 
