@@ -27,7 +27,7 @@ from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.conversion.dataset_facts import STATE_ARRAYS, TIME_ARRAYS, array_names
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.foreign_files import reading
-from swarmdata.interop.conversion.foreign_rows import admit_rows, flags_of
+from swarmdata.interop.conversion.foreign_rows import admit_rows, check_lengths, flags_of
 from swarmdata.interop.conversion.hdf5_reader import open_hdf5
 from swarmdata.interop.conversion.imported_data import (
     UNKNOWN_POLICIES,
@@ -366,6 +366,8 @@ def _foreign_episodes(
             flags_of(getattr(data, name), 1, f"{where}: {name}")[:, 0]
             for name in ("terminations", "truncations")
         )
+        lengths = {"rewards": rows["rewards"], "terminations": terminated, "truncations": truncated}
+        check_lengths({name: len(each) for name, each in lengths.items()}, where)
         ends = terminated | truncated
         if ends[:-1].any() or not ends[-1]:
             raise ConversionError(f"{where} does not end exactly once, in its last row")

@@ -24,7 +24,7 @@ class Paying(Counting):
 
     reward: Any = 1.0
 
-    def step(self, actions: dict[str, Any]) -> tuple[Any, ...]:  # type: ignore[override]
+    def step(self, actions: dict[str, Any]) -> tuple[Any, ...]:
         observations, rewards, *rest = super().step(actions)
         if self.time == 2:
             rewards["small"] = self.reward
@@ -34,7 +34,7 @@ class Paying(Counting):
 class Lingering(Counting):
     """Lists an agent for the rest of the episode, after it was terminated in the second step."""
 
-    def step(self, actions: dict[str, Any]) -> tuple[Any, ...]:  # type: ignore[override]
+    def step(self, actions: dict[str, Any]) -> tuple[Any, ...]:
         observations, rewards, ended, cut, infos = super().step(actions)
         ended["small"] = ended.get("small", False) or self.time == 2
         return observations, rewards, ended, cut, infos
@@ -43,7 +43,7 @@ class Lingering(Counting):
 class Vanishing(Counting):
     """Takes an agent off its list after the second step, without a word."""
 
-    def step(self, actions: dict[str, Any]) -> tuple[Any, ...]:  # type: ignore[override]
+    def step(self, actions: dict[str, Any]) -> tuple[Any, ...]:
         result = super().step(actions)
         if self.time == 2:
             self.agents.remove("small")

@@ -94,7 +94,7 @@ def _bits(values: Any, where: str) -> Bool:
 
 def _of_each_agent(values: NDArray[Any], n_agents: int, where: str) -> NDArray[Any]:
     """Repeats a team's column for every agent, [n, N]."""
-    columns = values.reshape(len(values), -1)
+    columns = values.reshape(len(values), columns_of(values.shape))
     if columns.shape[1] not in (1, n_agents):
         raise ConversionError(
             f"{where} has rows of shape {values.shape[1:]}, expected one value, or one for each of "
@@ -138,9 +138,11 @@ def count_choices(actions: NDArray[Any], where: str) -> tuple[int, ...]:
     """
     if actions.dtype.kind not in "iu":
         return ()
+    if not actions.size:
+        raise ConversionError(
+            f"{where} has actions of shape {actions.shape}, expected some numbers"
+        )
     columns = actions.reshape(-1, actions.shape[-1])
-    if not columns.size:
-        raise ConversionError(f"{where} has no actions, expected at least one row")
     lows, highs = columns.min(axis=0), columns.max(axis=0)
     if lows.min() < 0 or highs.max() >= LARGEST_EXACT_INTEGER:
         raise ConversionError(
