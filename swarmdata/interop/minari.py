@@ -26,6 +26,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.conversion.dataset_facts import STATE_ARRAYS, TIME_ARRAYS, array_names
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
+from swarmdata.interop.conversion.foreign_data import unread_note
 from swarmdata.interop.conversion.foreign_files import reading
 from swarmdata.interop.conversion.foreign_rows import admit_rows, check_lengths, flags_of
 from swarmdata.interop.conversion.hdf5_reader import open_hdf5
@@ -219,9 +220,11 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
             f"{folder} lacks {', '.join(sorted(spaces))} in its metadata.json. Minari would make "
             "the environment that it names, which may run any program. Add the spaces."
         )
+    unread: list[str] = []
     if (file := folder / "main_data.hdf5").is_file():
-        with open_hdf5(file):
-            pass  # looked at: Minari opens it again
+        with open_hdf5(file) as opened:  # looked at: Minari opens it again
+            infos = opened.get("episode_0/infos")
+            unread = [f"infos/{name}" for name in infos] if hasattr(infos, "keys") else []
     with reading(folder, "It is damaged, or not a Minari dataset."):
         found = minari.MinariDataset(folder)
     note = None if text is None else parse_note(text, source)
@@ -251,7 +254,8 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
         "state_from": "observations",
     }
     spec = RecordedSpec.parse(content, str(source))
-    yield ImportedData(spec, UNKNOWN_POLICIES, _foreign_episodes(source, found, agents, is_team))
+    episodes = _foreign_episodes(source, found, agents, is_team)
+    yield ImportedData(spec, UNKNOWN_POLICIES, episodes, metadata=unread_note(unread))
 
 
 def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, ...], bool]:

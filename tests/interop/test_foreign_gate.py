@@ -403,6 +403,14 @@ def test_minari_is_looked_at_before_minari_opens_it(tmp_path: Path) -> None:
     refused(source, "minari", "cannot be read")
 
 
+def test_infos_of_minari_that_nothing_takes_are_named(tmp_path: Path) -> None:
+    source = minari_folder(tmp_path / "x")
+    with h5py.File(source / "main_data.hdf5", "r+") as file:
+        file["episode_0/infos/costs"] = np.zeros(5)
+    said = convert(source, "minari").recipe.metadata
+    assert said == {"unread_arrays": "infos/costs"}
+
+
 def test_minari_makes_no_environment(tmp_path: Path) -> None:
     """Without spaces, it would call whatever the metadata name."""
     source = minari_folder(tmp_path / "x")

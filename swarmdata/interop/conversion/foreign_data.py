@@ -24,6 +24,9 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Episode
 
+MOST_UNREAD = 20
+"""Arrays without a place that a card names."""
+
 
 def import_without_note(
     task: str,
@@ -55,8 +58,7 @@ def import_without_note(
     metadata = {"seeds": "numbers of the episodes", **choices.answered()}
     if dropped:
         metadata["dropped_rows"] = str(dropped)
-    if unread:
-        metadata["unread_arrays"] = ", ".join(sorted(unread))
+    metadata |= unread_note(unread)
     leaves = any(_leave_early(t, each) for t, each in zip(timelines, spans, strict=True))
 
     def episodes() -> Iterator[Episode]:
@@ -76,6 +78,16 @@ def import_without_note(
 
     spec = spec_from_shapes(task, shapes, choices)
     return ImportedData(spec, policies or UNKNOWN_POLICIES, episodes(), None, metadata)
+
+
+def unread_note(names: Sequence[str]) -> dict[str, str]:
+    """What a card says of arrays that no array of ours takes."""
+    shown, n_more = sorted(names)[:MOST_UNREAD], len(names) - MOST_UNREAD
+    if not shown:
+        return {}
+    more = f" and {n_more} more" if n_more > 0 else ""
+    printable = (name if name.isprintable() else repr(name) for name in shown)
+    return {"unread_arrays": ", ".join(printable) + more}
 
 
 def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:

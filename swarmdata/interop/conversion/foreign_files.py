@@ -1,5 +1,6 @@
 """Files of others: what is refused before a library opens them, and whatever it raises as ours."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -68,9 +69,9 @@ def check_plain(source: Path) -> None:
         return
     if not source.is_dir():
         raise ConversionError(f"{source} is neither a file nor a folder, such as a pipe")
-    root = source.resolve()
-    for path in source.rglob("*"):
-        if path.is_symlink() and not path.resolve().is_relative_to(root):
+    root = os.path.realpath(source)
+    for path in source.rglob("*"):  # realpath: it takes links that lead in a circle
+        if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(root):
             raise ConversionError(
                 f"{path} is a symbolic link that leads out of {source}, expected plain files. Copy "
                 "the folder with its content (cp -rL), or download it with local_dir=FOLDER."
