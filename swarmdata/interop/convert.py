@@ -16,7 +16,7 @@ from swarmdata.interop.conversion.foreign_files import check_plain
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.conversion.user_paths import absolute_path
-from swarmdata.interop.formats import FORMATS, find_format
+from swarmdata.interop.formats import FORMATS, Reader, find_format
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.origins import Recording
@@ -73,14 +73,8 @@ def import_dataset(
     check_plain(source)
     digest = source_digest(source)
     task = id.partition("-")[0]
-    found = find_format(format)
-    if found.read is None:
-        known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
-        raise ConversionError(
-            f"{found.title} can only be written, got format={format!r}. Formats to read: "
-            f"{', '.join(known)}."
-        )
-    with found.read(source, task, choices or Choices()) as incoming:
+    read = _reader_of(format)
+    with read(source, task, choices or Choices()) as incoming:
         keeps = splits == "kept" and incoming.splits is not None
         content = {
             "id": id,
@@ -96,6 +90,17 @@ def import_dataset(
         with locked(out):
             _store(source, out, recording, incoming, keeps)
     return Dataset.open(out)
+
+
+def _reader_of(format: str) -> Reader:
+    found = find_format(format)
+    if found.read is None:
+        known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
+        raise ConversionError(
+            f"{found.title} can only be written, got format={format!r}. Formats to read: "
+            f"{', '.join(known)}."
+        )
+    return found.read
 
 
 def source_digest(path: Path) -> str:

@@ -208,10 +208,23 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     Raises:
         ConversionError: it is no such folder, or its contents contradict each other.
     """
-    minari, storage_type = _library()
     folder = source / "data" if (source / "data").is_dir() else source
     if not (folder / "metadata.json").is_file():
         raise ConversionError(f"{source} has no data/metadata.json, so it is not a Minari dataset")
+    found, text, unread = _open(folder)
+    if text is None:
+        yield _read_foreign(found, source, task, choices, unread)
+    else:
+        yield _read_exported(found, source, parse_note(text, source))
+
+
+def _open(folder: Path) -> tuple[Any, str | None, list[str]]:
+    """Minari's dataset, the note of an export if it has one, and the infos of its first episode.
+
+    Raises:
+        ConversionError: it cannot be read, or Minari would follow it to other files or to programs.
+    """
+    minari, storage_type = _library()
     with reading(folder, "It is damaged, or not a Minari dataset."):
         raw = storage_type.read_raw_metadata(folder)
         text, spaces = raw.get(NOTE_KEY), {"observation_space", "action_space"} - set(raw)
@@ -226,25 +239,28 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
             infos = opened.get("episode_0/infos")
             unread = [f"infos/{name}" for name in infos] if hasattr(infos, "keys") else []
     with reading(folder, "It is damaged, or not a Minari dataset."):
-        found = minari.MinariDataset(folder)
-    note = None if text is None else parse_note(text, source)
-    if note is not None and len(note.episodes.lengths) != len(found):
+        return minari.MinariDataset(folder), text, unread
+
+
+def _read_exported(found: Any, source: Path, note: ExportNote) -> ImportedData:
+    if len(note.episodes.lengths) != len(found):
         raise ConversionError(
             f"{source} has {len(found)} episodes, but its note of swarmdata says "
             f"{len(note.episodes.lengths)}. It was changed after the export: remove the key "
             f"{NOTE_KEY!r} of its metadata.json to convert it as foreign data."
         )
-    if note is not None:
-        with reading(folder):
-            spaces = found.observation_space.spaces
-            widths = [width(space_of(spaces[k], f"space of {k}")) for k in note.spec.agent_names]
-        agents = recorded_agents(note.spec, max(widths))
-        metadata = {"exported_from": note.id, "exported_digest": note.digest}
-        episodes = _exported_episodes(source, found, note, agents)
-        yield ImportedData(
-            note.spec, note.policies, episodes, note.episodes.assign_splits, metadata
-        )
-        return
+    with reading(source):
+        spaces = found.observation_space.spaces
+        widths = [width(space_of(spaces[k], f"space of {k}")) for k in note.spec.agent_names]
+    agents = recorded_agents(note.spec, max(widths))
+    metadata = {"exported_from": note.id, "exported_digest": note.digest}
+    episodes = _exported_episodes(source, found, note, agents)
+    return ImportedData(note.spec, note.policies, episodes, note.episodes.assign_splits, metadata)
+
+
+def _read_foreign(
+    found: Any, source: Path, task: str, choices: Choices, unread: list[str]
+) -> ImportedData:
     agents, is_team = _foreign_agents(found, choices)
     content = {
         "task": task,
@@ -255,7 +271,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     }
     spec = RecordedSpec.parse(content, str(source))
     episodes = _foreign_episodes(source, found, agents, is_team)
-    yield ImportedData(spec, UNKNOWN_POLICIES, episodes, metadata=unread_note(unread))
+    return ImportedData(spec, UNKNOWN_POLICIES, episodes, metadata=unread_note(unread))
 
 
 def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, ...], bool]:

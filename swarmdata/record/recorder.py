@@ -70,6 +70,8 @@ class Recorder(BaseParallelWrapper):
         BuildError: `path` exists, or another process is recording to it.
     """
 
+    _presence: Presence  # of the agents of the running episode
+
     def __init__(
         self,
         env: Any,
@@ -107,7 +109,6 @@ class Recorder(BaseParallelWrapper):
         self._seeds = SeedStream(seed, self._folder.seeds())
         self._environment: EnvironmentReader | None = None
         self._buffer: EpisodeBuffer | None = None
-        self._presence: Presence | None = None
         self._policy = 0
         self._log_probs: Mapping[Any, float] | None = None
         self._dataset: Dataset | None = None
@@ -200,8 +201,7 @@ class Recorder(BaseParallelWrapper):
                 agent leaves without a flag.
         """
         buffer, environment, reader = self._buffer, self._environment, self._reader
-        presence = self._presence
-        if buffer is None or environment is None or presence is None:
+        if buffer is None or environment is None:
             raise SchemaError("no episode is running; call reset() first")
         acted = buffer.states[-1].alive
         taken = reader.actions(actions, acted)  # a copy, before the environment can change them
@@ -210,7 +210,7 @@ class Recorder(BaseParallelWrapper):
         result = self.env.step(actions)
         observations, rewards, terminations, truncations, infos = result
         ends = reader.flags(terminations, acted), reader.flags(truncations, acted)
-        alive = presence.step(ends[0] | ends[1], self.env.agents)
+        alive = self._presence.step(ends[0] | ends[1], self.env.agents)
         step = StepRow(
             actions=taken,
             log_probs=log_probs,
