@@ -116,13 +116,12 @@ def numpy_folder(folder: Path, arrays: Arrays) -> Path:
     names = {"observations": "obs", "next_observations": "next_obs", "actions": "acs",
              "rewards": "rews", "terminals": "dones"}  # fmt: skip
     for ours, theirs in names.items():
-        values = arrays.get(ours)
-        for k in range(0 if values is None else 2):
-            own = (
-                values[:, min(k, values.shape[1] - 1)]
-                if values.ndim > 1 and values.size
-                else values
-            )
+        if ours not in arrays:
+            continue
+        values: Any = arrays[ours]
+        for k in range(2):
+            is_team = values.ndim > 1 and values.size
+            own = values[:, min(k, values.shape[1] - 1)] if is_team else values
             np.save(path / f"{theirs}_{k}.npy", own)
     return path
 
@@ -179,8 +178,8 @@ def vault(folder: Path, arrays: Arrays) -> Path:
     from flashbax.buffers.trajectory_buffer import TrajectoryBufferState
 
     names = {"timeouts": "truncations"}
-    rewards = arrays.get("rewards", np.zeros(()))
-    if rewards.ndim == 1 and arrays.get("terminals", rewards).ndim == 2:
+    rewards: Any = arrays.get("rewards", np.zeros(()))
+    if rewards.ndim == 1 and np.ndim(arrays.get("terminals", ())) == 2:
         arrays["rewards"] = np.repeat(rewards[:, None], arrays["terminals"].shape[1], 1)
     n = min([len(values) for values in arrays.values()], default=0)
     leaves = {
