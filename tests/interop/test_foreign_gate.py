@@ -287,10 +287,6 @@ def never_stored(file: Any, name: str, secret: Path) -> None:
     file.create_dataset(name, (20_000_000, 200), "f4", chunks=(1000, 200))
 
 
-def one_chunk(file: Any, name: str, secret: Path) -> None:
-    file.create_dataset(name, (1 << 27, 1), "f4", chunks=(1 << 27, 1), maxshape=(None, 1))
-
-
 @pytest.mark.parametrize(
     ("plant", "words"),
     [
@@ -301,7 +297,6 @@ def one_chunk(file: Any, name: str, secret: Path) -> None:
         (texts, "of type object"),
         (references, "of type object"),
         (never_stored, "declares 16,000 MB, but stores 0.000 MB"),
-        (one_chunk, "declares 537 MB|chunks of 537 MB"),
     ],
 )
 @pytest.mark.parametrize("exported", [False, True])
@@ -324,6 +319,18 @@ def test_hdf5_gives_nothing_but_its_own_numbers(
         del file[name]
         plant(file, name, secret)
     refused(source, "d4rl", words)
+
+
+def test_a_chunk_that_fills_the_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is unpacked as a whole, so that blocks of rows bound nothing."""
+    monkeypatch.setattr("swarmdata.interop.conversion.hdf5_reader.MOST_CHUNK_BYTES", 1_000_000)
+    source = hdf5(tmp_path / "x.hdf5", team(60))
+    with h5py.File(source, "r+") as file:
+        zeros = np.zeros((500_000, 1), np.float32)
+        file.create_dataset("costs", data=zeros, chunks=zeros.shape, compression="gzip")
+    refused(source, "d4rl", "costs has chunks of 2 MB, expected at most 1 MB")
 
 
 def test_links_out_of_a_folder_and_pipes_are_refused(tmp_path: Path) -> None:
