@@ -40,6 +40,12 @@ This page shows how to convert datasets to and from other formats, and what each
 the same in Python. If a foreign file leaves a question open, such as whether an episode was cut by
 a time limit, the conversion stops and names the option that answers it; nothing is guessed.
 
+Agents may end at different steps: one has ended from its first flag in an episode on, and the
+episode ends when all have. Whole-number actions are choices, counted from 0, one for each column.
+Numbers that are not finite, or above 2^24 and not exact in float32, are refused. So are files that
+declare more than they store, or that name other files as their content. Arrays that have no place
+in a dataset are named on its card. What is written opens, verifies and has a card.
+
 """
 
 FRAME = """

@@ -1,6 +1,6 @@
 """The audit: whether a dataset is what it says, whoever made it."""
 
-from swarmdata.audit.checks import CHECKS, audit, problems_of
+from swarmdata.audit.checks import CHECKS, audit, contradictions, problems_of
 from swarmdata.audit.findings import Audit, Finding
 
-__all__ = ["CHECKS", "Audit", "Finding", "audit", "problems_of"]
+__all__ = ["CHECKS", "Audit", "Finding", "audit", "contradictions", "problems_of"]

@@ -1,6 +1,6 @@
 """The checks of a dataset in a literal table, and `audit`, which runs them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -56,6 +56,8 @@ CHECKS = {
 }
 """Every check by its name, in the order in which they run."""
 
+_CONTRADICTIONS = ("shapes", "finite", "padding", "bounds", "ends", "leaving")
+
 
 def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit:
     """Checks a dataset of any origin against everything that it claims.
@@ -73,7 +75,7 @@ def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit
         DatasetError: a subclass that names the file that cannot be read.
     """
     subject = Subject(open_store(Path(path), "none"), sample, progress)
-    findings = tuple(_findings(subject))
+    findings = tuple(_findings(subject, CHECKS))
     return Audit(subject.manifest.id, subject.manifest.digest, tuple(CHECKS), findings)
 
 
@@ -86,10 +88,24 @@ def problems_of(path: Path | str) -> tuple[str, ...]:
     return tuple(f"{each.check}: {each.message}" for each in audit(path).problems)
 
 
-def _findings(subject: Subject) -> Iterator[Finding]:
+def contradictions(path: Path | str) -> tuple[str, ...]:
+    """What in the arrays of a dataset contradicts its own description, one line each.
+
+    These are the checks of shapes, numbers, spaces and ends. What other checks of an audit find,
+    such as episodes that occur twice, may be true of good data.
+
+    Raises:
+        DatasetError: it cannot be read at all.
+    """
+    checks = {name: CHECKS[name] for name in _CONTRADICTIONS}
+    found = _findings(Subject(open_store(Path(path), "fast"), 0, False), checks)
+    return tuple(f"{each.check}: {each.message}" for each in found if each.level == "problem")
+
+
+def _findings(subject: Subject, checks: Mapping[str, Check]) -> Iterator[Finding]:
     broken: set[str] = set()
     hidden = None if subject.progress else True  # None: hidden where there is no terminal
-    with tqdm(CHECKS.items(), unit="check", leave=False, disable=hidden) as bar:
+    with tqdm(checks.items(), unit="check", leave=False, disable=hidden) as bar:
         for name, check in bar:
             bar.set_description(f"audit: {name}")
             lacking = [each for each in check.needs if each in broken]

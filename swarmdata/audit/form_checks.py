@@ -5,10 +5,10 @@ import numpy as np
 from swarmdata.audit.findings import Remarks, problem
 from swarmdata.audit.subject import Subject, blocks
 from swarmdata.errors import DatasetError
-from swarmdata.specs.spaces import DiscreteSpace, bounds, width
+from swarmdata.specs.spaces import DiscreteSpace, limits_of, width
 from swarmdata.store import open_store
 from swarmdata.store.stored_dataset import shape_contradictions
-from swarmdata.types import Bool, Float, Int
+from swarmdata.types import Bool, Int
 
 
 def integrity(subject: Subject) -> Remarks:
@@ -94,32 +94,18 @@ def action_bounds(subject: Subject) -> Remarks:
     Actions of OMIGA's datasets in OG-MARL exceed [-1, 1]. Its code clips them on reading ("clip for
     omiga datasets"), so the data and the environment disagree.
     """
-    lows, highs, whole = _limits(subject)
-    actions = subject.arrays["actions"]
+    limits, actions = limits_of(subject.spec.action_spaces), subject.arrays["actions"]
     for first, block in blocks(actions):
-        wrong = (block < lows) | (block > highs) | (whole & (block != np.round(block)))
+        wrong = limits.outside(block)
         wrong &= _acting(subject, first, len(block))[..., None] | (block != 0)
         if wrong.any():
             row, agent, column = np.argwhere(wrong)[0].tolist()
             yield problem(
                 f"action {block[row, agent, column]:g} of agent {agent}, component {column}, in "
                 f"{subject.place('actions', first + row)} is not in its space, expected "
-                f"{'a whole number from' if whole[agent, column] else 'a value from'} "
-                f"{lows[agent, column]:g} to {highs[agent, column]:g}"
+                f"{limits.described(agent, column)}"
             )
             return
-
-
-def _limits(subject: Subject) -> tuple[Float, Float, Bool]:
-    """Least and greatest value of each action component, and which are whole, [N, A] each."""
-    shape = subject.arrays["actions"].shape[1:]
-    lows, highs = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    whole = np.zeros(shape, dtype=np.bool_)
-    for index, space in enumerate(subject.spec.action_spaces):
-        low, high = bounds(space)
-        lows[index, : len(low)], highs[index, : len(high)] = low, high
-        whole[index, : len(low)] = space.kind in ("discrete", "multi_discrete", "multi_binary")
-    return lows, highs, whole
 
 
 def action_masks(subject: Subject) -> Remarks:

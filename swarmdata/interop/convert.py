@@ -7,13 +7,16 @@ from typing import Literal
 
 import numpy as np
 
+from swarmdata.audit import contradictions
+from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
+from swarmdata.interop.conversion.foreign_files import check_plain
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.conversion.user_paths import absolute_path
-from swarmdata.interop.formats import FORMATS, find_format
+from swarmdata.interop.formats import FORMATS, Reader, find_format
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.origins import Recording
@@ -37,8 +40,9 @@ def import_dataset(
     seed: int = 0,
     metadata: dict[str, str] | None = None,
 ) -> Dataset:
-    """Converts foreign data to a dataset and leaves the source unchanged.
+    """Converts foreign data to a dataset with its card, and leaves the source unchanged.
 
+    What appears at `out` opens, verifies and is what its description says: this is checked before.
     Memory stays below a few hundred megabytes and one episode, except where a format's module says
     otherwise. A killed conversion leaves nothing at `out`; run it again.
 
@@ -57,23 +61,20 @@ def import_dataset(
     Raises:
         UnknownNameError: there is no such format.
         DatasetNotFoundError: there is nothing at `source`.
-        ConversionError: the data are ambiguous or do not fit together.
+        ConversionError: the data are ambiguous, damaged, do not fit together, or refer to other
+            files.
+        SchemaError: a number is not finite or would be rounded, or a value is not in its space.
         MissingExtraError: the format's library is not installed.
         BuildError: something else is at `out`, or no episode falls into the train split.
     """
     source, out = map(absolute_path, (source, out))
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
+    check_plain(source)
     digest = source_digest(source)
     task = id.partition("-")[0]
-    found = find_format(format)
-    if found.read is None:
-        known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
-        raise ConversionError(
-            f"{found.title} can only be written, got format={format!r}. Formats to read: "
-            f"{', '.join(known)}."
-        )
-    with found.read(source, task, choices or Choices()) as incoming:
+    read = _reader_of(format)
+    with read(source, task, choices or Choices()) as incoming:
         keeps = splits == "kept" and incoming.splits is not None
         content = {
             "id": id,
@@ -87,8 +88,19 @@ def import_dataset(
         }
         recording = Recording.parse(content, f"the recording made of {source}")
         with locked(out):
-            _store(out, recording, incoming, keeps)
+            _store(source, out, recording, incoming, keeps)
     return Dataset.open(out)
+
+
+def _reader_of(format: str) -> Reader:
+    found = find_format(format)
+    if found.read is None:
+        known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
+        raise ConversionError(
+            f"{found.title} can only be written, got format={format!r}. Formats to read: "
+            f"{', '.join(known)}."
+        )
+    return found.read
 
 
 def source_digest(path: Path) -> str:
@@ -101,9 +113,12 @@ def source_digest(path: Path) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def _store(out: Path, recording: Recording, incoming: ImportedData, keep_splits: bool) -> None:
+def _store(
+    source: Path, out: Path, recording: Recording, incoming: ImportedData, keep_splits: bool
+) -> None:
     if out.exists():  # either this dataset, finished before, or an error
         assemble(out, recipe=recording, parts={}, order=[])
+        finish(out)
         return
     build = scratch_folder(out, "conversion")
     remove_scratch(build)  # left by a killed conversion: this process holds the lock
@@ -116,7 +131,15 @@ def _store(out: Path, recording: Recording, incoming: ImportedData, keep_splits:
                 f"none of the {len(codes)} episodes of {recording.id} is in the train split, which "
                 "normalization statistics need. Pass splits='new' to draw new splits."
             )
-        assemble(out, recipe=recording, parts=parts, order=order, splits=codes, consume=True)
+        made = build / "dataset"
+        assemble(made, recipe=recording, parts=parts, order=order, splits=codes, consume=True)
+        if problems := contradictions(made):
+            raise ConversionError(
+                f"{source} was not converted, because its rows contradict what it says they are: "
+                f"{'; '.join(problems)}"
+            )
+        finish(made)
+        made.rename(out)
     finally:
         remove_scratch(build)
     sync(out.parent)

@@ -26,12 +26,16 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.conversion.dataset_facts import STATE_ARRAYS, TIME_ARRAYS, array_names
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
+from swarmdata.interop.conversion.foreign_data import unread_note
+from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_rows import admit_rows, check_lengths, flags_of
+from swarmdata.interop.conversion.hdf5_reader import open_hdf5
 from swarmdata.interop.conversion.imported_data import (
     UNKNOWN_POLICIES,
     ImportedData,
     build_episode,
 )
-from swarmdata.interop.conversion.space_columns import join_rows, recorded_agents, split_rows
+from swarmdata.interop.conversion.space_columns import recorded_agents, split_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.registry.replaced_worlds import is_simulated
@@ -39,7 +43,14 @@ from swarmdata.runtime.atomic import require_space
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
-from swarmdata.specs.spaces import DictSpace, as_bytes, holds_bytes, stack_agents, width
+from swarmdata.specs.spaces import (
+    DictSpace,
+    as_bytes,
+    flatten,
+    holds_bytes,
+    stack_agents,
+    width,
+)
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Episode
 
@@ -197,29 +208,59 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     Raises:
         ConversionError: it is no such folder, or its contents contradict each other.
     """
-    minari, storage_type = _library()
     folder = source / "data" if (source / "data").is_dir() else source
     if not (folder / "metadata.json").is_file():
         raise ConversionError(f"{source} has no data/metadata.json, so it is not a Minari dataset")
-    text = storage_type.read_raw_metadata(folder).get(NOTE_KEY)
-    found = minari.MinariDataset(folder)
-    note = None if text is None else parse_note(text, source)
-    if note is not None and len(note.episodes.lengths) != len(found):
+    found, text, unread = _open(folder)
+    if text is None:
+        yield _read_foreign(found, source, task, choices, unread)
+    else:
+        yield _read_exported(found, source, parse_note(text, source))
+
+
+def _open(folder: Path) -> tuple[Any, str | None, list[str]]:
+    """Minari's dataset, the note of an export if it has one, and the infos of its first episode.
+
+    Raises:
+        ConversionError: it cannot be read, or Minari would follow it to other files or to programs.
+    """
+    minari, storage_type = _library()
+    with reading(folder, "It is damaged, or not a Minari dataset."):
+        raw = storage_type.read_raw_metadata(folder)
+        text, spaces = raw.get(NOTE_KEY), {"observation_space", "action_space"} - set(raw)
+    if spaces:
+        raise ConversionError(
+            f"{folder} lacks {', '.join(sorted(spaces))} in its metadata.json. Minari would make "
+            "the environment that it names, which may run any program. Add the spaces."
+        )
+    unread: list[str] = []
+    if (file := folder / "main_data.hdf5").is_file():
+        with open_hdf5(file) as opened:  # looked at: Minari opens it again
+            infos = opened.get("episode_0/infos")
+            unread = [f"infos/{name}" for name in infos] if hasattr(infos, "keys") else []
+    with reading(folder, "It is damaged, or not a Minari dataset."):
+        return minari.MinariDataset(folder), text, unread
+
+
+def _read_exported(found: Any, source: Path, note: ExportNote) -> ImportedData:
+    if len(note.episodes.lengths) != len(found):
         raise ConversionError(
             f"{source} has {len(found)} episodes, but its note of swarmdata says "
             f"{len(note.episodes.lengths)}. It was changed after the export: remove the key "
             f"{NOTE_KEY!r} of its metadata.json to convert it as foreign data."
         )
-    if note is not None:
-        spaces = found.observation_space
+    with reading(source):
+        spaces = found.observation_space.spaces
         widths = [width(space_of(spaces[k], f"space of {k}")) for k in note.spec.agent_names]
-        agents = recorded_agents(note.spec, max(widths))
-        metadata = {"exported_from": note.id, "exported_digest": note.digest}
-        episodes = _exported_episodes(source, found, note, agents)
-        yield ImportedData(
-            note.spec, note.policies, episodes, note.episodes.assign_splits, metadata
-        )
-        return
+    agents = recorded_agents(note.spec, max(widths))
+    metadata = {"exported_from": note.id, "exported_digest": note.digest}
+    episodes = _exported_episodes(source, found, note, agents)
+    return ImportedData(note.spec, note.policies, episodes, note.episodes.assign_splits, metadata)
+
+
+def _read_foreign(
+    found: Any, source: Path, task: str, choices: Choices, unread: list[str]
+) -> ImportedData:
     agents, is_team = _foreign_agents(found, choices)
     content = {
         "task": task,
@@ -229,7 +270,8 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
         "state_from": "observations",
     }
     spec = RecordedSpec.parse(content, str(source))
-    yield ImportedData(spec, UNKNOWN_POLICIES, _foreign_episodes(source, found, agents, is_team))
+    episodes = _foreign_episodes(source, found, agents, is_team)
+    return ImportedData(spec, UNKNOWN_POLICIES, episodes, metadata=unread_note(unread))
 
 
 def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, ...], bool]:
@@ -262,13 +304,18 @@ def _library_of(found: Any) -> str:
 
 def _episodes(source: Path, found: Any) -> Iterator[Any]:
     """Yields Minari's episodes, each checked against its metadata."""
-    metadata = found.storage.get_episode_metadata(found.episode_indices)
-    for data, facts in zip(found.iterate_episodes(), metadata, strict=True):
-        if len(data) != int(facts["total_steps"]) or not len(data):
+    with reading(source):
+        metadata = list(found.storage.get_episode_metadata(found.episode_indices))
+        episodes = found.iterate_episodes()
+    for number, facts in enumerate(metadata):
+        with reading(f"{source}, episode {number}"):
+            data = next(episodes)
+            n, expected = len(data), int(facts["total_steps"])
+        if n != expected or not n:
             raise ConversionError(
-                f"{source}: episode {data.id} has {len(data)} steps, but its metadata says "
-                f"{facts['total_steps']}. Minari's Arrow storage cuts long episodes; convert the "
-                "dataset from its HDF5 storage."
+                f"{source}: episode {data.id} has {n} steps, but its metadata says {expected}. "
+                "Minari's Arrow storage cuts long episodes; convert the dataset from its HDF5 "
+                "storage."
             )
         yield data
 
@@ -277,22 +324,19 @@ def _joint(
     data: Any, agents: tuple[RecordedAgent, ...], source: Path, is_team: bool
 ) -> dict[str, NDArray[Any]]:
     """Observations and actions of all agents."""
-    rows = {}
-    for field, space in (("observations", "observation"), ("actions", "action")):
+    rows, T = {}, len(data)
+    for field, space, n in (("observations", "observation", T + 1), ("actions", "action", T)):
         values = getattr(data, field)
         parts: list[NDArray[Any]] = []
         for agent in agents:
             where = f"{source}: {field} of {agent.name} in episode {data.id}"
-            own = values[agent.name] if is_team else values
-            parts.append(join_rows(getattr(agent, space), own, where))
+            own = {agent.name: values} if not is_team else values
+            if not isinstance(own, Mapping) or agent.name not in own:
+                raise ConversionError(f"{where} are missing, expected one entry for each agent")
+            parts.append(flatten(getattr(agent, space), own[agent.name], where, (n,)))
         if space == "observation" and all(holds_bytes(agent.observation) for agent in agents):
             parts = [as_bytes(part, f"{source}: {field} of episode {data.id}") for part in parts]
         rows[field] = stack_agents(parts)
-    if len(rows["observations"]) != len(data) + 1 or len(rows["actions"]) != len(data):
-        raise ConversionError(
-            f"{source}: episode {data.id} has {len(rows['observations'])} observations and "
-            f"{len(rows['actions'])} actions for {len(data)} steps, expected one observation more"
-        )
     return rows
 
 
@@ -305,8 +349,9 @@ def _exported_episodes(
         for name, key in _INFO_KEYS.items():
             if name in TIME_ARRAYS and key in data.infos:
                 rows[name] = data.infos[key]
+        where = f"{source}, episode {data.id}"
         for name in ("terminations", "truncations"):
-            rows[name] = np.asarray(getattr(data, name), dtype=np.bool_)
+            rows[name] = flags_of(getattr(data, name), 1, f"{where}: {name}")[:, 0]
         _check_rows(source, data, rows)
         yield build_episode(
             rows,
@@ -335,14 +380,19 @@ def _foreign_episodes(
         widths = [width(agent.observation) for agent in agents]
         observations = [rows["observations"][:, k, :n] for k, n in enumerate(widths)]
         rows["states"] = np.concatenate(observations, axis=1)
-        rewards = np.asarray(data.rewards, dtype=np.float32).reshape(len(data), -1)
-        rows["rewards"] = np.broadcast_to(rewards, (len(data), len(agents))).copy()
-        ends = np.asarray(data.terminations, bool) | np.asarray(data.truncations, bool)
+        where = f"{source}, episode {data.id}"
+        rows |= admit_rows({"rewards": np.asarray(data.rewards)}, len(agents), where)
+        terminated, truncated = (
+            flags_of(getattr(data, name), 1, f"{where}: {name}")[:, 0]
+            for name in ("terminations", "truncations")
+        )
+        lengths = {"rewards": rows["rewards"], "terminations": terminated, "truncations": truncated}
+        check_lengths({name: len(each) for name, each in lengths.items()}, where)
+        ends = terminated | truncated
         if ends[:-1].any() or not ends[-1]:
-            raise ConversionError(
-                f"{source}: episode {data.id} does not end exactly once, in its last row"
-            )
-        end = "termination" if data.terminations[-1] else "truncation"
+            raise ConversionError(f"{where} does not end exactly once, in its last row")
+        end = "termination" if terminated[-1] else "truncation"
+        _check_rows(source, data, rows)
         yield build_episode(rows, seed=number, policy=0, end=end)
 
 

@@ -32,10 +32,18 @@ from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.exported_data import import_with_note
 from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.foreign_files import check_stored, folder_bytes, reading
+from swarmdata.interop.conversion.foreign_rows import (
+    agent_columns,
+    columns_of,
+    count_choices,
+    flags_of,
+)
 from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.runtime.documents import read_document
+from swarmdata.types import Bool
 
 NOTE_KEY = "swarmdata"
 
@@ -44,6 +52,8 @@ QUIET_SECONDS = 0.5
 
 MAX_WAIT_SECONDS = 10.0
 """How long to wait for that."""
+
+_FLAGS = ("terminals", "truncations")
 
 KEPT_NAMES = {
     "observations": "observations",
@@ -160,7 +170,18 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
             "actions, rewards and terminals"
         )
     leaves = {name: _open(source, f"{name}.") for name in names}
-    n = int(_open(source, "vault_index")[:].read().result()[0])
+    with reading(source):
+        n = int(_open(source, "vault_index")[:].read().result()[0])
+    short = {name: leaf.shape for name, leaf in leaves.items() if (*leaf.shape, 0, 0)[1] < n}
+    if n < 1 or short:
+        raise ConversionError(
+            f"{source} says that it has {n} rows, expected at least 1 and no more than its leaves "
+            f"have{f': {short}' if short else ''}"
+        )
+    check_stored(source, n * _row_bytes(leaves), folder_bytes(source))
+    if len(leaves["rewards"].shape) != 3 or len(leaves["observations"].shape) < 3:
+        shapes = {name: leaves[name].shape for name in ("observations", "rewards")}
+        raise ConversionError(f"{source} has leaves {shapes}, expected [B, T, N, O] and [B, T, N]")
     note = metadata.get(NOTE_KEY)
     if note is None:
         yield _read_foreign(leaves, n, source, task, choices)
@@ -183,10 +204,8 @@ def _open(source: Path, name: str) -> Any:
     except ImportError as error:
         raise MissingExtraError("tensorstore", "vault", "the Vault format") from error
     store = {"driver": "ocdbt", "base": f"file://{source.resolve()}", "path": name}
-    try:
+    with reading(f"{source}: leaf {name!r}"):
         return tensorstore.open({"driver": "zarr", "kvstore": store}, read=True).result()
-    except ValueError as error:
-        raise ConversionError(f"{source} has no leaf {name!r} that can be read: {error}") from error
 
 
 def _row_bytes(leaves: Mapping[str, Any]) -> int:
@@ -207,70 +226,68 @@ def _read_exported(
             found[name] = found[name][:, 0]
         return found
 
-    return import_with_note(note, BlockReader(rows, n, _row_bytes(leaves)), n, str(source))
+    return import_with_note(note, BlockReader(rows, n, _row_bytes(leaves), source), n, str(source))
 
 
 def _read_foreign(
     leaves: Mapping[str, Any], n: int, source: Path, task: str, choices: Choices
 ) -> ImportedData:
-    is_discrete = leaves["actions"].dtype.numpy_dtype.kind in "iu"
     state = next((name for name in ("infos.state", "infos.states") if name in leaves), None)
-    n_rows, n_agents = leaves["rewards"].shape[0], leaves["rewards"].shape[2]
-    timelines = [_timeline(leaves, n, source, row, state) for row in range(n_rows)]
-    legals = leaves.get("infos.legals") if is_discrete else None
-    n_choices = 0
-    if is_discrete:
-        if legals is not None:
-            n_choices = legals.shape[-1]
-        else:
-            n_choices = int(np.asarray(leaves["actions"][:, 0:n].read().result()).max()) + 1
-    state_size = 0 if state is None else int(np.prod(leaves[state].shape[2:]))
-    shapes = AgentShapes(
-        observations=(int(np.prod(leaves["observations"].shape[3:])),) * n_agents,
-        actions=(int(np.prod(leaves["actions"].shape[3:])),) * n_agents,
-        choices=n_choices,
-        states=state_size,
-    )
-    return import_without_note(task, shapes, timelines, choices)
-
-
-def _timeline(
-    leaves: Mapping[str, Any], n: int, source: Path, row: int, state: str | None
-) -> Timeline:
-    """One of the B timelines of a vault."""
-    next_key = next((k for k in ("infos.next_observations",) if k in leaves), None)
+    n_agents = leaves["rewards"].shape[2]
     names = {"observations": "observations", "actions": "actions", "rewards": "rewards"}
     if state is not None:
         names["states"] = state
-    if leaves["actions"].dtype.numpy_dtype.kind in "iu" and "infos.legals" in leaves:
-        names["action_masks"] = "infos.legals"
-    if next_key is not None:
-        names["next_observations"] = next_key
+    if "infos.next_observations" in leaves:
+        names["next_observations"] = "infos.next_observations"
+    counts: tuple[int, ...] = ()
+    if leaves["actions"].dtype.numpy_dtype.kind in "iu":
+        with reading(source):
+            actions = np.asarray(leaves["actions"][:, 0:n].read().result())
+        rows = actions.reshape(-1, *actions.shape[2:])
+        counts = count_choices(agent_columns(rows, n_agents, f"{source}: actions"), str(source))
+        if "infos.legals" in leaves:
+            names["action_masks"] = "infos.legals"
+            counts = (leaves["infos.legals"].shape[-1], *counts[1:])
+    shapes = AgentShapes(
+        observations=(columns_of(leaves["observations"].shape[2:]),) * n_agents,
+        actions=(columns_of(leaves["actions"].shape[2:]),) * n_agents,
+        choices=(counts,) * n_agents,
+        states=0 if state is None else columns_of(leaves[state].shape[1:]),
+    )
+    timelines = [
+        _timeline(leaves, n, names, source, row) for row in range(leaves["rewards"].shape[0])
+    ]
+    unread = set(leaves) - set(names.values()) - set(_FLAGS)
+    return import_without_note(task, shapes, timelines, choices, unread=sorted(unread))
+
+
+def _timeline(
+    leaves: Mapping[str, Any], n: int, names: Mapping[str, str], source: Path, row: int
+) -> Timeline:
+    """One of the B timelines of a vault."""
+    where, n_agents = f"{source} (timeline {row})", leaves["rewards"].shape[2]
 
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
         pending = {name: leaves[key][row, window].read() for name, key in names.items()}
         found = {name: np.asarray(each.result()) for name, each in pending.items()}
-        return {name: _like_ours(name, values) for name, values in found.items()}
+        return {
+            name: _without_padding(values) if name.endswith("observations") else values
+            for name, values in found.items()
+        }
 
-    def flags(name: str) -> NDArray[np.bool_]:
-        return np.asarray(leaves[name][row, 0:n].read().result()) != 0
+    def flags(name: str) -> Bool:
+        with reading(where):
+            values = np.asarray(leaves[name][row, 0:n].read().result())
+        return flags_of(values, n_agents, f"{where}: {name}")
 
-    ahead = BlockReader(rows, n, _row_bytes(leaves))
+    ahead = BlockReader(rows, n, _row_bytes(leaves), where)
     truncations = flags("truncations") if "truncations" in leaves else None
-    where = f"{source} (timeline {row})"
-    return Timeline(where, flags("terminals"), truncations, ahead, next_key is not None)
+    return Timeline(where, flags("terminals"), truncations, ahead, "next_observations" in names)
 
 
-def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Converts to the shape and dtype of our field; padding of -inf becomes zeros."""
-    if name == "action_masks":
-        return values != 0
-    if name == "states":
-        return values.reshape(len(values), -1).astype(np.float32)
-    if name == "rewards":
-        return values.astype(np.float32)
-    rows = values.reshape(len(values), values.shape[1], -1).astype(np.float32)
-    return np.where(np.isneginf(rows), np.float32(0), rows)
+def _without_padding(values: NDArray[Any]) -> NDArray[Any]:
+    """Observations whose padding, -inf, is zero, as OMAR's data in OG-MARL have it."""
+    return np.where(np.isneginf(values), values.dtype.type(0), values)
 
 
 FORMAT = Format("vault", "OG-MARL Vault (Flashbax)", KEPT_NAMES, LOST_REASONS, read, write)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,15 @@ from swarmdata.record.foreign_environment import ACTION_MASK_KEY
 from swarmdata.specs.origins import RecordedAgent
 from swarmdata.specs.spaces import (
     DiscreteSpace,
+    Limits,
     MultiDiscreteSpace,
     Space,
     as_bytes,
     flatten,
     holds_bytes,
+    limits_of,
     stack_agents,
+    to_float32,
     width,
 )
 from swarmdata.types import Bool, Float, FloatOrByte
@@ -26,7 +30,7 @@ SUCCESS_KEYS = ("success", "is_success")
 """Keys of infos that tell whether the task was solved."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class AgentReader:
     """Reads values by agent, of an environment or its policies, into arrays of all agents.
 
@@ -79,23 +83,29 @@ class AgentReader:
         Raises:
             SchemaError: an agent that acts has no action, or one that is not in its space.
         """
-        return stack_agents(self._rows(given, alive, "action", [a.action for a in self.agents]))
+        spaces = [agent.action for agent in self.agents]
+        rows = stack_agents(self._rows(given, alive, "action", spaces))
+        self._limits.check(rows, alive, self.names)
+        return rows
+
+    @cached_property
+    def _limits(self) -> Limits:
+        """What actions may be."""
+        return limits_of([agent.action for agent in self.agents])
 
     def numbers(self, given: Mapping[Any, Any], acted: Bool, what: str) -> Float:
         """One number, such as the reward, of each agent that acted; zero for the others, [N].
 
         Raises:
-            SchemaError: a number is missing or not finite.
+            SchemaError: a number is missing, not finite, or not one that float32 holds.
         """
         numbers = np.zeros(len(self.names), dtype=np.float32)
         known = self._require(given, acted, what)
         for index, name in enumerate(self.names):
             value = np.asarray(known.get(name, 0.0))
-            if value.size != 1 or value.dtype.kind not in "biuf" or not np.isfinite(value).all():
-                raise SchemaError(
-                    f"{what} of {name} is {given[name]!r}, expected one finite number"
-                )
-            numbers[index] = value.item()
+            if value.size != 1:
+                raise SchemaError(f"{what} of {name} is {given[name]!r}, expected one number")
+            numbers[index] = to_float32(value, f"{what} of {name}").item()
         return numbers
 
     def flags(self, given: Mapping[Any, Any], acted: Bool) -> Bool:
@@ -160,6 +170,50 @@ class AgentReader:
             else np.zeros(width(space), dtype=np.float32)
             for space, name in zip(spaces, self.names, strict=True)
         ]
+
+
+@dataclass(slots=True)
+class Presence:
+    """Which agents act, from a reset on: one that has ended does not, even where it is listed.
+
+    Attributes:
+        reader: reads the environment's `agents`.
+        alive: agents that act next, [N].
+        gone: agents that have ended and that the environment still lists, [N].
+    """
+
+    reader: AgentReader
+    alive: Bool
+    gone: Bool
+
+    @classmethod
+    def after_reset(cls, reader: AgentReader, present: Sequence[Any]) -> "Presence":
+        """All agents that an environment lists after a reset."""
+        alive = reader.alive(present)
+        return cls(reader, alive, np.zeros_like(alive))
+
+    def step(self, ended: Bool, present: Sequence[Any]) -> Bool:
+        """Takes a step; returns which agents act next, [N].
+
+        Args:
+            ended: agents with a flag in this step, [N].
+            present: the environment's `agents` after it.
+
+        Raises:
+            SchemaError: an agent is gone without a flag, so that nobody knows why it ended.
+        """
+        listed = self.reader.alive(present)
+        lost = self.alive & ~ended & ~listed
+        if lost.any():
+            names = [name for name, is_lost in zip(self.reader.names, lost, strict=True) if is_lost]
+            raise SchemaError(
+                f"agents {names} are no longer in `agents`, but were neither terminated nor "
+                "truncated, so nobody knows whether to bootstrap. Let the environment set one of "
+                "the flags in the step in which an agent leaves."
+            )
+        self.gone = (self.gone | ended) & listed
+        self.alive = listed & ~self.gone
+        return self.alive
 
 
 def combine_outcomes(successes: Iterable[bool]) -> Outcome:

@@ -3,12 +3,16 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import BuildError, SpecError
+from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.recipe import PolicySource
+from swarmdata.specs.spaces import limits_of
+from swarmdata.store import check_episode
 from swarmdata.types import Episode
 
 
@@ -45,14 +49,27 @@ def record_batches(
 
     Raises:
         BuildError: another process is recording to `path`, or it holds another recording.
+        SchemaError: an episode has values that are not finite, or actions that are not in their
+            space; the episodes before it are kept.
     """
     folder = RecordingFolder(Path(path), limits)
+    spec = recording.spec
+    allowed = limits_of(spec.action_spaces)
     try:
         folder.claim(Session(recording=recording, log_probs=False, masks=False))
         seeds = SeedStream(recording.seed, {drawn(seed) for seed in folder.seeds()})
-        while (missing := n_episodes - folder.n_episodes) > 0:
-            for episode in play(seeds)[:missing]:
-                folder.add(episode)
+        try:
+            while (missing := n_episodes - folder.n_episodes) > 0:
+                for episode in play(seeds)[:missing]:
+                    check_episode(episode)
+                    acting = np.ones(episode.rewards.shape, np.bool_)
+                    if episode.alive is not None:
+                        acting = episode.alive[:-1]
+                    allowed.check(episode.actions, acting, spec.agent_names)
+                    folder.add(episode)
+        except SchemaError:
+            folder.flush()
+            raise
         return folder.finish()
     finally:
         folder.release()

@@ -11,6 +11,7 @@ from swarmdata.record.agent_reader import AgentReader
 from swarmdata.record.episode_buffer import StateRow
 from swarmdata.record.recording_description import StateSource
 from swarmdata.specs.origins import Spec
+from swarmdata.specs.spaces import to_float32
 from swarmdata.types import Bool, Counts, Float, FloatOrByte, no_messages
 
 
@@ -94,11 +95,9 @@ class EnvironmentReader:
                 "environments have no state at the end of an episode; record all observations "
                 "instead with state='observations'."
             ) from error
-        if state.dtype.kind not in "biuf" or not np.isfinite(state).all():
-            raise SchemaError(f"state() returned {state!r}, expected finite numbers")
-        row: FloatOrByte = state.reshape(-1).astype(
-            np.uint8 if state.dtype == np.uint8 else np.float32
-        )
+        row: FloatOrByte = state.reshape(-1)
+        if state.dtype != np.uint8:
+            row = to_float32(row, "state()")
         if self.spec.state_size not in (None, len(row)):
             raise SchemaError(
                 f"state() returned {len(row)} numbers, expected {self.spec.state_size} as after "

@@ -8,12 +8,12 @@ import numpy as np
 from swarmdata.datasets.action_scaling import ActionScale, action_scale, choices_of
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
-from swarmdata.record.agent_reader import AgentReader
+from swarmdata.record.agent_reader import AgentReader, Presence
 from swarmdata.record.foreign_environment import describe_agents
 from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import state_source
 from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.spaces import unflatten
+from swarmdata.specs.spaces import to_float32, unflatten
 from swarmdata.types import (
     Bool,
     Double,
@@ -164,14 +164,15 @@ def _play(
 ) -> tuple[float, float, float]:
     """Plays one episode: return, length, success."""
     observations, infos = env.reset(seed=seed)
-    alive, team_return, time = reader.alive(env.agents), 0.0, 0
+    presence = Presence.after_reset(reader, env.agents)
+    alive, team_return, time = presence.alive, 0.0, 0
     source, _ = state_source(env, reader, spec.state_from)
     scale = _action_scale(spec)
     seen = alive
     while alive.any():
         rows, state = reader.observations(observations, seen)
         if source == "environment":
-            state = np.ravel(env.state()).astype(np.float32)
+            state = to_float32(np.ravel(env.state()), "state()")
         step = step_of(rows, state, seed=seed, time=time)
         if time == 0:
             policy.reset(step, np.zeros(1, np.int64))
@@ -185,7 +186,7 @@ def _play(
             {name: chosen[str(name)] for name in names}
         )
         ended = reader.flags(terminations, acted) | reader.flags(truncations, acted)
-        alive = reader.alive(env.agents) & ~ended
+        alive = presence.step(ended, env.agents)
         seen = alive | acted
         team_return += float(reader.numbers(rewards, acted, "reward").mean(dtype=np.float64))
         time += 1

@@ -12,7 +12,7 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, UnknownNameError
-from swarmdata.record.agent_reader import AgentReader
+from swarmdata.record.agent_reader import AgentReader, Presence
 from swarmdata.record.environment_reader import EnvironmentReader
 from swarmdata.record.episode_buffer import EpisodeBuffer, StepRow
 from swarmdata.record.foreign_environment import describe_agents
@@ -69,6 +69,8 @@ class Recorder(BaseParallelWrapper):
         SpecError: the environment, the id or the metadata cannot be stored.
         BuildError: `path` exists, or another process is recording to it.
     """
+
+    _presence: Presence  # of the agents of the running episode
 
     def __init__(
         self,
@@ -179,7 +181,8 @@ class Recorder(BaseParallelWrapper):
         observations, infos = self.env.reset(seed=used, options=options)
         if self._environment is None:
             self._environment = self._begin(observations, infos)
-        alive = self._reader.alive(self.env.agents)
+        self._presence = Presence.after_reset(self._reader, self.env.agents)
+        alive = self._presence.alive
         first = self._environment.state(observations, infos, alive, alive)
         self._buffer = EpisodeBuffer(used, self._policy, self._environment.layout(), [first])
         self._log_probs = None
@@ -190,8 +193,12 @@ class Recorder(BaseParallelWrapper):
     ) -> tuple[dict[Any, Any], dict[Any, Any], dict[Any, Any], dict[Any, Any], dict[Any, Any]]:
         """Takes one step of the environment and records it.
 
+        An action that is not in its space is refused before the step, so that the episode can go
+        on. Anything else that is refused costs its episode, and no other.
+
         Raises:
-            SchemaError: no episode is running, or a value does not fit its space or is not finite.
+            SchemaError: no episode is running, a value does not fit its space or float32, or an
+                agent leaves without a flag.
         """
         buffer, environment, reader = self._buffer, self._environment, self._reader
         if buffer is None or environment is None:
@@ -203,7 +210,7 @@ class Recorder(BaseParallelWrapper):
         result = self.env.step(actions)
         observations, rewards, terminations, truncations, infos = result
         ends = reader.flags(terminations, acted), reader.flags(truncations, acted)
-        alive = reader.alive(self.env.agents) & ~ends[0] & ~ends[1]
+        alive = self._presence.step(ends[0] | ends[1], self.env.agents)
         step = StepRow(
             actions=taken,
             log_probs=log_probs,

@@ -137,8 +137,8 @@ class RecordingFolder:
         """Writes the unwritten episodes as parts, one for each policy."""
         for policy, episodes in sorted(self._unwritten.items()):
             write_part(self.folder / f"part-{self._next_part:06d}-policy-{policy}", episodes)
-        self._unwritten.clear()
-        self._next_part += 1
+            del self._unwritten[policy]
+            self._next_part += 1  # the next one has other episodes, also if another policy's fail
         self._n_bytes, self._since = 0, time.monotonic()
 
     def parts(self) -> dict[tuple[int, int], Path]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SpecError
 from swarmdata.record.agent_reader import SUCCESS_KEYS, combine_outcomes
 from swarmdata.record.batch_recording import check_request, record_batches
 from swarmdata.record.episode_buffer import EpisodeBuffer, Outcome, StateRow, StepRow
@@ -24,7 +24,7 @@ from swarmdata.record.reset_seeds import SeedStream, default_seed
 from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
-from swarmdata.specs.spaces import stack_agents, width
+from swarmdata.specs.spaces import BoxSpace, flatten, stack_agents, width
 from swarmdata.types import Bool, Episode, Float, no_messages
 
 VmasPolicy = Callable[[Any], Any]
@@ -120,11 +120,11 @@ def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[E
     while alive.any():
         actions = policy(observations)
         # copied before the environment can change them
-        actions_taken = stack_agents(_rows_by_agent(spec, actions, "action"))
+        actions_taken = stack_agents(_rows_by_agent(spec, actions, "action", E))
         observations, rewards, terminated, truncated, infos = env.step(actions)
         ended, cut = _flags(terminated, E), _flags(truncated, E)
         states = _states(spec, observations, alive & ~ended & ~cut)
-        agent_rewards = stack_agents(_rows_by_agent(spec, rewards, "reward"))
+        agent_rewards = stack_agents(_rows_by_agent(spec, rewards, "reward", E))
         for copy in np.flatnonzero(alive).tolist():
             step = StepRow(
                 actions=actions_taken[copy],
@@ -143,7 +143,7 @@ def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[E
 
 def _states(spec: RecordedSpec, observations: Any, alive: Bool) -> list[StateRow]:
     """The state of each copy."""
-    rows_by_agent = _rows_by_agent(spec, observations, "observation")
+    rows_by_agent = _rows_by_agent(spec, observations, "observation", len(alive))
     rows, states = stack_agents(rows_by_agent), np.concatenate(rows_by_agent, axis=1)
     agents_alive = np.repeat(alive[:, None], spec.n_agents, axis=1)
     return [
@@ -152,34 +152,26 @@ def _states(spec: RecordedSpec, observations: Any, alive: Bool) -> list[StateRow
     ]
 
 
-def _rows_by_agent(spec: RecordedSpec, given: Any, what: str) -> list[Float]:
-    """Copies of each agent's values as rows, [E, F_i], checked against the agent's space.
+def _rows_by_agent(spec: RecordedSpec, given: Any, what: str, n_copies: int) -> list[Float]:
+    """Copies of each agent's values as rows, [E, F_i].
 
     Raises:
-        SchemaError: values have the wrong width or are not finite.
+        SchemaError: values do not fit the agent's space or float32.
     """
     values = [given[agent.name] for agent in spec.agents] if isinstance(given, dict) else given
+    number = BoxSpace(shape=(1,), dtype="float32")
     found = []
     for agent, value in zip(spec.agents, values, strict=True):
-        rows = _numbers(value)
-        sizes = {"observation": agent.observation, "action": agent.action}
-        expected = width(sizes[what]) if what in sizes else 1
-        if rows.shape[1] != expected or not np.isfinite(rows).all():
-            raise SchemaError(
-                f"{what}s of {agent.name} have shape {rows.shape} and "
-                f"{int((~np.isfinite(rows)).sum())} values that are not finite, expected "
-                f"[copies, {expected}] and none"
-            )
-        found.append(rows)
+        space = {"observation": agent.observation, "action": agent.action}.get(what, number)
+        found.append(flatten(space, _arrays(value), f"{what} of {agent.name}", (n_copies,)))
     return found
 
 
-def _numbers(value: Any) -> Float:
-    """A tensor [E, ...], or a dictionary of tensors in the order of its sorted keys, as [E, F]."""
+def _arrays(value: Any) -> Any:
+    """Tensors [E, ...], or dictionaries of them, as arrays."""
     if isinstance(value, dict):
-        return np.concatenate([_numbers(value[key]) for key in sorted(value)], axis=1)
-    array: NDArray[Any] = _array(value)
-    return array.reshape(len(array), -1).astype(np.float32)
+        return {key: _arrays(each) for key, each in value.items()}
+    return _array(value)
 
 
 def _array(tensor: Any) -> NDArray[Any]:

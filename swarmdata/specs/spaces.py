@@ -7,7 +7,7 @@ space one column with the value, a dictionary its entries in the order of their 
 import math
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,40 +127,82 @@ def as_bytes(rows: Float, where: str) -> Counts:
     return found
 
 
-def flatten(space: Space, value: Any, where: str) -> Float:
-    """Returns a value as one row, float32 [width(space)].
+def to_float32(values: Any, where: str) -> Float:
+    """Returns numbers as float32 of the same shape, without changing what they say.
+
+    Every array and number of others comes in through here. Numbers up to `LARGEST_EXACT_INTEGER`
+    are rounded as float32 rounds; larger ones, such as seconds since 1970, would lose whole units.
+
+    Args:
+        values: as they were given.
+        where: names them in errors, such as "reward of agent_0".
+
+    Raises:
+        SchemaError: they are no real numbers, are not finite in float32, or would be changed.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise SchemaError(f"{where} has values of type {array.dtype}, expected real numbers")
+    with np.errstate(over="ignore"):
+        rows: Float = array.astype(np.float32)
+    if array.dtype.kind == "f":
+        _refuse(~np.isfinite(rows), array, f"{where} is not finite", "finite float32 numbers")
+    if array.dtype.kind == "f" and array.dtype.itemsize > 4:
+        changed = (np.abs(rows) > LARGEST_EXACT_INTEGER) & (rows != array)
+    elif array.dtype.kind in "iu" and array.dtype.itemsize > 2:
+        changed = np.abs(rows) > LARGEST_EXACT_INTEGER
+    else:
+        return rows
+    what = f"{where} has numbers above {LARGEST_EXACT_INTEGER}, which float32 would round"
+    _refuse(changed, array, what, "smaller ones: subtract an offset, or use another unit")
+    return rows
+
+
+def _refuse(wrong: NDArray[np.bool_], array: NDArray[Any], what: str, expected: str) -> None:
+    """Raises SchemaError if anything is wrong; names the first such number and its place."""
+    if not wrong.any():
+        return
+    place = tuple(int(k) for k in np.argwhere(wrong)[0])
+    at = f" at {list(place)}" if place else ""
+    raise SchemaError(f"{what}: {array[place].item()!r}{at}, expected {expected}")
+
+
+def flatten(space: Space, value: Any, where: str, batch: tuple[int, ...] = ()) -> Float:
+    """Returns a value as a row of float32, [width(space)]; of several, [*batch, width(space)].
 
     Args:
         space: of the value.
-        value: as the environment gives it.
+        value: as the environment gives it; its arrays begin with the axes of `batch`.
         where: names the value in errors, such as "observation of adversary_0".
+        batch: axes of several values.
 
     Raises:
-        SchemaError: the value is not of the space's structure or size, is not finite, or is a
-            whole number that float32 cannot hold.
+        SchemaError: the value is not of the space's structure or size, or float32 cannot hold it
+            (`to_float32`).
     """
     match space:
         case DictSpace():
-            parts = [flatten(space.spaces[key], _entry(value, key, where), f"{where}[{key!r}]")
-                     for key in sorted(space.spaces)]  # fmt: skip
-            return _joined(parts)
+            parts = [
+                flatten(each, _entry(value, key, where), f"{where}[{key!r}]", batch)
+                for key, each in sorted(space.spaces.items())
+            ]
+            return _joined(parts, batch)
         case TupleSpace():
-            if len(value) != len(space.spaces):
-                raise SchemaError(f"{where} has {len(value)} parts, expected {len(space.spaces)}")
-            pairs = zip(space.spaces, value, strict=True)
-            return _joined([flatten(s, v, f"{where}[{k}]") for k, (s, v) in enumerate(pairs)])
+            n_parts = len(value) if isinstance(value, Sequence | np.ndarray) else 0
+            if n_parts != len(space.spaces):
+                raise SchemaError(f"{where} has {n_parts} parts, expected {len(space.spaces)}")
+            pairs = enumerate(zip(space.spaces, value, strict=True))
+            return _joined(
+                [flatten(each, v, f"{where}[{k}]", batch) for k, (each, v) in pairs], batch
+            )
     array = np.asarray(value)
-    if array.size != width(space) or array.dtype.kind not in "biuf":
+    shape = (*batch, width(space))
+    if array.size != math.prod(shape) or array.shape[: len(batch)] != batch:
         raise SchemaError(
-            f"{where} has shape {array.shape} and dtype {array.dtype}, expected "
-            f"{width(space)} numbers ({space})"
+            f"{where} has shape {array.shape}, expected {width(space)} numbers"
+            f"{f' in each of {batch[0]} rows' if batch else ''} ({space})"
         )
-    row: Float = array.reshape(-1).astype(np.float32)
-    if not np.isfinite(row).all():
-        raise SchemaError(f"{where} is not finite: {value}")
-    if array.dtype.kind in "iu" and array.size and np.abs(row).max() > LARGEST_EXACT_INTEGER:
-        raise SchemaError(f"{where} has whole numbers above {LARGEST_EXACT_INTEGER}: {value}")
-    return row
+    return to_float32(array, where).reshape(shape)
 
 
 def unflatten(space: Space, row: Float) -> Any:
@@ -204,6 +246,60 @@ def bounds(space: Space) -> tuple[Double, Double]:
     return np.concatenate([empty, *lows]), np.concatenate([empty, *highs])
 
 
+class Limits(NamedTuple):
+    """What the numbers of several agents may be, [N, most columns]; padding is 0."""
+
+    lows: Float
+    highs: Float
+    whole: NDArray[np.bool_]  # columns of choices and bits, which are whole numbers
+
+    def outside(self, rows: Float) -> NDArray[np.bool_]:
+        """Which numbers are not in their space, of rows [..., N, most columns]."""
+        wrong: NDArray[np.bool_] = (rows < self.lows) | (rows > self.highs)
+        return wrong | (self.whole & (rows != np.round(rows)))
+
+    def check(self, rows: Float, acting: NDArray[np.bool_], names: Sequence[Any]) -> None:
+        """Checks actions.
+
+        Args:
+            rows: actions, [..., N, most columns].
+            acting: whose they are, [..., N]; the others have zeros, whatever their space.
+            names: of the agents, N long.
+
+        Raises:
+            SchemaError: an action is not in its space.
+        """
+        wrong = self.outside(rows) & acting[..., None]
+        if wrong.any():
+            place = tuple(int(k) for k in np.argwhere(wrong)[0])
+            *step, agent, column = place
+            raise SchemaError(
+                f"action of {names[agent]} is {rows[place]:g} in column {column}"
+                f"{f' of step {step[0]}' if step else ''}, expected {self.described(agent, column)}"
+                ", as its space says. Clip or round it before the step."
+            )
+
+    def described(self, agent: int, column: int) -> str:
+        """What a number may be, in words."""
+        kind = "a whole number" if self.whole[agent, column] else "a value"
+        return f"{kind} from {self.lows[agent, column]:g} to {self.highs[agent, column]:g}"
+
+
+def limits_of(spaces: Sequence[Space]) -> Limits:
+    """The limits of the spaces of N agents."""
+    columns = [(*bounds(space), _whole(space)) for space in spaces]
+    with np.errstate(over="ignore"):  # a bound beyond float32 is none
+        lows, highs, whole = (stack_agents(list(each)) for each in zip(*columns, strict=True))
+    return Limits(lows, highs, whole != 0)
+
+
+def _whole(space: Space) -> NDArray[np.bool_]:
+    """Which columns are of choices or bits, [width(space)]."""
+    if isinstance(space, DictSpace | TupleSpace):
+        return np.concatenate([np.zeros(0, np.bool_), *map(_whole, _parts(space))])
+    return np.full(width(space), not isinstance(space, BoxSpace))
+
+
 def _filled(bound: Bound, infinite: float, space: BoxSpace) -> Double:
     values = bound if isinstance(bound, tuple) else (bound,)
     numbers = np.array([infinite if v is None else v for v in values], dtype=np.float64)
@@ -223,8 +319,8 @@ def _entry(value: Mapping[str, Any], key: str, where: str) -> Any:
     return value[key]
 
 
-def _joined(parts: list[NDArray[np.float32]]) -> Float:
-    return np.concatenate([np.zeros(0, np.float32), *parts])
+def _joined(parts: list[NDArray[np.float32]], batch: tuple[int, ...]) -> Float:
+    return np.concatenate([np.zeros((*batch, 0), np.float32), *parts], axis=-1)
 
 
 def stack_agents(rows: Sequence[NDArray[Any]]) -> Float:

@@ -10,7 +10,7 @@ from swarmdata.store.episode_order import MergeOrder, merge_order
 from swarmdata.store.episode_selection import Piece, Selection
 from swarmdata.store.integrity.damage import Damage, find_damage
 from swarmdata.store.manifest import Manifest, read_manifest
-from swarmdata.store.parts import read_part_table, write_part
+from swarmdata.store.parts import check_episode, read_part_table, write_part
 from swarmdata.store.split_rule import assign_splits
 from swarmdata.store.stored_dataset import StoredDataset, open_store
 from swarmdata.store.table import SPLITS, EpisodeTable, PartTable
@@ -27,6 +27,7 @@ __all__ = [
     "StoredDataset",
     "assemble",
     "assign_splits",
+    "check_episode",
     "find_damage",
     "merge_order",
     "open_store",

@@ -51,17 +51,35 @@ def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
             np.save(temporary / f"{name}.npy", joined, allow_pickle=False)
 
 
+def check_episode(episode: Episode) -> None:
+    """Checks the values of one episode, as `write_part` checks those of several.
+
+    Raises:
+        SchemaError: an array has another dtype than its field, or values that are not finite.
+    """
+    for name in (*TIME_FIELDS, *episode.optional):
+        _check(name, getattr(episode, name), ALL_FIELDS[name].dtypes)
+
+
+def _check(name: str, values: NDArray[Any], dtypes: Sequence[str]) -> None:
+    if str(values.dtype) not in dtypes:
+        raise SchemaError(
+            f"episode field {name!r} has dtype {values.dtype}, expected {' or '.join(dtypes)}"
+        )
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise SchemaError(f"episode field {name!r} has values that are not finite")
+
+
 def _join(name: str, values: Sequence[NDArray[Any]], dtypes: Sequence[str]) -> NDArray[Any]:
     """Concatenates over time, refusing to cast or to mix shapes."""
     kinds = {(str(value.dtype), value.shape[1:]) for value in values}
-    if len(kinds) > 1 or next(iter(kinds))[0] not in dtypes:
+    if len(kinds) > 1:
         raise SchemaError(
             f"episode field {name!r} has (dtype, shape after the first axis) "
             f"{sorted(map(str, kinds))}, expected one kind with dtype {' or '.join(dtypes)}"
         )
     joined = np.concatenate(values)
-    if joined.dtype.kind == "f" and not np.isfinite(joined).all():
-        raise SchemaError(f"episode field {name!r} has values that are not finite")
+    _check(name, joined, dtypes)
     return joined
 
 

@@ -15,7 +15,7 @@ from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.store import write_part
 from swarmdata.testing.synthetic import make_episode
-from swarmdata.types import Episode
+from swarmdata.types import Episode, Float
 from tests.interop.conftest import recorded_episodes, write_recording
 
 HUGE = np.float32(3e38)
@@ -23,12 +23,18 @@ Rewards = Callable[[Episode], Episode]
 
 
 def same(episode: Episode) -> Episode:
-    return dataclasses.replace(episode, rewards=np.full_like(episode.rewards, HUGE))
+    return paid(episode, np.full_like(episode.rewards, HUGE))
 
 
 def alternating(episode: Episode) -> Episode:
     signs = np.where(np.arange(len(episode)) % 2, -1, 1).astype(np.float32)[:, None]
-    return dataclasses.replace(episode, rewards=np.full_like(episode.rewards, HUGE) * signs)
+    return paid(episode, np.full_like(episode.rewards, HUGE) * signs)
+
+
+def paid(episode: Episode, rewards: Float) -> Episode:
+    """With these rewards, of which agents that have left get none."""
+    alive = True if episode.alive is None else episode.alive[:-1]
+    return dataclasses.replace(episode, rewards=np.where(alive, rewards, np.float32(0)))
 
 
 def recorded(folder: Path, rewards: Rewards) -> Dataset:

@@ -315,7 +315,7 @@ def test_strange_names_in_the_data_of_others_are_errors_of_ours(tmp_path: Path) 
     env.possible_agents = ["../../x", "b"]
     with pytest.raises(SpecError, match="is no name"):
         Recorder(env, id="counting_v1-a-v0", path=tmp_path / "b")
-    shapes = AgentShapes(observations=(2,), actions=(1,), choices=0, states=0)
+    shapes = AgentShapes(observations=(2,), actions=(1,), choices=((),), states=0)
     with pytest.raises(SpecError, match="is no name"):
         spec_from_shapes("a", shapes, Choices(agents=("a\x1b",)))
     assert list(tmp_path.iterdir()) == []

@@ -131,8 +131,12 @@ def test_a_horizon_that_cannot_be_told_from_an_end_is_refused(
 
 def test_wrong_shapes_and_values_are_refused(tmp_path: Path) -> None:
     options: dict[str, Any] = {"id": ID, "path": tmp_path / "ds", "task": "halving"}
-    for wrong in (np.full((4, 1), np.nan), np.zeros((4, 2))):
-        with pytest.raises(SchemaError, match="actions of a have shape"):
+    for wrong, words in (
+        (np.full((4, 1), np.nan), "action of a is not finite"),
+        (np.full((4, 1), 1e39), "action of a is not finite"),
+        (np.zeros((4, 2)), r"action of a has shape \(4, 2\), expected 1 numbers in each of 4"),
+    ):
+        with pytest.raises(SchemaError, match=words):
             record_vmas(Halving(), lambda _, wrong=wrong: [wrong, wrong], 4, **options)  # type: ignore[misc]
     with pytest.raises(SpecError, match="play the same policy"):
         record_vmas(Halving(), act, 4, **options, policies=("a", "b"))

@@ -150,7 +150,6 @@ def _import(
 ) -> str:
     if name is None:
         raise typer.BadParameter("required with --from", param_hint="--id")
-    from swarmdata.cards.side_files import finish
     from swarmdata.interop.conversion.user_choices import Choices
     from swarmdata.interop.convert import import_dataset
 
@@ -164,7 +163,6 @@ def _import(
         splits=splits,
         metadata=metadata,
     )
-    finish(made.path)
     return f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}"
 
 

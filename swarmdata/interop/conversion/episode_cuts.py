@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -9,11 +10,12 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS
+from swarmdata.interop.conversion.foreign_rows import admit_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.types import Bool
 
 ReadRows = Callable[[slice], Mapping[str, NDArray[Any]]]
-"""Reads a slice of rows, by the names of an episode's fields.
+"""Reads a slice of rows, by the names of an episode's fields, as `admit_rows` takes them.
 
 Arrays over states may come with those after each step (`NEXT_PREFIX`); otherwise the last state of
 an episode is unknown."""
@@ -21,9 +23,12 @@ an episode is unknown."""
 End = Literal["termination", "truncation"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Timeline:
     """Consecutive steps of several episodes, one row per step.
+
+    An agent has ended from its first flag in an episode on, whether flags stay set or not; the
+    episode ends when all have.
 
     Attributes:
         name: a file, or a row of one; for errors.
@@ -43,6 +48,11 @@ class Timeline:
         """Number of steps."""
         return len(self.terminals)
 
+    @cached_property
+    def flags(self) -> Bool:
+        """Which agents have a flag in a step, [n, N]."""
+        return self.terminals if self.truncations is None else self.terminals | self.truncations
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -51,6 +61,8 @@ class Span:
     start: int
     stop: int
     end: End
+    at_limit: bool = False  # its last step is that of the time limit, whatever the flags say
+    is_cut: bool = False  # the row after the last is of this episode, too
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -64,47 +76,96 @@ def find_spans(timelines: Sequence[Timeline], choices: Choices) -> list[list[Spa
         ConversionError: the data do not tell where episodes end, or why.
     """
     found = [_spans(timeline, choices) for timeline in timelines]
+    _refuse_hidden_limit(timelines, found, choices)
+    found = [_kept(*each, choices) for each in zip(timelines, found, strict=True)]
     for timeline, spans in zip(timelines, found, strict=True):
         if not spans:
             raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
-    _refuse_hidden_limit(timelines, found, choices)
     return found
 
 
 def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
-    terminated: Bool = np.asarray(timeline.terminals.all(axis=1))
-    ended: Bool = terminated
-    if timeline.truncations is not None:
-        ended = np.asarray((timeline.terminals | timeline.truncations).all(axis=1))
-    elif choices.time_limit is None and choices.episode_length is None:
+    if (
+        timeline.truncations is None
+        and choices.time_limit is None
+        and choices.episode_length is None
+    ):
         raise ConversionError(
             f"{timeline.name} does not say which episodes a time limit truncated, so terminations "
             "and truncations look the same. Pass time_limit=STEPS, time_limit=0 if there is no "
             "limit, or episode_length=STEPS if all episodes have the same length."
         )
-    ends = _ends(timeline, ended, choices)
-    starts = [0, *ends[:-1]]
-    spans = []
-    for start, stop in zip(starts, ends, strict=True):
-        # an episode that terminates exactly at the time limit was truncated
-        is_terminated = terminated[stop - 1] and stop - start != choices.time_limit
-        if stop > start:
-            spans.append(Span(start, stop, "termination" if is_terminated else "truncation"))
-    return spans + _tail(timeline, ends[-1] if ends else 0, choices)
+    ends, start, spans = _ends(timeline, choices), 0, []
+    for stop in ends:
+        spans.append(_span(timeline, start, stop, choices))
+        start = stop
+    return spans + _tail(timeline, start, choices)
 
 
-def _ends(timeline: Timeline, ended: Bool, choices: Choices) -> list[int]:
+def _span(timeline: Timeline, start: int, stop: int, choices: Choices) -> Span:
+    """The episode of some rows: truncated if any agent was in its last step, as in a recording."""
+    if choices.time_limit and stop - start > choices.time_limit:
+        raise ConversionError(
+            f"{timeline.name} has an episode of {stop - start} steps in rows {start} to {stop - 1},"
+            f" longer than time_limit={choices.time_limit}. Pass the right limit, or time_limit=0."
+        )
+    before = timeline.flags[start : stop - 1].any(axis=0)
+    terminates = bool((before | timeline.terminals[stop - 1]).all())
+    at_limit = stop - start == choices.time_limit  # then it was truncated
+    is_terminated = terminates and not before.all() and not at_limit
+    return Span(start, stop, "termination" if is_terminated else "truncation", at_limit)
+
+
+def _kept(timeline: Timeline, spans: Sequence[Span], choices: Choices) -> list[Span]:
+    """The episodes whose last observation is known or may be made up."""
+    if timeline.has_next or choices.final == "repeat":
+        return list(spans)
+    if choices.final is None:
+        raise ConversionError(
+            f"{timeline.name} lacks the observation after the last action of each episode. "
+            "Pass final='repeat' to repeat the one before it, or final='cut' to do so for "
+            "terminated episodes only and to drop the last step of truncated ones."
+        )
+    shorter = [
+        Span(span.start, span.stop - 1, span.end, is_cut=True) if span.end == "truncation" else span
+        for span in spans
+    ]
+    return [span for span in shorter if len(span)]
+
+
+def agent_ends(timeline: Timeline, span: Span) -> tuple[Bool, Bool]:
+    """In which steps of an episode agents were terminated and truncated, [T, N] each.
+
+    Whoever has no flag when the episode ends was truncated then.
+    """
+    window = slice(span.start, span.stop)
+    gone = np.logical_or.accumulate(timeline.flags[window], axis=0)
+    first = gone.copy()
+    first[1:] &= ~gone[:-1]
+    terminated: Bool = timeline.terminals[window] & first
+    cut: Bool = first & ~terminated
+    cut[-1] |= ~gone[-1]
+    if span.at_limit:
+        cut[-1] |= terminated[-1]
+        terminated[-1] = False
+    return terminated, cut
+
+
+def _ends(timeline: Timeline, choices: Choices) -> list[int]:
     """The row after each episode."""
     n, length = len(timeline), choices.episode_length
-    flagged = (np.flatnonzero(ended) + 1).tolist()
     if length is not None:
-        inside = [end for end in flagged if end % length]
-        if inside:
-            raise ConversionError(
-                f"{timeline.name} has an end at row {inside[0] - 1}, which is inside an episode of "
-                f"episode_length={length} steps. Pass the right length, or none to use the flags."
-            )
+        for start in range(0, n, length):
+            inner = timeline.flags[start : start + length - 1]
+            ended = np.logical_or.accumulate(inner, axis=0).all(axis=1)
+            if ended.any():
+                raise ConversionError(
+                    f"{timeline.name} has an end at row {start + int(np.argmax(ended))}, which is "
+                    f"inside an episode of episode_length={length} steps. Pass the right length, "
+                    "or none to use the flags."
+                )
         return list(range(length, n + 1, length))
+    flagged = _flagged_ends(timeline.flags)
     if timeline.truncations is not None or not choices.time_limit:
         return flagged
     ends: list[int] = []  # without flags of truncations, steps are counted
@@ -116,12 +177,27 @@ def _ends(timeline: Timeline, ended: Bool, choices: Choices) -> list[int]:
     return ends
 
 
+def _flagged_ends(flags: Bool) -> list[int]:
+    """The row after each episode that ends when every agent has had a flag in it."""
+    n = len(flags)
+    rows, last = np.arange(n), np.zeros(n, dtype=np.int64)
+    for agent in range(flags.shape[1]):
+        upcoming = np.minimum.accumulate(np.where(flags[:, agent], rows, n)[::-1])[::-1]
+        np.maximum(last, upcoming, out=last)  # of an episode that begins in the row
+    ends = []
+    start = 0
+    while start < n and last[start] < n:
+        start = int(last[start]) + 1
+        ends.append(start)
+    return ends
+
+
 def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
     left = len(timeline) - start
     if not left or choices.unfinished == "drop":
         return []
     if choices.unfinished == "truncate":
-        return [Span(start, len(timeline), "truncation")]
+        return [_span(timeline, start, len(timeline), choices)]
     raise ConversionError(
         f"{timeline.name} has {left} rows from row {start} on without an end for all agents, "
         "expected the last row to end an episode. Pass unfinished='truncate' to keep them as a "
@@ -152,28 +228,20 @@ def _refuse_hidden_limit(
 
 
 def cut_episodes(
-    timeline: Timeline, spans: Sequence[Span], choices: Choices
+    timeline: Timeline, spans: Sequence[Span]
 ) -> Iterator[tuple[dict[str, NDArray[Any]], Span]]:
     """Yields the arrays of each episode, states with T + 1 rows, and its span.
 
     Raises:
-        ConversionError: a state after a step differs from the state before the next one, or the
-            last state is missing and there is no choice about it.
+        ConversionError: a state after a step differs from the state before the next one, or rows
+            do not fit together.
+        SchemaError: a number is not finite, or float32 does not hold it.
     """
     for span in spans:
-        kept = span
-        if not timeline.has_next and choices.final is None:
-            raise ConversionError(
-                f"{timeline.name} lacks the observation after the last action of each episode. "
-                "Pass final='repeat' to repeat the one before it, or final='cut' to do so for "
-                "terminated episodes only and to drop the last step of truncated ones."
-            )
-        if not timeline.has_next and choices.final == "cut" and span.end == "truncation":
-            if len(span) == 1:
-                continue
-            kept = Span(span.start, span.stop - 1, span.end)
-        rows = timeline.read(slice(span.start, span.stop))
-        yield _with_last_state(timeline, dict(rows), kept), kept
+        where = f"{timeline.name}, rows {span.start} to {span.stop - 1}"
+        rows = timeline.read(slice(span.start, span.stop + span.is_cut))
+        ours = admit_rows(rows, timeline.terminals.shape[1], where)
+        yield _with_last_state(timeline, ours, span), span
 
 
 def _with_last_state(

@@ -10,6 +10,7 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
 from swarmdata.interop.conversion.episode_cuts import ReadRows, check_continues
 from swarmdata.interop.conversion.export_note import ExportNote
+from swarmdata.interop.conversion.foreign_rows import admit_exported
 from swarmdata.interop.conversion.imported_data import ImportedData, build_episode
 from swarmdata.types import Episode, Float
 
@@ -36,10 +37,18 @@ def import_with_note(
             "was changed after the export: remove the note to convert it as foreign data."
         )
 
+    if layouts is not None and len(layouts) != len(table.lengths):
+        raise ConversionError(
+            f"{source} has {len(layouts)} layouts, but its note of swarmdata says "
+            f"{len(table.lengths)} episodes. It was changed after the export."
+        )
+
     def episodes() -> Iterator[Episode]:
         start = 0
         for k, length in enumerate(table.lengths):
-            rows = join_states(read(slice(start, start + length)), source, start)
+            found = read(slice(start, start + length))
+            admit_exported(found, length, f"{source}, rows {start} to {start + length - 1}")
+            rows = join_states(found, source, start)
             _check_end(rows, source, start)
             layout = None if layouts is None else layouts[k]
             yield build_episode(

@@ -6,7 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.interop.conversion.episode_cuts import Span, Timeline, cut_episodes, find_spans
+from swarmdata.interop.conversion.episode_cuts import (
+    Span,
+    Timeline,
+    agent_ends,
+    cut_episodes,
+    find_spans,
+)
 from swarmdata.interop.conversion.imported_data import (
     UNKNOWN_POLICIES,
     AgentShapes,
@@ -18,6 +24,9 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Episode
 
+MOST_UNREAD = 20
+"""Arrays without a place that a card names."""
+
 
 def import_without_note(
     task: str,
@@ -25,6 +34,7 @@ def import_without_note(
     timelines: Sequence[Timeline],
     choices: Choices,
     policies: tuple[PolicySource, ...] | None = None,
+    unread: Sequence[str] = (),
 ) -> ImportedData:
     """Imports data that this library did not write.
 
@@ -36,22 +46,25 @@ def import_without_note(
         timelines: the data.
         choices: the user's answers about it.
         policies: behavior policies, one for each timeline; None: unknown.
+        unread: arrays of the data that no array of ours takes, for the card.
 
     Raises:
         ConversionError: the data are ambiguous and `choices` has no answer; or, when an episode is
             taken, its arrays do not fit together.
+        SchemaError: when an episode is taken, a number is not finite, or float32 does not hold it.
     """
     spans = find_spans(timelines, choices)
     dropped = sum(map(len, timelines)) - sum(len(span) for each in spans for span in each)
     metadata = {"seeds": "numbers of the episodes", **choices.answered()}
     if dropped:
         metadata["dropped_rows"] = str(dropped)
+    metadata |= unread_note(unread)
     leaves = any(_leave_early(t, each) for t, each in zip(timelines, spans, strict=True))
 
     def episodes() -> Iterator[Episode]:
         number = 0
         for index, (timeline, each) in enumerate(zip(timelines, spans, strict=True)):
-            for rows, span in cut_episodes(timeline, each, choices):
+            for rows, span in cut_episodes(timeline, each):
                 if "states" not in rows:
                     widths = enumerate(shapes.observations)  # without padding
                     rows["states"] = np.concatenate(
@@ -67,32 +80,35 @@ def import_without_note(
     return ImportedData(spec, policies or UNKNOWN_POLICIES, episodes(), None, metadata)
 
 
+def unread_note(names: Sequence[str]) -> dict[str, str]:
+    """What a card says of arrays that no array of ours takes."""
+    shown, n_more = sorted(names)[:MOST_UNREAD], len(names) - MOST_UNREAD
+    if not shown:
+        return {}
+    more = f" and {n_more} more" if n_more > 0 else ""
+    printable = (name if name.isprintable() else repr(name) for name in shown)
+    return {"unread_arrays": ", ".join(printable) + more}
+
+
 def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:
-    """Whether some agent ends before its team."""
-    flags = timeline.terminals
-    if timeline.truncations is not None:
-        flags = flags | timeline.truncations
-    before_last = np.ones(len(timeline), dtype=np.bool_)
-    before_last[[span.stop - 1 for span in spans]] = False
-    return bool(flags[before_last].any())
+    """Whether some agent ends before its team, or otherwise than its team."""
+    if timeline.terminals.shape[1] == 1:
+        return False
+    for span in spans:
+        terminated, cut = agent_ends(timeline, span)
+        is_early = bool((terminated | cut)[:-1].any())
+        if is_early or (terminated[-1].any() and cut[-1].any()):
+            return True
+    return False
 
 
 def _mark_leaving(rows: dict[str, NDArray[Any]], timeline: Timeline, span: Span) -> None:
-    """Adds which agents are alive, and zeroes the values of agents that have left.
-
-    Flags may or may not stay set after an agent has left.
-    """
-    window = slice(span.start, span.stop)
-    terminated = timeline.terminals[window]
-    cut = np.zeros_like(terminated)
-    if timeline.truncations is not None:
-        cut = timeline.truncations[window] & ~terminated
-    gone = np.logical_or.accumulate(terminated | cut, axis=0)
+    """Adds which agents are alive, and zeroes the values of agents that have left."""
+    terminated, cut = agent_ends(timeline, span)
     alive = np.ones((len(span) + 1, terminated.shape[1]), dtype=np.bool_)
-    alive[1:] = ~gone
+    alive[1:] = ~np.logical_or.accumulate(terminated | cut, axis=0)
     rows["alive"] = alive
-    rows["agent_terminations"] = terminated & alive[:-1]
-    rows["agent_truncations"] = cut & alive[:-1]
+    rows["agent_terminations"], rows["agent_truncations"] = terminated, cut
     seen = alive.copy()
     seen[1:] |= alive[:-1]  # an agent also observes the state in which it leaves
     rows["observations"] = rows["observations"] * seen[..., None]

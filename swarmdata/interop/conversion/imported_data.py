@@ -11,7 +11,7 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, Space
+from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, MultiDiscreteSpace, Space
 from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
 
 UNKNOWN_POLICIES = (PolicySource(label="unknown", name="external"),)
@@ -46,13 +46,14 @@ class AgentShapes:
     Attributes:
         observations: number of columns of each agent's observation.
         actions: number of columns of each agent's action.
-        choices: number of values of a discrete action, 0 for continuous actions.
+        choices: number of values in each column of each agent's discrete action, () if it is
+            continuous.
         states: number of columns of the state, 0 without states.
     """
 
     observations: tuple[int, ...]
     actions: tuple[int, ...]
-    choices: int
+    choices: tuple[tuple[int, ...], ...]
     states: int
 
 
@@ -67,14 +68,16 @@ def spec_from_shapes(task: str, shapes: AgentShapes, choices: Choices) -> Record
     names = choices.agents or tuple(f"agent_{k}" for k in range(n))
     if len(names) != n:
         raise ConversionError(f"{len(names)} agent names {names} for {n} agents in the data")
-    agents = []
-    for name, columns, width in zip(names, shapes.observations, shapes.actions, strict=True):
-        bounded = BoxSpace(
-            shape=(width,), dtype="float32", low=choices.action_low, high=choices.action_high
+    agents = [
+        {
+            "name": name,
+            "observation": BoxSpace(shape=(columns,), dtype="float32"),
+            "action": _action_space(width, counts, choices),
+        }
+        for name, columns, width, counts in zip(
+            names, shapes.observations, shapes.actions, shapes.choices, strict=True
         )
-        action: Space = DiscreteSpace(n=shapes.choices) if shapes.choices else bounded
-        observation = BoxSpace(shape=(columns,), dtype="float32")
-        agents.append({"name": name, "observation": observation, "action": action})
+    ]
     content = {
         "task": task,
         "agents": agents,
@@ -83,6 +86,16 @@ def spec_from_shapes(task: str, shapes: AgentShapes, choices: Choices) -> Record
         "horizon": choices.time_limit or None,
     }
     return RecordedSpec.parse(content, "the data to convert")
+
+
+def _action_space(width: int, counts: tuple[int, ...], choices: Choices) -> Space:
+    if len(counts) == 1:
+        return DiscreteSpace(n=counts[0])
+    if counts:
+        return MultiDiscreteSpace(n=counts)
+    return BoxSpace(
+        shape=(width,), dtype="float32", low=choices.action_low, high=choices.action_high
+    )
 
 
 def build_episode(

@@ -1,19 +1,15 @@
-"""Converts rows of numbers to values of a space and back, for whole episodes.
+"""Converts rows of numbers to values of a space, for whole episodes: leaves keep the time axis.
 
-Rows have the layout of `spaces.flatten`; here every leaf keeps its time axis.
+`spaces.flatten` is the way back.
 """
 
-from collections.abc import Mapping
 from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmdata.errors import ConversionError
 from swarmdata.specs.origins import RecordedAgent, Spec
 from swarmdata.specs.spaces import (
-    LARGEST_EXACT_INTEGER,
     BoxSpace,
     DictSpace,
     DiscreteSpace,
@@ -63,33 +59,6 @@ def split_rows(space: Space, rows: Float) -> Any:
         case MultiDiscreteSpace():
             return rows[:, : width(space)].astype(np.int64)
     return rows[:, : width(space)].astype(np.int8)
-
-
-def join_rows(space: Space, values: Any, where: str) -> Float:
-    """Returns values as rows, float32 [n, width(space)]; the inverse of `split_rows`.
-
-    Args:
-        space: space of the values.
-        values: arrays [n, ...] in its structure.
-        where: name of the values in errors.
-
-    Raises:
-        ConversionError: the structure or size differs, or float32 cannot hold a whole number.
-    """
-    if isinstance(space, DictSpace | TupleSpace):
-        if isinstance(space, DictSpace) and not isinstance(values, Mapping):
-            raise ConversionError(f"{where} is {type(values).__name__}, expected a mapping")
-        parts = [join_rows(part, values[key], f"{where}[{key!r}]") for key, part in _parts(space)]
-        return np.concatenate(parts, axis=1)
-    array: NDArray[Any] = np.asarray(values)
-    if array.ndim == 0 or array.size != len(array) * width(space) or array.dtype.kind not in "biuf":
-        raise ConversionError(
-            f"{where} has shape {array.shape} and dtype {array.dtype}, expected {width(space)} "
-            f"numbers in each row ({space})"
-        )
-    if array.dtype.kind in "iu" and array.size and np.abs(array).max() > LARGEST_EXACT_INTEGER:
-        raise ConversionError(f"{where} has whole numbers above {LARGEST_EXACT_INTEGER}")
-    return array.reshape(len(array), -1).astype(np.float32)
 
 
 def _parts(space: DictSpace | TupleSpace) -> list[tuple[Any, Space]]:

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
@@ -28,6 +27,9 @@ from swarmdata.interop.conversion.dataset_facts import (
 )
 from swarmdata.interop.conversion.export_note import note_of, parse_note
 from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_rows import check_lengths
+from swarmdata.interop.conversion.hdf5_reader import numbers, open_hdf5
 from swarmdata.interop.conversion.hdf5_writer import create_hdf5
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
@@ -113,13 +115,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     Raises:
         ConversionError: it is no such file, or is ambiguous.
     """
-    import h5py  # noqa: PLC0415  (heavy)
-
-    try:
-        file = h5py.File(source, "r")
-    except OSError as error:
-        raise ConversionError(f"{source} is not an HDF5 file that can be read: {error}") from error
-    with file:
+    with open_hdf5(source) as file:
         if NOTE_KEY in file:
             yield _read_exported(file, source)
         else:
@@ -127,22 +123,25 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 
 
 def _read_exported(file: Any, source: Path) -> ImportedData:
-    note = parse_note(file[NOTE_KEY][()], source)
-    n_agents = file[KEPT_NAMES["rewards"]].shape[1]
+    with reading(source):
+        text = file[NOTE_KEY][()]
+    note = parse_note(text, source)
     keys = {name: key for name, key in KEPT_NAMES.items() if name in TIME_ARRAYS and key in file}
     keys |= {NEXT_PREFIX + name: _next(key) for name, key in keys.items() if name in STATE_ARRAYS}
+    arrays = {name: numbers(file, key, source) for name, key in keys.items()}
+    n = check_lengths({keys[name]: len(each) for name, each in arrays.items()}, str(source))
+    n_agents = len(note.spec.agent_names)
 
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        arrays = {name: file[key][window] for name, key in keys.items()}
+        found = {name: each[window] for name, each in arrays.items()}
         return {
             name: values.reshape(len(values), n_agents, -1) if _is_joint(name) else values
-            for name, values in arrays.items()
+            for name, values in found.items()
         }
 
-    layouts = file[LAYOUTS_KEY][:] if LAYOUTS_KEY in file else None
-    n = len(file[KEPT_NAMES["actions"]])
-    row_bytes = sum(file[key].nbytes // n for key in keys.values())
-    return import_with_note(note, BlockReader(rows, n, row_bytes), n, str(source), layouts)
+    layouts = numbers(file, LAYOUTS_KEY, source)[:] if LAYOUTS_KEY in file else None
+    row_bytes = sum(each.nbytes // n for each in arrays.values())
+    return import_with_note(note, BlockReader(rows, n, row_bytes, source), n, str(source), layouts)
 
 
 FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT_NAMES, LOST_REASONS, read, write)

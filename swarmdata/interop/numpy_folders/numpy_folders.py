@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import (
     DATASET_FACTS,
     NEXT_PREFIX,
@@ -26,6 +25,7 @@ from swarmdata.interop.conversion.dataset_facts import (
 )
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.foreign_rows import check_lengths, pad_agents
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.conversion.user_choices import Choices
@@ -115,18 +115,19 @@ def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     team = {"dones": map_array(source / "dones_0.npy")}
     if (source / "states_0.npy").exists():
         team |= {name: map_array(source / f"{name}_0.npy") for name in ("states", "next_states")}
-    n_rows = len(team["dones"])
-    if any(len(values) != n_rows for arrays in (*agents, team) for values in arrays.values()):
-        raise ConversionError(f"{source} has arrays of different lengths, expected {n_rows} rows")
+    counts = {name: len(each) for name, each in team.items()}
+    for k, arrays in enumerate(agents):
+        counts |= {f"{name}_{k}": len(each) for name, each in arrays.items()}
+    n_rows = check_lengths(counts, str(source))
     at_horizon = np.array(note.episodes.end_reason) == _HORIZON
     truncated = np.repeat(at_horizon, note.episodes.lengths)
 
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
         done = team["dones"][window] != 0
         found = {
-            "observations": _padded([agent["obs"][window] for agent in agents]),
-            "next_observations": _padded([agent["next_obs"][window] for agent in agents]),
-            "actions": _padded([agent["acs"][window] for agent in agents]).astype(np.float32),
+            "observations": pad_agents([agent["obs"][window] for agent in agents]),
+            "next_observations": pad_agents([agent["next_obs"][window] for agent in agents]),
+            "actions": pad_agents([agent["acs"][window] for agent in agents]).astype(np.float32),
             "rewards": np.stack([agent["rews"][window] for agent in agents], axis=1),
             "terminations": done & ~truncated[window],
             "truncations": done & truncated[window],
@@ -135,15 +136,6 @@ def _read_exported(source: Path, note: ExportNote) -> ImportedData:
         return found | states
 
     return import_with_note(note, rows, n_rows, str(source))
-
-
-def _padded(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Rows of all agents, [n, N, most columns], in a dtype that holds them all; padding is zero."""
-    most = max(each.shape[1] for each in values)
-    joint = np.zeros((len(values[0]), len(values), most), np.result_type(*values))
-    for k, each in enumerate(values):
-        joint[:, k, : each.shape[1]] = each
-    return joint
 
 
 FORMAT = Format("numpy", "NumPy folders (OMAR, CFCQL)", KEPT_NAMES, LOST_REASONS, read, write)

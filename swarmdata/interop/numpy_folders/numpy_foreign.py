@@ -17,13 +17,29 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_rows import (
+    check_lengths,
+    columns_of,
+    count_choices,
+    flags_of,
+    pad_agents,
+    share_choices,
+)
 from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.specs.spaces import stack_agents
 
 REQUIRED_PREFIXES = ("obs", "acs", "rews", "next_obs", "dones")
 STATE_PREFIXES = ("states", "next_states")
+ALL_PREFIXES = (*REQUIRED_PREFIXES, *STATE_PREFIXES)
+
+_JOINT_ARRAYS = {
+    "obs": "observations",
+    "next_obs": "next_observations",
+    "acs": "actions",
+    "rews": "rewards",
+}
 
 Agents = Sequence[Mapping[str, NDArray[Any]]]
 
@@ -36,18 +52,21 @@ def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
     """
     folders = [source] if (source / "obs_0.npy").exists() else _inner(source)
     runs = {folder: _agents(folder) for folder in folders}
-    kinds = {folder: _shapes(agents) for folder, agents in runs.items()}
+    kinds = {folder: _shapes(folder, agents) for folder, agents in runs.items()}
     shapes = kinds[folders[0]]
     if any(replace(each, choices=shapes.choices) != shapes for each in kinds.values()):
         raise ConversionError(f"the folders of {source} have different shapes: {kinds}")
-    shapes = replace(shapes, choices=max(each.choices for each in kinds.values()))
+    counts = share_choices([each for kind in kinds.values() for each in kind.choices])
+    shapes = replace(shapes, choices=counts[: len(shapes.choices)])
     timelines = [_timeline(folder, agents) for folder, agents in runs.items()]
     sources = tuple(
         PolicySource.parse({"label": folder.name, "name": "external"}, str(folder))
         for folder in folders
     )
     policies = sources if len(folders) > 1 else None
-    return import_without_note(task, shapes, timelines, choices, policies)
+    known = {f"{name}_{k}.npy" for k in range(len(shapes.actions)) for name in ALL_PREFIXES}
+    unread = {path.name for folder in folders for path in folder.glob("*.npy")} - known
+    return import_without_note(task, shapes, timelines, choices, policies, sorted(unread))
 
 
 def _inner(source: Path) -> list[Path]:
@@ -64,7 +83,7 @@ def _agents(folder: Path) -> Agents:
     """Memory maps of every agent's arrays."""
     n_agents = len(list(folder.glob("obs_*.npy")))
     has_states = (folder / "states_0.npy").exists()
-    names = (*REQUIRED_PREFIXES, *STATE_PREFIXES) if has_states else REQUIRED_PREFIXES
+    names = ALL_PREFIXES if has_states else REQUIRED_PREFIXES
     agents = [
         {name: map_array(folder / f"{name}_{agent}.npy") for name in names}
         for agent in range(n_agents)
@@ -74,8 +93,7 @@ def _agents(folder: Path) -> Agents:
         for k, agent in enumerate(agents)
         for name, values in agent.items()
     }
-    if len(set(rows.values())) != 1:
-        raise ConversionError(f"{folder} has arrays of different lengths: {rows}")
+    check_lengths(rows, str(folder))
     return agents
 
 
@@ -85,12 +103,10 @@ def map_array(path: Path) -> NDArray[Any]:
     Raises:
         ConversionError: there is no such file, or it holds something else.
     """
-    try:
-        values = np.load(path, mmap_mode="r", allow_pickle=False)
-    except FileNotFoundError as error:
-        raise ConversionError(f"{path} is missing, expected one for each obs_<i>.npy") from error
-    except (ValueError, EOFError) as error:
-        raise ConversionError(f"{path} is not a NumPy file of numbers: {error}") from error
+    if not path.is_file():
+        raise ConversionError(f"{path} is missing, expected one for each obs_<i>.npy")
+    with reading(path, "It is damaged, or not a NumPy file of numbers."):
+        values = np.lib.format.open_memmap(path, mode="r")
     if values.dtype.kind not in "biuf" or values.ndim not in (1, 2):
         raise ConversionError(
             f"{path} has shape {values.shape} and dtype {values.dtype}, expected rows of numbers"
@@ -98,38 +114,30 @@ def map_array(path: Path) -> NDArray[Any]:
     return np.asarray(values)
 
 
-def _shapes(agents: Agents) -> AgentShapes:
-    is_discrete = all(agent["acs"].dtype.kind in "iu" for agent in agents)
+def _shapes(folder: Path, agents: Agents) -> AgentShapes:
     return AgentShapes(
-        observations=tuple(_columns(agent["obs"]) for agent in agents),
-        actions=tuple(_columns(agent["acs"]) for agent in agents),
-        choices=max(int(agent["acs"].max()) for agent in agents) + 1 if is_discrete else 0,
-        states=_columns(agents[0]["states"]) if "states" in agents[0] else 0,
+        observations=tuple(columns_of(agent["obs"].shape) for agent in agents),
+        actions=tuple(columns_of(agent["acs"].shape) for agent in agents),
+        choices=tuple(
+            count_choices(_two(agent["acs"]), str(folder / f"acs_{k}.npy"))
+            for k, agent in enumerate(agents)
+        ),
+        states=columns_of(agents[0]["states"].shape) if "states" in agents[0] else 0,
     )
-
-
-def _columns(values: NDArray[Any]) -> int:
-    return 1 if values.ndim == 1 else int(values.shape[1])
 
 
 def _timeline(folder: Path, agents: Agents) -> Timeline:
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        def joint(name: str) -> NDArray[np.float32]:
-            return stack_agents([_two(agent[name][window]) for agent in agents])
-
         found = {
-            "observations": joint("obs"),
-            "next_observations": joint("next_obs"),
-            "actions": joint("acs"),
-            "rewards": joint("rews")[..., 0],
+            ours: pad_agents([_two(agent[name][window]) for agent in agents])
+            for name, ours in _JOINT_ARRAYS.items()
         }
         if "states" in agents[0]:  # every agent has the same
-            found["states"] = _two(agents[0]["states"][window]).astype(np.float32)
-            found["next_states"] = _two(agents[0]["next_states"][window]).astype(np.float32)
+            found |= {name: agents[0][name][window] for name in STATE_PREFIXES}
         return found
 
-    dones = np.stack([_two(agent["dones"])[:, 0] != 0 for agent in agents], axis=1)
-    return Timeline(str(folder), dones, None, rows, has_next=True)
+    flags = [flags_of(each["dones"], 1, f"{folder}: dones_{k}") for k, each in enumerate(agents)]
+    return Timeline(str(folder), np.concatenate(flags, axis=1), None, rows, has_next=True)
 
 
 def _two(values: NDArray[Any]) -> NDArray[Any]:

@@ -137,12 +137,9 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     episodes = note.episodes
     codes, lengths = np.array(episodes.split), np.array(episodes.lengths)
-    tables = {code: Table.open(source / _file(SPLITS[code])) for code in set(episodes.split)}
     names = [*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS)]
-    readers = {
-        code: table.reader([name for name in names if name in table.columns])
-        for code, table in tables.items()
-    }
+    tables = {code: Table.open(source / _file(SPLITS[code]), names) for code in set(episodes.split)}
+    readers = {code: table.reader(list(table.columns)) for code, table in tables.items()}
     starts = np.cumsum(lengths) - lengths
     inside = _starts_in_split(codes, lengths)
 

@@ -1,6 +1,6 @@
 """Table: columns of a Parquet file as arrays, read by row groups."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.episode_cuts import ReadRows
+from swarmdata.interop.conversion.foreign_files import check_stored, reading
 
 
 def arrow() -> Any:
@@ -33,27 +34,41 @@ class Table:
 
     Attributes:
         path: the file.
-        columns: shape of a row of each column, by name; the same in all rows.
+        columns: shape of a row of each column of numbers, by name; the same in all rows.
+        names: all columns, others included.
         n_rows: number of rows.
     """
 
     path: Path
     columns: Mapping[str, tuple[int, ...]]
+    names: Sequence[str]
     n_rows: int
 
     @classmethod
-    def open(cls, path: Path) -> "Table":
-        """Opens a file.
+    def open(cls, path: Path, wanted: Sequence[str]) -> "Table":
+        """Opens the columns of a file that are wanted, where it has them.
 
         Raises:
-            ConversionError: it is not a Parquet file, or is empty.
+            ConversionError: it is not a Parquet file, is empty, or a column is not of numbers.
         """
         file = _open(path)
         if not file.metadata.num_rows:
             raise ConversionError(f"{path} has no rows, expected at least 1")
-        first = next(file.iter_batches(1))
-        shapes = {name: _shape(first.column(name)[0].as_py()) for name in first.schema.names}
-        return cls(path, shapes, file.metadata.num_rows)
+        schema = file.schema_arrow
+        names = [name for name in wanted if name in schema.names]
+        for name in names:
+            _check_numbers(schema.field(name).type, f"{path}: column {name!r}")
+        with reading(path):
+            first = next(file.iter_batches(1, columns=names))
+            shapes = {name: _shape(first.column(name)[0].as_py()) for name in names}
+        table = cls(path, shapes, schema.names, file.metadata.num_rows)
+        check_stored(path, table.n_rows * table.row_bytes, path.stat().st_size)
+        return table
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row in memory, about."""
+        return sum(4 * int(np.prod(shape)) for shape in self.columns.values())
 
     def reader(self, names: list[str]) -> ReadRows:
         """Returns a reader of windows of rows of some columns, [n, *shape]."""
@@ -69,8 +84,7 @@ class Table:
             part = table.slice(window.start - skipped, window.stop - window.start)
             return {name: self._array(name, part.column(name)) for name in names}
 
-        row_bytes = sum(4 * int(np.prod(self.columns[name])) for name in names)
-        return BlockReader(read, self.n_rows, row_bytes)
+        return BlockReader(read, self.n_rows, self.row_bytes, self.path)
 
     def whole(self, name: str) -> NDArray[Any]:
         """All rows of one column."""
@@ -101,9 +115,19 @@ def _shape(value: Any) -> tuple[int, ...]:
     return tuple(sizes)
 
 
+def _check_numbers(kind: Any, where: str) -> None:
+    """Raises ConversionError unless a type is that of numbers, or of lists of them."""
+    types, inner = arrow().types, kind
+    while types.is_list(inner) or types.is_large_list(inner) or types.is_fixed_size_list(inner):
+        inner = inner.value_type
+    if not (types.is_integer(inner) or types.is_floating(inner) or types.is_boolean(inner)):
+        raise ConversionError(
+            f"{where} is of type {kind}, expected numbers or lists of numbers. Convert the column "
+            "before, or leave it out."
+        )
+
+
 def _open(path: Path) -> Any:
     library = arrow()
-    try:
+    with reading(path, "It is damaged, or not a Parquet file."):
         return library.parquet.ParquetFile(path, memory_map=True)
-    except (OSError, library.ArrowException) as error:
-        raise ConversionError(f"{path} is not a Parquet file that can be read: {error}") from error

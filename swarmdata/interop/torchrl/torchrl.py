@@ -31,6 +31,8 @@ from swarmdata.interop.conversion.dataset_facts import (
 )
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_rows import check_lengths
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.conversion.user_choices import Choices
@@ -68,6 +70,9 @@ _WITH_LAST_AXIS = frozenset(
 
 _TRAJECTORY_KEY: Key = ("collector", "traj_ids")
 _DONE_KEY: Key = ("next", "done")
+
+_PICKLES = (".pickle", ".pkl", ".pt", ".pth")
+"""Suffixes of files that Python or PyTorch would run."""
 
 KEPT_NAMES = {
     **{name: ".".join(key) for name, key in _ARRAY_KEYS.items()},
@@ -193,7 +198,7 @@ def replay_buffer(
         MissingExtraError: TorchRL is not installed.
         SchemaError: the view has no episodes, or the transitions lack a key.
     """
-    tensordict = _library()
+    _library()
     try:
         from torchrl.data import (  # noqa: PLC0415  (an extra)
             RandomSampler,
@@ -209,7 +214,7 @@ def replay_buffer(
             raise SchemaError(f"{source!r} has no episodes to sample from; widen its filter")
         rows = transitions_of(source)
     else:
-        rows = tensordict.TensorDict.load_memmap(str(source))
+        rows = _map(Path(source))
     if keys is not None:
         wanted = [(key,) if isinstance(key, str) else tuple(key) for key in keys]
         rows = _select(rows, wanted if slice_length is None else [*wanted, _TRAJECTORY_KEY])
@@ -245,13 +250,24 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
         yield read_foreign_rows(rows, source, task, choices)
 
 
-def _load(source: Path) -> Any:
+def _map(folder: Path) -> Any:
+    """Maps a TensorDict; tensordict would run what a pickle beside its tensors says."""
     tensordict = _library()
+    if pickles := sorted(path for path in folder.rglob("*") if path.suffix in _PICKLES):
+        raise ConversionError(
+            f"{pickles[0]} is a pickle, which would run as a program when it is read, expected "
+            "tensors alone. Save the TensorDict without other objects."
+        )
+    with reading(folder, "It is damaged, or not a memory-mapped TensorDict."):
+        return tensordict.TensorDict.load_memmap(str(folder))
+
+
+def _load(source: Path) -> Any:
     storage = source / "storage"
     folder = storage if storage.is_dir() else source
     if not (folder / "meta.json").is_file():
         raise ConversionError(f"{source} has no meta.json, so it is not a memory-mapped TensorDict")
-    rows = tensordict.TensorDict.load_memmap(str(folder))
+    rows = _map(folder)
     counted = folder / "storage_metadata.json"
     if counted.is_file():  # a storage has room for more rows than were written
         try:
@@ -271,8 +287,11 @@ def _read_exported(rows: Any, source: Path, note: ExportNote) -> ImportedData:
     def get(window: slice) -> Mapping[str, NDArray[Any]]:
         return {name: _like_ours(name, rows[key][window].numpy()) for name, key in names.items()}
 
-    row_bytes = sum(rows[key][:1].numpy().nbytes for key in names.values())
-    return import_with_note(note, BlockReader(get, len(rows), row_bytes), len(rows), str(source))
+    with reading(source):
+        check_lengths({".".join(key): len(rows[key]) for key in names.values()}, str(source))
+        row_bytes = sum(rows[key][:1].numpy().nbytes for key in names.values())
+    read = BlockReader(get, len(rows), row_bytes, source)
+    return import_with_note(note, read, len(rows), str(source))
 
 
 def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:

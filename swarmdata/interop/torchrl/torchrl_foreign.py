@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.block_reader import BlockReader
-from swarmdata.interop.conversion.episode_cuts import Timeline
+from swarmdata.interop.conversion.episode_cuts import ReadRows, Timeline
 from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.foreign_rows import (
+    agent_columns,
+    count_choices,
+    flags_of,
+    pad_agents,
+    share_choices,
+)
 from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.specs.spaces import stack_agents
 from swarmdata.types import Bool, Int
 
 _TRAJECTORY_KEY = ("collector", "traj_ids")
@@ -40,20 +46,30 @@ def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> I
         rows = rows.reshape(-1) if _TRAJECTORY_KEY in leaf_keys(rows) else _with_rows(rows)
     if rows.batch_dims != 1:
         raise ConversionError(f"{source} has batch size {tuple(rows.batch_size)}, expected [n]")
+    if not len(rows):
+        raise ConversionError(f"{source} has no rows, expected at least 1")
     groups = _groups(rows, source)
-    action_keys = [(*group.name, "action") for group in groups]
-    is_discrete = all(_numpy(rows, key, 1).dtype.kind in "iu" for key in action_keys)
     order, terminals, truncations = _ends(rows, groups, source, choices)
+    read, keys = _reader(rows, groups, order)
     row_bytes = sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
-    read = BlockReader(_reader(rows, groups, order), len(order), row_bytes)
-    timeline = Timeline(str(source), terminals, truncations, read, has_next=True)
+    reader = BlockReader(read, len(order), row_bytes, source)
+    timeline = Timeline(str(source), terminals, truncations, reader, has_next=True)
+    counts = [_choices(rows, group, source) for group in groups for _ in range(group.n_agents)]
     shapes = AgentShapes(
         observations=tuple(g.n_columns for g in groups for _ in range(g.n_agents)),
         actions=tuple(g.action_size for g in groups for _ in range(g.n_agents)),
-        choices=max(int(rows[key].max()) for key in action_keys) + 1 if is_discrete else 0,
-        states=rows["state"].shape[1:].numel() if ("state",) in leaf_keys(rows) else 0,
+        choices=share_choices(counts),
+        states=rows["state"].shape[1:].numel() if ("state",) in keys else 0,
     )
-    return import_without_note(task, shapes, [timeline], choices)
+    read_keys = keys | {_TRAJECTORY_KEY, ("next", "done")}
+    read_keys |= {key for key in leaf_keys(rows) if key[-1] in ("terminated", "truncated", "done")}
+    unread = [".".join(key) for key in leaf_keys(rows) - read_keys]
+    return import_without_note(task, shapes, [timeline], choices, unread=unread)
+
+
+def _choices(rows: Any, group: "_Group", source: Path) -> tuple[int, ...]:
+    values = _numpy(rows, (*group.name, "action")).reshape(len(rows), group.n_agents, -1)
+    return count_choices(values, f"{source}: {'.'.join((*group.name, 'action'))}")
 
 
 def _with_rows(rows: Any) -> Any:
@@ -104,16 +120,15 @@ def _groups(rows: Any, source: Path) -> list[_Group]:
     return groups
 
 
-def _flags(rows: Any, groups: Sequence[_Group], name: str) -> Bool | None:
+def _flags(rows: Any, groups: Sequence[_Group], name: str, source: Path) -> Bool | None:
     """A flag of each agent in each row, [n, N]; a team's flag counts for every agent."""
-    columns = []
+    columns, stored = [], leaf_keys(rows)
     for group in groups:
         keys = [("next", *group.name, name), ("next", name)]
-        key = next((key for key in keys if key in leaf_keys(rows)), None)
+        key = next((key for key in keys if key in stored), None)
         if key is None:
             return None
-        values = _numpy(rows, key).reshape(len(rows), -1) != 0
-        columns.append(np.broadcast_to(values, (len(rows), group.n_agents)))
+        columns.append(flags_of(_numpy(rows, key), group.n_agents, f"{source}: {'.'.join(key)}"))
     return np.concatenate(columns, axis=1)
 
 
@@ -121,10 +136,10 @@ def _ends(
     rows: Any, groups: Sequence[_Group], source: Path, choices: Choices
 ) -> tuple[Int, Bool, Bool | None]:
     """The order of rows by trajectory, and their flags in that order."""
-    terminals = _flags(rows, groups, "terminated")
-    truncations = _flags(rows, groups, "truncated")
+    terminals = _flags(rows, groups, "terminated", source)
+    truncations = _flags(rows, groups, "truncated", source)
     if terminals is None:
-        terminals, truncations = _flags(rows, groups, "done"), None
+        terminals, truncations = _flags(rows, groups, "done", source), None
     if terminals is None:
         raise ConversionError(f"{source} has neither ('next', 'terminated') nor ('next', 'done')")
     if _TRAJECTORY_KEY not in leaf_keys(rows):
@@ -148,36 +163,49 @@ def _ends(
     return order, terminals[order], None if truncations is None else truncations[order]
 
 
-def _reader(rows: Any, groups: Sequence[_Group], order: Int) -> Any:
+def _reader(
+    rows: Any, groups: Sequence[_Group], order: Int
+) -> tuple[ReadRows, set[tuple[str, ...]]]:
+    """A reader of rows in an order, and the keys that it reads."""
     keys = leaf_keys(rows)
-    sizes = {g.name: (g.n_agents, g.n_columns, g.action_size) for g in groups}
+    wanted = {
+        "observations": ((), "observation"),
+        "next_observations": (("next",), "observation"),
+        "actions": ((), "action"),
+        "rewards": (("next",), "reward"),
+    }
+    found: dict[str, list[tuple[tuple[str, ...], _Group]]] = {}
+    for ours, (prefix, name) in wanted.items():
+        for group in groups:
+            own = (*prefix, *group.name, name)
+            key = own if own in keys else (*prefix, name)  # the team shares one reward
+            found.setdefault(ours, []).append((key, group))
+    states = {"states": ("state",), "next_states": ("next", "state")}
+    if not keys >= set(states.values()):
+        states = {}
 
     def read(window: slice) -> Mapping[str, NDArray[Any]]:
         index = order[window]
-
-        def joint(prefix: tuple[str, ...], name: str, last: int) -> NDArray[np.float32]:
-            agents = []
-            for group, size in sizes.items():
-                key = (*prefix, *group, name)
-                key = key if key in keys else (*prefix, name)  # the team shares one reward
-                values = rows[key][index].numpy()
-                columns = size[last] if last else 1
-                values = values.reshape(len(index), -1, columns)
-                agents += list(
-                    np.broadcast_to(values, (len(index), size[0], columns)).swapaxes(0, 1)
-                )
-            return stack_agents(agents)
-
-        found = {
-            "observations": joint((), "observation", 1),
-            "next_observations": joint(("next",), "observation", 1),
-            "actions": joint((), "action", 2),
-            "rewards": joint(("next",), "reward", 0)[..., 0],
+        joint = {
+            ours: pad_agents(
+                [
+                    rows_of_agent
+                    for key, group in parts
+                    for rows_of_agent in _by_agent(rows[key][index].numpy(), group.n_agents)
+                ]
+            )
+            for ours, parts in found.items()
         }
-        if {("state",), ("next", "state")} <= keys:
-            for name, key in (("states", ("state",)), ("next_states", ("next", "state"))):
-                values = rows[key][index].numpy()
-                found[name] = values.reshape(len(index), -1).astype(np.float32)
-        return found
+        return joint | {ours: rows[key][index].numpy() for ours, key in states.items()}
 
-    return read
+    used = {key for parts in found.values() for key, _ in parts}
+    return read, used | set(states.values())
+
+
+def _by_agent(values: NDArray[Any], n_agents: int) -> Sequence[NDArray[Any]]:
+    """The rows of each agent of a group, [n, columns]; one reward of a team is that of each."""
+    n = len(values)
+    columns = values.reshape(n, -1)
+    if columns.shape[1] == 1:
+        return [columns] * n_agents
+    return list(agent_columns(columns, n_agents, "a group").swapaxes(0, 1))

@@ -60,6 +60,9 @@ class RecordedSpec(Frozen):
         widest = max(self.observation_size, self.action_size)
         if widest > MAX_COLUMNS:
             raise ValueError(f"an agent has {widest} numbers, at most {MAX_COLUMNS} are allowed")
+        sizes = {"observation": self.observation_size, "action": self.action_size}
+        if empty := [name for name, size in sizes.items() if not size]:
+            raise ValueError(f"no agent has a number in its {' or '.join(empty)}, expected some")
         return self
 
     @property

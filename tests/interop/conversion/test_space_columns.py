@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.space_columns import join_rows, split_rows
+from swarmdata.errors import SchemaError
+from swarmdata.interop.conversion.space_columns import split_rows
 from swarmdata.specs.gymnasium_spaces import to_gymnasium
 from swarmdata.specs.spaces import (
     BoxSpace,
@@ -58,7 +58,7 @@ def sample(space: Space, n: int, seed: int) -> np.ndarray[Any, Any]:
 def test_rows_survive(space: Space, n: int, seed: int) -> None:
     rows = sample(space, n, seed)
     values = split_rows(space, rows)
-    np.testing.assert_array_equal(join_rows(space, values, "x"), rows[:, : width(space)])
+    np.testing.assert_array_equal(flatten(space, values, "x", (n,)), rows[:, : width(space)])
 
 
 @given(space=Spaces, seed=st.integers(0, 9))
@@ -77,9 +77,9 @@ def test_each_row_is_what_unflatten_gives(space: Space, seed: int) -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     box = BoxSpace(shape=(2,), dtype="float32")
-    with pytest.raises(ConversionError, match=r"x has shape \(3, 3\) .* expected 2 numbers"):
-        join_rows(box, np.zeros((3, 3)), "x")
-    with pytest.raises(ConversionError, match="expected a mapping"):
-        join_rows(DictSpace(spaces={"a": box}), np.zeros((3, 2)), "x")
-    with pytest.raises(ConversionError, match="whole numbers above"):
-        join_rows(DiscreteSpace(n=5), np.array([1 << 25]), "x")
+    with pytest.raises(SchemaError, match=r"x has shape \(3, 3\), expected 2 numbers in each of 3"):
+        flatten(box, np.zeros((3, 3)), "x", (3,))
+    with pytest.raises(SchemaError, match="expected a mapping"):
+        flatten(DictSpace(spaces={"a": box}), np.zeros((3, 2)), "x", (3,))
+    with pytest.raises(SchemaError, match=r"above 16777216.*: 33554432 at \[1\], expected smaller"):
+        flatten(DiscreteSpace(n=5), np.array([1, 1 << 25]), "x", (2,))

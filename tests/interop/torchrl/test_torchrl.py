@@ -223,3 +223,21 @@ def test_a_buffer_of_some_keys(ours: Dataset) -> None:
     assert ("collector", "traj_ids") in slices.keys(True, True)
     with pytest.raises(SchemaError, match="have no keys"):
         ours.replay_buffer(8, keys=(("agents", "speed"),))
+
+
+def test_a_pickle_beside_the_tensors_is_never_run(ours: Dataset, tmp_path: Path) -> None:
+    """tensordict would load it, in an import and for a buffer."""
+    from tensordict import NonTensorData, TensorDict
+
+    from swarmdata.interop.torchrl.torchrl import replay_buffer
+
+    path = export_dataset(ours, tmp_path / "x", format="torchrl")
+    TensorDict({"a": NonTensorData(object)}, []).memmap(str(path / "extra"))
+    assert list(path.rglob("*.pickle"))
+    for read in (
+        lambda: replay_buffer(path, 8),
+        lambda: import_dataset(path, tmp_path / "out", format="torchrl", id="tag-b-v0"),
+    ):
+        with pytest.raises(ConversionError, match="is a pickle, which would run as a program"):
+            read()
+    assert not (tmp_path / "out").exists()
