@@ -38,7 +38,7 @@ from swarmdata.store import assemble
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode, Int
 
-IMPORT_VERSION = "1"
+IMPORT_VERSION = "2"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
 
 
@@ -176,7 +176,8 @@ def _read(
     """
     if task is not None:
         check_task(task, log_map)
-    reader = SignalReader(logs, PlanarFrames(log_map.world, _transforms(logs, log_map)))
+    frames = PlanarFrames(log_map.world, _transforms(logs, log_map))
+    reader = SignalReader(logs, frames, log_map.max_gap)
     signals, clocks = align_commands(
         [reader.robot(robot) for robot in log_map.robots], log_map, clocks
     )

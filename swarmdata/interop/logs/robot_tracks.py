@@ -187,6 +187,9 @@ def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
     """
     for each in tracks:
         if not len(each.positions.times):
-            raise ConversionError(f"{each.robot.name} has no poses, expected at least two")
+            raise ConversionError(
+                f"{each.robot.name} has no poses, expected at least two; a "
+                "row without x, y or a heading is none, as one whose quaternion is zero"
+            )
     first = min(int(each.positions.times[0]) for each in tracks)
     return first, max(int(each.positions.times[-1]) for each in tracks)
