@@ -18,7 +18,7 @@ from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
 from swarmdata.interop.logs.resampling import make_grid
 from swarmdata.interop.logs.robot_signals import RobotSignals, SignalReader, topics_of
-from swarmdata.interop.logs.robot_tracks import RobotTrack, make_track, span_of
+from swarmdata.interop.logs.robot_tracks import RobotTrack, make_track, span_of, with_bounds
 from swarmdata.interop.logs.scored_episodes import (
     EpisodeScorer,
     check_task,
@@ -181,6 +181,7 @@ def _read(
     signals, clocks = align_commands(
         [reader.robot(robot) for robot in log_map.robots], log_map, clocks
     )
+    signals = with_bounds(signals)
     marker = log_map.episodes.marker
     markers = None if marker is None else reader.marker(marker)
     logs.check_all_used()
