@@ -4,6 +4,7 @@ Every checksum of a format is checked, and only topics that are asked for leave 
 other channels hold, and in which encoding, does not matter.
 """
 
+import os
 import sqlite3
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -229,8 +230,10 @@ def _of_sqlite(
                 f"{rest.name} holds what was never merged into it, since the recording was cut "
                 "off; `sqlite3 FILE 'PRAGMA wal_checkpoint'` does that"
             )
-    address = f"file:{quote(str(file))}?mode=ro&immutable=1"
-    with closing(sqlite3.connect(address, uri=True)) as database:
+    address = f"file:{quote(os.fsencode(file))}?mode=ro&immutable=1"
+    with source.call():
+        opened = sqlite3.connect(address, uri=True)
+    with closing(opened) as database:
         with source.call():
             (state,) = database.execute("PRAGMA quick_check(1)").fetchone()
             if state != "ok":
@@ -259,16 +262,21 @@ def _sqlite_channels(database: sqlite3.Connection) -> Mapping[int, Channel]:
         wanted = ", ".join(each if each in found else "''" for each in columns)
         return database.execute(f"SELECT {wanted} FROM {table}").fetchall() if found else []
 
-    names = ("topic_type", "encoding", "encoded_message_definition")
-    definitions: dict[str, Any] = {
-        kind: (text, "idl" if encoding == "ros2idl" else "msg")
-        for kind, encoding, text in rows("message_definitions", *names)
-    }
-    names = ("id", "name", "type", "serialization_format", "type_description_hash")  # type: ignore[assignment]
-    return {
-        number: Channel(topic, kind, encoding, *definitions.get(kind, ("", "msg")), digest or "")
-        for number, topic, kind, encoding, digest in rows("topics", *names)
-    }
+    kinds = ("topic_type", "encoding", "encoded_message_definition")
+    definitions = {row[0]: row[1:] for row in rows("message_definitions", *kinds)}
+    columns = ("id", "name", "type", "serialization_format", "type_description_hash")
+    channels = {}
+    for number, topic, kind, encoding, digest in rows("topics", *columns):
+        language, definition = definitions.get(kind, ("", ""))
+        channels[number] = Channel(
+            topic=topic,
+            kind=kind,
+            encoding=encoding,
+            definition=definition,
+            language="idl" if language == "ros2idl" else "msg",
+            digest=digest or "",
+        )
+    return channels
 
 
 def _of_ros1(

@@ -275,7 +275,9 @@ def _parquet_columns(path: Path) -> tuple[dict[str, Cells], dict[str, str]]:
     library, source = arrow(), ForeignFile(path)
     with source.call():
         file = library.parquet.ParquetFile(path, page_checksum_verification=True)
-    source.take(8 * file.metadata.num_rows * file.metadata.num_columns)
+    groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
+    n_values = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
+    source.take(8 * n_values)
     with source.call():
         table = file.read()
     if twice := repeated(table.column_names):

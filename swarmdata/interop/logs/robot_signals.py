@@ -285,7 +285,7 @@ class _Rows:
                 f"{self.table.name}, row {row:,}: time runs back by "
                 f"{behind[wrong[0]] / NANOSECONDS:g} s, more than `max_gap` ({allowed:g} s), in "
                 f"the {self.what}. Two drives are in one log, or its clock was set: split the log "
-                "there, or sort its rows if they are of one drive"
+                "there. If it is one drive, sort its rows, or take `time: log_time` of a bag"
             )
 
     def _factor(self, column: ColumnOf, wanted: tuple[str, str] | None) -> float:
