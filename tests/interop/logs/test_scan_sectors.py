@@ -9,8 +9,11 @@ from numpy.testing import assert_array_equal
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs.scan_sectors import clean_scans
 from swarmdata.specs.origins.log_map import ScanSignal
+from swarmdata.types import Double
 
-RANGES = np.array([[1.0, 2.0, np.inf, 9.0], [0.01, 2.0, 3.0, 4.0], [1.0, np.nan, -np.inf, 2.0]])
+RANGES: list[Double] = list(
+    np.array([[1.0, 2.0, np.inf, 9.0], [0.01, 2.0, 3.0, 4.0], [1.0, np.nan, -np.inf, 2.0]])
+)
 
 
 def scan(**changes: object) -> ScanSignal:
