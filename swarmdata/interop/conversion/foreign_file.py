@@ -71,11 +71,8 @@ class ForeignFile:
                 return
             yield item  # type: ignore[misc]
 
-    def take(self, n_bytes: int) -> int:
+    def take(self, n_bytes: int) -> None:
         """Counts bytes that the file declares, or that are unpacked of it, before they are held.
-
-        Returns:
-            the same number.
 
         Raises:
             ConversionError: the file unfolds to far more than it holds.
@@ -87,7 +84,6 @@ class ForeignFile:
             raise self.broken(
                 f"it unfolds to more than {MOST_EXPANSION} times its size, the most allowed"
             )
-        return n_bytes
 
     def broken(self, problem: str) -> ConversionError:
         """The error for a problem at the place."""

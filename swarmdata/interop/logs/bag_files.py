@@ -90,11 +90,14 @@ def raw_messages(path: Path, topics: Collection[str], known: set[str]) -> Iterat
 def _listed_in(folder: Path) -> tuple[list[str], str]:
     """Names of the files of a rosbag2 folder, and what is compressed: none, file or message."""
     about = ForeignFile(folder / METADATA, "`ros2 bag reindex FOLDER` writes it anew.")
-    with about.call():
-        facts = read_document(about.path)["rosbag2_bagfile_information"]
-        names = [PurePath(name).name for name in facts["relative_file_paths"]]
-        mode = (facts.get("compression_mode") or "none").lower()
-        packing = (facts.get("compression_format") or "").lower()
+    content = read_document(about.path)
+    facts = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
+    paths = facts.get("relative_file_paths") if isinstance(facts, dict) else None
+    if not isinstance(facts, dict) or not isinstance(paths, list) or not paths:
+        raise about.broken("it has no rosbag2_bagfile_information.relative_file_paths")
+    names = [PurePath(str(path)).name for path in paths]
+    mode = str(facts.get("compression_mode") or "none").lower()
+    packing = str(facts.get("compression_format") or "").lower()
     if mode not in ("none", "file", "message") or (mode != "none" and packing != "zstd"):
         raise about.broken(f"its compression is {packing!r} of each {mode!r}, expected zstd")
     for name in names:
@@ -133,11 +136,11 @@ def _unpacked_copy(source: ForeignFile, folder: Path) -> Path:
 
 def _unpacked(source: ForeignFile, packing: str, content: bytes) -> bytes:
     """Decompressed bytes, of which no more are ever held than the file may unfold to."""
+    if packing == "":
+        return content
     import lz4.frame  # noqa: PLC0415  (both come with mcap)
     import zstandard  # noqa: PLC0415
 
-    if packing == "":
-        return content
     if packing == "zstd":
         with source.call():
             stream = zstandard.ZstdDecompressor().stream_reader(content, read_across_frames=True)
@@ -202,6 +205,10 @@ def _mcap_records(file: Path, source: ForeignFile) -> Iterator[Any]:
                 yield record
                 continue
             data = _unpacked(source, record.compression, record.data)
+            if len(data) != record.uncompressed_size:
+                raise source.broken(
+                    f"a chunk has {len(data):,} bytes, expected {record.uncompressed_size:,}"
+                )
             with source.call():
                 inner = breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
             yield from inner
@@ -240,7 +247,8 @@ def _of_sqlite(
                 raise sqlite3.DatabaseError(state)
             channels = _sqlite_channels(database)
             rows = database.execute(
-                "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+                "SELECT CAST(topic_id AS TEXT), timestamp, data FROM messages "
+                "ORDER BY timestamp, id"
             )
         known |= {channel.topic for channel in channels.values()}
         for n_messages, (number, time, content) in enumerate(source.each(rows), 1):
@@ -254,12 +262,14 @@ def _of_sqlite(
             source.place = f"after {n_messages:,} messages"
 
 
-def _sqlite_channels(database: sqlite3.Connection) -> Mapping[int, Channel]:
+def _sqlite_channels(database: sqlite3.Connection) -> Mapping[str, Channel]:
     """The channels of a database of rosbag2, by their numbers."""
 
-    def rows(table: str, *columns: str) -> list[tuple[Any, ...]]:
+    def rows(table: str, *columns: str) -> list[tuple[str, ...]]:
         found = {row[1] for row in database.execute(f"PRAGMA table_info({table})")}
-        wanted = ", ".join(each if each in found else "''" for each in columns)
+        wanted = ", ".join(
+            f"CAST(IFNULL({each}, '') AS TEXT)" if each in found else "''" for each in columns
+        )
         return database.execute(f"SELECT {wanted} FROM {table}").fetchall() if found else []
 
     kinds = ("topic_type", "encoding", "encoded_message_definition")
@@ -274,7 +284,7 @@ def _sqlite_channels(database: sqlite3.Connection) -> Mapping[int, Channel]:
             encoding=encoding,
             definition=definition,
             language="idl" if language == "ros2idl" else "msg",
-            digest=digest or "",
+            digest=digest,
         )
     return channels
 

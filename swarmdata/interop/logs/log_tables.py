@@ -120,7 +120,7 @@ class LogTable:
             return np.array([_exact(text, size, where) for text in cells], np.int64)
         if cells.ndim != 1 or cells.dtype.kind not in "iuf":
             raise ConversionError(f"{where} are no numbers")
-        if not (np.abs(cells) <= MOST_NANOSECONDS // size).all():  # NaN is not, too
+        if not (np.abs(cells.astype(np.float64)) * size <= MOST_NANOSECONDS).all():  # nor is NaN
             raise ConversionError(f"{where} are missing, or out of bounds")
         if cells.dtype.kind in "iu":
             return cells.astype(np.int64) * size
@@ -275,9 +275,9 @@ def _parquet_columns(path: Path) -> tuple[dict[str, Cells], dict[str, str]]:
     library, source = arrow(), ForeignFile(path)
     with source.call():
         file = library.parquet.ParquetFile(path, page_checksum_verification=True)
-    groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
-    n_values = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
-    source.take(8 * n_values)
+        groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
+        sizes = [each.column(k).num_values for each in groups for k in range(each.num_columns)]
+    source.take(8 * sum(sizes))
     with source.call():
         table = file.read()
     if twice := repeated(table.column_names):

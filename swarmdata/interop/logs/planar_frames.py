@@ -19,9 +19,10 @@ def yaw_of(x: Double, y: Double, z: Double, w: Double) -> Double:
     It is the Z of the Tait-Bryan angles Z-Y-X, as robots in the plane have only that one. Where the
     norm is 0, or the x axis points up or down, there is none: NaN.
     """
-    sine, cosine = 2 * (w * z + x * y), w * w + x * x - y * y - z * z
-    level = np.hypot(sine, cosine) > LEAST_LEVEL * (w * w + x * x + y * y + z * z)
-    return np.where(level, np.arctan2(sine, cosine), np.nan)
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no quaternion
+        sine, cosine = 2 * (w * z + x * y), w * w + x * x - y * y - z * z
+        level = np.hypot(sine, cosine) > LEAST_LEVEL * (w * w + x * x + y * y + z * z)
+        return np.where(level, np.arctan2(sine, cosine), np.nan)
 
 
 def plain_frame(name: str) -> str:

@@ -276,6 +276,19 @@ def test_a_chunk_that_is_packed_in_an_unknown_way(tmp_path: Path) -> None:
         read_bag(log, {"/a"})
 
 
+def test_a_chunk_of_another_size(tmp_path: Path) -> None:
+    from mcap.writer import CompressionType
+
+    log = tmp_path / "a.mcap"
+    write_messages(log, ("/a", "json", GOOD), compression=CompressionType.ZSTD, enable_crcs=False)
+    content = bytearray(log.read_bytes())
+    size = content.index(b"zstd") - 16  # before it: the size, the checksum, the length of the name
+    content[size] += 1
+    log.write_bytes(content)
+    with pytest.raises(ConversionError, match=r"a chunk has \d+ bytes, expected \d+"):
+        read_bag(log, {"/a"})
+
+
 def test_a_database_that_was_cut_off_while_recording(tmp_path: Path) -> None:
     log = write_sqlite(tmp_path / "monday.db3")
     (tmp_path / "monday.db3-wal").write_bytes(b"x")
@@ -283,12 +296,30 @@ def test_a_database_that_was_cut_off_while_recording(tmp_path: Path) -> None:
         read_bag(log, TOPICS)
 
 
+def without_constraints(database: sqlite3.Connection, table: str) -> None:
+    database.execute(f"CREATE TABLE copy AS SELECT * FROM {table}")
+    database.execute(f"DROP TABLE {table}")
+    database.execute(f"ALTER TABLE copy RENAME TO {table}")
+
+
 def test_a_database_with_messages_of_no_topic(tmp_path: Path) -> None:
     log = write_sqlite(tmp_path / "monday.db3")
     with sqlite3.connect(log) as database:
         database.execute("UPDATE messages SET topic_id = 99 WHERE id = 5")
     database.close()
-    with pytest.raises(ConversionError, match=r"message \d+: its topic 99 is not in the file"):
+    with pytest.raises(ConversionError, match=r"message \d+: its topic '99' is not in the file"):
+        read_bag(log, TOPICS)
+
+
+def test_a_database_with_names_that_are_none(tmp_path: Path) -> None:
+    log = write_sqlite(tmp_path / "monday.db3")
+    with sqlite3.connect(log) as database:
+        without_constraints(database, "topics")
+        database.execute("UPDATE topics SET name = NULL, type = 7 WHERE name = '/robot_0/scan'")
+        database.execute("UPDATE topics SET type = NULL WHERE name = '/robot_0/odom'")
+    database.close()
+    assert "" in read_bag(log, {"/robot_1/odom"}).unread
+    with pytest.raises(ConversionError, match="defines the type '' of the messages of /robot_0/od"):
         read_bag(log, TOPICS)
 
 
@@ -296,9 +327,7 @@ def test_a_database_with_messages_of_no_topic(tmp_path: Path) -> None:
 def test_times_of_writing_out_of_bounds(tmp_path: Path, time: Any) -> None:
     log = write_sqlite(tmp_path / "monday.db3")
     with sqlite3.connect(log) as database:
-        database.execute("CREATE TABLE copy AS SELECT * FROM messages")
-        database.execute("DROP TABLE messages")
-        database.execute("ALTER TABLE copy RENAME TO messages")
+        without_constraints(database, "messages")
         database.execute("UPDATE messages SET timestamp = ? WHERE id = 5", (time,))
     database.close()
     with pytest.raises(ConversionError, match=r"message \d+ \(.*\): its time, .* out of bounds"):

@@ -58,8 +58,9 @@ def test_yaws_of_quaternions_of_any_norm_and_tilt() -> None:
 
 def test_what_has_no_yaw() -> None:
     half = np.sqrt(0.5)
-    x, y, z, w = np.array([[0, 0, 0, 0], [0, half, 0, half], [0, 0, 0, np.nan]]).T
-    assert np.isnan(yaw_of(x, y, z, w)).all()  # of no norm, looking up, and not a number
+    odd = [[0, 0, 0, 0], [0, half, 0, half], [0, 0, 0, np.nan], [0, 0, 0, np.inf], [0, 0, 1e200, 1]]
+    x, y, z, w = np.array(odd).T
+    assert np.isnan(yaw_of(x, y, z, w)).all()  # of no norm, looking up, and no numbers
 
 
 def test_a_slash_before_a_frame_does_not_matter() -> None:
