@@ -21,6 +21,11 @@ Item = TypeVar("Item")
 _END = object()
 
 
+def printable(text: str) -> str:
+    """Text of a file on one line, without characters that would control a terminal."""
+    return "".join(each if each.isprintable() else "?" for each in text)
+
+
 class ForeignFile:
     """A file that a library of others reads.
 
@@ -51,10 +56,8 @@ class ForeignFile:
         except SwarmdataError:
             raise
         except Exception as error:
-            name = type(error).__name__
-            words = "".join(each if each.isprintable() else " " for each in str(error))
-            said = f"{name}: {words:.{MOST_WORDS}}" if words.strip() else name
-            raise self.broken(said) from error
+            name, words = type(error).__name__, str(error).strip()
+            raise self.broken(f"{name}: {words:.{MOST_WORDS}}" if words else name) from error
 
     def each(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yields the items of an iterable of the library; what it raises is turned as by `call`.
@@ -89,4 +92,5 @@ class ForeignFile:
         """The error for a problem at the place."""
         place = f"{self.place}: " if self.place else ""
         hint = f" {self._hint}" if self._hint else ""
-        return ConversionError(f"{self.path} cannot be read: {place}{problem.rstrip('. ')}.{hint}")
+        said = printable(f"{place}{problem.rstrip('. ')}.{hint}")
+        return ConversionError(f"{self.path} cannot be read: {said}")

@@ -41,6 +41,9 @@ from swarmdata.types import Episode, Int
 IMPORT_VERSION = "2"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
 
+MOST_NOTED = 4000
+"""Characters of a list of topics or columns on the card."""
+
 
 def import_logs(
     logs: Sequence[Path | str] | Path | str,
@@ -239,7 +242,16 @@ def _notes(logs: OpenLogs, log_map: LogMap, counts: Mapping[str, int]) -> dict[s
         "unread_topics": logs.unread_topics(),
         "ignored": [*log_map.ignore, *log_map.ignore_logs],
     }
-    return notes | {k: ", ".join(names) for k, names in lists.items() if names}
+    return notes | {k: _joined(names) for k, names in lists.items() if names}
+
+
+def _joined(names: Sequence[str]) -> str:
+    """The names, of very many only the first ones."""
+    text = ", ".join(names)
+    if len(text) <= MOST_NOTED:
+        return text
+    kept = text[:MOST_NOTED].rpartition(", ")[0]
+    return f"{kept} and {len(names) - kept.count(', ') - 1} more"
 
 
 def _transforms(logs: OpenLogs, log_map: LogMap) -> list[StaticTransform]:

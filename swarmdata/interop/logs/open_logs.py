@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from swarmdata.errors import ConversionError, DatasetNotFoundError, did_you_mean
+from swarmdata.errors import ConversionError, DatasetNotFoundError, did_you_mean, listed
 from swarmdata.interop.convert import source_digest
 from swarmdata.interop.logs.bag_tables import BagContents, is_bag, read_bag
 from swarmdata.interop.logs.log_tables import LogTable, is_match, read_table
@@ -69,10 +69,10 @@ class OpenLogs:
         if topic not in tables:
             if topic in (unread := self._bag(name).unread):
                 raise ConversionError(f"{path} has no messages of {topic} (of the {signal})")
-            known = sorted({*tables, *unread})
+            known = {*tables, *unread}
             raise ConversionError(
                 f"{path} has no topic {topic} (of the {signal}).{did_you_mean(topic, known)} "
-                f"It has {', '.join(known)}."
+                f"It has {listed(topic, known)}."
             )
         return tables[topic]
 

@@ -230,6 +230,22 @@ def test_a_type_of_an_unread_topic_does_not_matter(tmp_path: Path, storage: str)
     assert same(read_bag(folder, {"/robot_0/odom"}), expected)
 
 
+@pytest.mark.parametrize(
+    "others", [["/b\x1b[31m\n"], [f"/a_long_name_of_a_topic_{k}" for k in range(500)]]
+)
+def test_names_and_number_of_unread_topics_do_not_matter(tmp_path: Path, others: list[str]) -> None:
+    rows = [
+        {"x": 0.1 * k, "y": 0, "heading": 0, "v": 0.3, "omega": 0.1 * (k % 3)} for k in range(9)
+    ]
+    messages = [("/a", "json", json.dumps(row).encode()) for row in rows]
+    log = write_messages(tmp_path / "a.mcap", *messages, *((each, "json", GOOD) for each in others))
+    each = {"topic": "/a", "command": {"components": [{"column": "v", "low": 0, "high": 1}]}}
+    log_map = LogMap.parse({"dt": 1.0, "max_gap": 2, "each": each, "robots": ["anna"]})
+    dataset = import_logs(log, tmp_path / "dataset", log_map=log_map, id="hall-bags-v0")
+    noted = (dataset.recipe.metadata or {})["unread_topics"]
+    assert noted == "/b?[31m?" or noted.endswith(" more")
+
+
 def test_frames_with_and_without_a_slash(tmp_path: Path) -> None:
     rows = [json.dumps({"frame_id": frame, "x": 1.0}).encode() for frame in ("/map", "map")]
     log = write_messages(tmp_path / "a.mcap", *(("/a", "json", row) for row in rows))
