@@ -24,8 +24,8 @@ _BLOCK = 1 << 20  # bytes
 
 _HINTS = {
     ".mcap": "`mcap recover FILE -o NEW` keeps the messages that are whole.",
-    ".db3": "`sqlite3 FILE .recover` keeps the messages that are whole.",
-    ".bag": "`rosbag reindex` and `rosbag fix` keep the messages that are whole.",
+    ".db3": "`sqlite3 FILE .recover | sqlite3 NEW` keeps the messages that are whole.",
+    ".bag": "`rosbag reindex FILE` keeps the messages that are whole.",
 }
 """What to do about a damaged file, by its suffix."""
 

@@ -30,8 +30,7 @@ STATIC_TOPIC = "/tf_static"
 STATIC_TYPES = ("tf2_msgs/msg/TFMessage", "tf2_msgs/TFMessage")
 
 MOST_TILT = 1e-3
-"""Greatest share of x and y in the quaternion of a static transform: frames are turned in the plane
-only."""
+"""Greatest share of x and y in a static transform's quaternion: frames turn in the plane only."""
 
 MOST_DEPTH = 32
 """Of mappings inside each other in a message of JSON."""

@@ -69,7 +69,7 @@ class LogTable:
         return self.cells[name]
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """A column of numbers, int64 or float64, [n] or [n, B]; empty cells are NaN.
+        """A column of numbers, int64, float64 or flags, [n] or [n, B]; empty cells are NaN.
 
         Raises:
             ConversionError: there is no such column, or a cell is no number.
@@ -84,6 +84,8 @@ class LogTable:
         if isinstance(cells, np.ndarray):
             if cells.dtype.kind not in "biuf":
                 raise ConversionError(f"{self.name}: column {name!r} has no numbers")
+            if cells.dtype.kind == "b":
+                return cells
             if cells.dtype.kind in "iu" and (cells <= np.iinfo(np.int64).max).all():
                 return cells.astype(np.int64)
             return cells.astype(np.float64)

@@ -246,6 +246,21 @@ def test_names_and_number_of_unread_topics_do_not_matter(tmp_path: Path, others:
     assert noted == "/b?[31m?" or noted.endswith(" more")
 
 
+def test_flags_are_features_and_no_positions(tmp_path: Path) -> None:
+    rows = [{"x": 0.1 * k, "y": True, "heading": 0, "v": 0.3, "hit": k > 4} for k in range(9)]
+    messages = [("/a", "json", json.dumps(row).encode()) for row in rows]
+    log = write_messages(tmp_path / "a.mcap", *messages)
+    command = {"components": [{"column": "v", "low": 0, "high": 1}]}
+    each: dict[str, Any] = {"topic": "/a", "command": command, "pose": {"y": "heading"}}
+    each["features"] = [{"name": "hit", "column": "hit", "between": "held"}]
+    content = {"dt": 1.0, "max_gap": 2, "each": each, "robots": ["anna"]}
+    dataset = import_logs(log, tmp_path / "a", log_map=LogMap.parse(content), id="hall-bags-v0")
+    np.testing.assert_array_equal(dataset[0].observations[:, 0, 0], [0.0] * 5 + [1.0] * 4)
+    del each["pose"]
+    with pytest.raises(ConversionError, match="true and false in column 'y', expected a length"):
+        import_logs(log, tmp_path / "b", log_map=LogMap.parse(content), id="hall-bags-v0")
+
+
 def test_frames_with_and_without_a_slash(tmp_path: Path) -> None:
     rows = [json.dumps({"frame_id": frame, "x": 1.0}).encode() for frame in ("/map", "map")]
     log = write_messages(tmp_path / "a.mcap", *(("/a", "json", row) for row in rows))
