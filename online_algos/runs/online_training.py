@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
-import torch
 from pydantic import Field
 from tensorboardX import SummaryWriter
 from tqdm import tqdm
@@ -55,6 +54,7 @@ from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
+from swarmdata.runtime.thread_limits import ThreadLimit
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -191,18 +191,13 @@ def train_run(
     _check_lengths(run)
     if run.recorded is not None:
         run.recorded.check(data)
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)  # the networks are too small to gain from more
-    try:
-        with updating(folder / CONFIG, progress):
-            _claim(folder, run)
-            path = folder / CHECKPOINT
-            if not path.exists() or load_checkpoint(path)[1]["frames"] < run.n_steps:
-                _begin(run, folder, data, n_threads).finish(progress, report)
-            if (folder / REPLAY_FOLDER).exists():  # gigabytes that a finished run does not need
-                shutil.rmtree(folder / REPLAY_FOLDER)
-    finally:
-        torch.set_num_threads(before)
+    with ThreadLimit(), updating(folder / CONFIG, progress):
+        _claim(folder, run)
+        path = folder / CHECKPOINT
+        if not path.exists() or load_checkpoint(path)[1]["frames"] < run.n_steps:
+            _begin(run, folder, data, n_threads).finish(progress, report)
+        if (folder / REPLAY_FOLDER).exists():  # gigabytes that a finished run does not need
+            shutil.rmtree(folder / REPLAY_FOLDER)
     return folder
 
 

@@ -223,11 +223,31 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
     """
     if frame is None or not frame.turns_commands:
         return actions
-    turned = frame.to_world(observations, actions)
-    x, y = turned[..., 0], turned[..., 1]
-    norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
-    turned[..., 0], turned[..., 1] = x / norm, y / norm
-    return turned.clip(-1.0, 1.0)
+    turned = np.array(actions, np.float64, order="C")
+    rows = np.ascontiguousarray(observations).reshape(-1, observations.shape[-1])
+    _turn_back(rows, frame.anchor, turned.reshape(-1, actions.shape[-1]))
+    return turned
+
+
+@kernel
+def _turn_back(rows: Float, anchor: int, actions: Double) -> None:
+    """Turns actions [M, A] by `in_world`, in place, given observations [M, O]; NaN stays NaN."""
+    for m in range(len(rows)):
+        x, y = np.float64(rows[m, anchor]), np.float64(rows[m, anchor + 1])
+        length = np.sqrt(x * x + y * y)
+        ux, uy = 1.0, 0.0
+        if length != 0.0:
+            ux, uy = x / length, y / length
+        x = ux * actions[m, 0] - uy * actions[m, 1]
+        y = uy * actions[m, 0] + ux * actions[m, 1]
+        norm = np.sqrt(x * x + y * y)
+        norm = max(norm, 1.0)
+        actions[m, 0], actions[m, 1] = x / norm, y / norm
+        for a in range(actions.shape[1]):
+            if actions[m, a] > 1.0:
+                actions[m, a] = 1.0
+            elif actions[m, a] < -1.0:
+                actions[m, a] = -1.0
 
 
 def natural_anchor(features: Sequence[Feature]) -> str:

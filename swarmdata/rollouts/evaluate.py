@@ -25,13 +25,14 @@ def evaluate(
     block: SeedBlock = "evaluation",
     n_copies: int = 64,
     n_threads: int = 1,
+    policy_threads: int = 1,
     progress: bool = True,
     report: Callable[[int], object] = lambda episodes: None,
 ) -> EvalResult:
     """Runs a policy on the first `n_episodes` seeds of a block, the same for everybody.
 
     Episodes are measured as they finish, and are not kept. The result does not depend on
-    `n_copies` and `n_threads`.
+    `n_copies` and the numbers of threads.
 
     Args:
         policy: acts in every copy.
@@ -42,6 +43,7 @@ def evaluate(
             chosen.
         n_copies: number of episodes that run at the same time.
         n_threads: threads that step them, as `make_env` takes it.
+        policy_threads: threads of the policy's matrix products; a small network is slower on two.
         progress: whether to show a progress bar (on standard error, if that is a terminal).
         report: called with the number of episodes that have just finished.
 
@@ -63,7 +65,8 @@ def evaluate(
             bar.update(episodes)
             report(episodes)
 
-        for row, episode in enumerate(rollout(env, policy, seeds, progress=count)):
+        episodes = rollout(env, policy, seeds, policy_threads=policy_threads, progress=count)
+        for row, episode in enumerate(episodes):
             for metric, value in episode_metrics(episode, env.task).items():
                 metrics[metric][row] = value
     return EvalResult(name, spec.task, spec.hash(), seeds, metrics)

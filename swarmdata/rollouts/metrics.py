@@ -1,6 +1,7 @@
 """The metrics of an episode, and its score relative to the references of a task."""
 
 from collections.abc import Mapping
+from functools import cache
 from types import MappingProxyType
 
 import numpy as np
@@ -9,7 +10,7 @@ from swarmdata.interfaces import Task
 from swarmdata.registry.components import TASKS, resolve
 from swarmdata.specs.state_layout import Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import EVENTS, Double, Episode, Metric
+from swarmdata.types import EVENTS, Double, Episode, Int, Metric
 
 _ROBOT_CONTACT, _OBSTACLE_CONTACT, _ROBOT_ONSETS, _OBSTACLE_ONSETS = range(len(EVENTS))
 
@@ -81,8 +82,9 @@ def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
 
 
 def _norm(vectors: Double) -> Double:
-    """Euclidean length of the last axis."""
-    lengths: Double = np.sqrt(np.square(vectors).sum(axis=-1))
+    """Euclidean length of planar vectors, [..., 2]."""
+    x, y = vectors[..., 0], vectors[..., 1]
+    lengths: Double = np.sqrt(x * x + y * y)
     return lengths
 
 
@@ -90,10 +92,16 @@ def _min_separation(positions: Double, spec: TaskSpec) -> float:
     """Smallest surface-to-surface gap between two robots over all states, m."""
     if spec.n_agents == 1:
         return float("nan")
-    first, second = np.triu_indices(spec.n_agents, k=1)
+    first, second = _pairs(spec.n_agents)
     radii = np.array([robot.radius for robot in spec.robots])
     gaps = _norm(positions[:, first] - positions[:, second]) - (radii[first] + radii[second])
     return float(gaps.min())
+
+
+@cache
+def _pairs(n_agents: int) -> tuple[Int, Int]:
+    """All pairs of robots."""
+    return np.triu_indices(n_agents, k=1)
 
 
 SOLVED_TIME = "time when solved"

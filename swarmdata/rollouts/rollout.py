@@ -6,6 +6,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.runtime.thread_limits import ThreadLimit
 from swarmdata.types import (
     END_REASONS,
     STATE_FIELDS,
@@ -28,6 +29,7 @@ def rollout(
     seeds: Seeds,
     *,
     policy_index: int = 0,
+    policy_threads: int = 1,
     progress: Callable[[int], object] | None = None,
 ) -> Iterator[Episode]:
     """Runs one episode per seed and yields them in the order of `seeds`.
@@ -41,6 +43,7 @@ def rollout(
         policy: chooses the joint actions, float32 [E, N, A].
         seeds: episode seeds, uint64 [n_episodes]; may be empty.
         policy_index: stored as `Episode.policy`.
+        policy_threads: threads of the policy's matrix products, see `ThreadLimit`.
         progress: called with the number of episodes that have just finished, as `tqdm.update` is.
 
     Returns:
@@ -56,7 +59,7 @@ def rollout(
             f"seeds are {seeds.dtype} {list(seeds.shape)}, expected uint64 [n_episodes]. "
             "Use numerics.random.evaluation_seeds or np.asarray(seeds, np.uint64)."
         )
-    return _run(env, policy, seeds, policy_index, progress)
+    return _run(env, policy, seeds, policy_index, ThreadLimit(policy_threads), progress)
 
 
 def _run(
@@ -64,6 +67,7 @@ def _run(
     policy: Policy,
     seeds: Seeds,
     policy_index: int,
+    limit: ThreadLimit,
     progress: Callable[[int], object] | None,
 ) -> Iterator[Episode]:
     """Runs the episodes and yields them in order; those that finish early wait in `finished`."""
@@ -78,7 +82,8 @@ def _run(
     ring = EpisodeRing(env, step)
     ring.write_start(step)
     while (wanted := positions != _NO_EPISODE).any():
-        step = ring.advance(env, policy, step, wanted)
+        with limit:  # not while the caller works on an episode
+            step = ring.advance(env, policy, step, wanted)
         ended = np.flatnonzero(step.ended & wanted)
         for copy in ended.tolist():
             finished[int(positions[copy])] = ring.cut(copy, step, policy_index)

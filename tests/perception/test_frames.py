@@ -64,6 +64,21 @@ def test_the_kernel_computes_what_is_written_here() -> None:
     np.testing.assert_array_equal(FRAME.inputs(every_second), expected[::2])
 
 
+def test_the_kernel_turns_commands_back_as_numpy_does() -> None:
+    assert FRAME is not None
+    observations = some_observations()
+    observations[0, 0, FRAME.anchor : FRAME.anchor + 2] = 0  # no direction
+    actions = np.random.default_rng(0).uniform(-1, 1, (8, 4, 3))
+    actions[1, 2] = np.nan
+    turned = FRAME.to_world(observations, actions)
+    norm = np.maximum(np.sqrt(turned[..., 0] ** 2 + turned[..., 1] ** 2), 1.0)
+    turned[..., :2] /= norm[..., None]
+    expected = turned.clip(-1.0, 1.0)
+    np.testing.assert_array_equal(in_world(FRAME, observations, actions), expected)
+    every_second = np.asfortranarray(observations[::2]), np.asfortranarray(actions[::2])
+    np.testing.assert_array_equal(in_world(FRAME, *every_second), expected[::2])
+
+
 def hearing(payload: str) -> tuple[Frame, list[str], Float]:
     """A frame, names and observations of robots that know of each other by messages only."""
     spec = with_models(preset("coop_nav"), "state-0", payload)

@@ -44,6 +44,7 @@ from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algor
 from swarmdata.learn.training.setup import check_device
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
+from swarmdata.runtime.thread_limits import ThreadLimit
 from swarmdata.types import Double
 
 RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
@@ -104,11 +105,9 @@ def rank(
     check_device(device)
     dataset = _dataset(folders, dataset_id, progress=progress)
     parts = dataset.split("train"), dataset.split("validation")
-    found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
-    policies = [policy for each in found for policy in each.policies]
-    statistics = Statistics.measure(parts[0], config.discount)
-    train, held_out = (_ask(policies, part, statistics, config, device) for part in parts)
-    values = fitted_q_evaluation(train, held_out, statistics.return_std, config, progress=progress)
+    with ThreadLimit():
+        found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
+        values, held_out = _values(found, parts, config, device, progress=progress)
     scores = _scores(found, dataset, n_episodes, results, progress=progress)
     rows = _rows(found, values, held_out, None if scores is None else scores.values)
     return Ranking(
@@ -177,14 +176,23 @@ def _candidates(
     return found
 
 
-def _ask(
-    policies: Sequence[Policy],
-    part: Dataset,
-    statistics: Statistics,
+def _values(
+    found: Sequence[Candidates],
+    parts: Sequence[Dataset],
     config: FQEConfig,
     device: str,
-) -> Answered:
-    return Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
+    *,
+    progress: bool,
+) -> tuple[Values, Answered]:
+    """What the policies are worth, fitted on the first part, and their answers on the second."""
+    policies = [policy for each in found for policy in each.policies]
+    statistics = Statistics.measure(parts[0], config.discount)
+    train, held_out = (
+        Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
+        for part in parts
+    )
+    scale = statistics.return_std
+    return fitted_q_evaluation(train, held_out, scale, config, progress=progress), held_out
 
 
 def _scores(

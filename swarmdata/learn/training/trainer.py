@@ -6,8 +6,8 @@ again with the same arguments, it ends with the same parameters, bit for bit, on
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,7 @@ from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHM
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.freed_memory import keep_freed_memory
 from swarmdata.runtime.locking import updating
+from swarmdata.runtime.thread_limits import ThreadLimit
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -106,7 +107,7 @@ def train_seeds(
         evaluate: measures each seed's policy for the learning curve.
         frame: in which the robots see and act; None for the world's.
         device: where to train.
-        n_threads: of torch on the CPU; the networks are too small to gain from more.
+        n_threads: of products on the CPU; the networks are too small to gain from more.
         keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
         compile: whether torch.compile makes kernels first, which takes up to minutes and pays in
             long runs. Results agree with those of `False` within rounding only, so a run goes on
@@ -142,7 +143,8 @@ def train_seeds(
         _claim(path, run)
         statistics = Statistics.measure(dataset, config.discount)
         trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
-        with _threads(n_threads), compiling() if compile else nullcontext() as trainer.compilation:
+        context = compiling() if compile else nullcontext()
+        with ThreadLimit(n_threads), context as trainer.compilation:
             trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 
@@ -190,16 +192,6 @@ def _select(dataset: Data, config: Any) -> tuple[Data, float | None]:
         return dataset, None
     least = config.least_return(np.array([episode.team_return for episode in dataset]))
     return dataset.filter(min_return=least), least
-
-
-@contextmanager
-def _threads(n_threads: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(n_threads)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _describe(

@@ -1,0 +1,53 @@
+"""Thread limits hold where policies act, whatever the environment asks for."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("torch", reason="the threads of torch are what this is about")
+
+PROGRAM = """
+import json
+import numpy as np
+import torch
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.function_policy import FunctionPolicy
+from swarmdata.runtime.thread_limits import ThreadLimit
+from threadpoolctl import threadpool_info
+
+seen = {}
+def act_in(name):
+    def act(observations):
+        seen[name] = torch.get_num_threads()
+        seen["most"] = max(info["num_threads"] for info in threadpool_info())
+        return np.zeros((*observations.shape[:2], 2), np.float32)
+    return FunctionPolicy(act)
+
+spec = preset("coop_nav").model_copy(update={"horizon": 2})
+torch.set_num_threads(3)  # at its start it takes no more than there are cores
+evaluate(act_in("evaluate"), spec, name="still", n_episodes=1, progress=False)
+evaluate(act_in("asked"), spec, name="still", n_episodes=1, policy_threads=2, progress=False)
+with ThreadLimit(2):
+    evaluate(act_in("inside"), spec, name="still", n_episodes=1, progress=False)
+    seen["between"] = torch.get_num_threads()
+seen["after"] = torch.get_num_threads()
+print(json.dumps(seen))
+"""
+
+
+def test_policies_act_on_one_thread_and_the_numbers_are_given_back() -> None:
+    """In a process of its own, which the settings of the tests do not reach."""
+    command = [sys.executable, "-c", PROGRAM]
+    ran = subprocess.run(command, capture_output=True, check=True)
+    assert json.loads(ran.stdout) == {
+        "evaluate": 1,
+        "asked": 2,
+        "inside": 1,
+        "most": 1,  # of the last policy, in any library
+        "between": 2,
+        "after": 3,
+    }
