@@ -12,7 +12,7 @@ from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
-from swarmdata.interop.conversion.foreign_files import check_plain
+from swarmdata.interop.conversion.foreign_file import check_plain
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.conversion.user_paths import absolute_path

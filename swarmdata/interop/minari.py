@@ -27,7 +27,7 @@ from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.conversion.dataset_facts import STATE_ARRAYS, TIME_ARRAYS, array_names
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.foreign_data import unread_note
-from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import admit_rows, check_lengths, flags_of
 from swarmdata.interop.conversion.hdf5_reader import open_hdf5
 from swarmdata.interop.conversion.imported_data import (

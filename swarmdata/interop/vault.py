@@ -32,7 +32,7 @@ from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.exported_data import import_with_note
 from swarmdata.interop.conversion.foreign_data import import_without_note
-from swarmdata.interop.conversion.foreign_files import check_stored, folder_bytes, reading
+from swarmdata.interop.conversion.foreign_file import check_stored, folder_bytes, reading
 from swarmdata.interop.conversion.foreign_rows import (
     agent_columns,
     columns_of,

@@ -24,19 +24,30 @@ def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> b
     """
     if not follow_links and path.is_symlink():
         raise FileKindError(f"{path} is a symbolic link, expected a regular file")
-    _check(path, path.stat())  # some that are not can hardly be opened
+    check_regular(path)  # some that are not can hardly be opened
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow_links else os.O_NOFOLLOW)
     with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
         found = os.fstat(file.fileno())  # of what was opened, whatever happened in between
-        _check(path, found)
+        check_regular(path, found)
         content = file.read(most_bytes + 1) if found.st_size <= most_bytes else None
     if content is None or len(content) > most_bytes:
         raise FileKindError(f"{path} has more than {most_bytes} bytes, which is the most allowed")
     return content
 
 
-def _check(path: Path, found: os.stat_result) -> None:
-    if stat.S_ISREG(found.st_mode):
+def check_regular(path: Path, found: os.stat_result | None = None) -> None:
+    """Raises FileKindError unless a path is a regular file, or leads to one.
+
+    Args:
+        path: of the file.
+        found: what the system says of it, if it was asked.
+
+    Raises:
+        OSError: there is none.
+        FileKindError: it is something else.
+    """
+    mode = (found or path.stat()).st_mode
+    if stat.S_ISREG(mode):
         return
     kinds = {
         stat.S_IFDIR: "a folder",
@@ -45,5 +56,5 @@ def _check(path: Path, found: os.stat_result) -> None:
         stat.S_IFCHR: "a device",
         stat.S_IFBLK: "a device",
     }
-    kind = kinds.get(stat.S_IFMT(found.st_mode), "no plain file")
+    kind = kinds.get(stat.S_IFMT(mode), "no plain file")
     raise FileKindError(f"{path} is {kind}, expected a regular file")

@@ -4,7 +4,8 @@
     runner.drive(measure, send, seconds=30)
 
 `measure()` returns the robot's observation, by the names in `runner.features`; `send` takes what
-the motors should do. Every episode begins with `runner.forget()`.
+the motors should do. Every episode begins with `runner.forget()`. However the drive ends, the robot
+is stopped.
 """
 
 import json
@@ -34,6 +35,11 @@ class Runner:
     def act(self, measured: Mapping[str, float]) -> np.ndarray:
         """Returns the action, in [-1, 1]; call it once every time step."""
         row = np.array([[measured[name] for name in self.features]], np.float32)
+        if not np.isfinite(row).all():
+            bad = [
+                name for name, x in zip(self.features, row[0], strict=True) if not np.isfinite(x)
+            ]
+            raise ValueError(f"{', '.join(bad)} is NaN or infinite: the robot stops")
         inputs = {"observation": row, "robot": np.array([self.number])}
         if not self._size:
             return self._session.run(["action"], inputs)[0][0]
@@ -57,10 +63,29 @@ class Runner:
         measure: Callable[[], Mapping[str, float]],
         send: Callable[[tuple[float, float]], None],
         seconds: float,
+        stop: Callable[[], None] | None = None,
     ) -> None:
-        """Acts at the rate of the training."""
+        """Acts at the rate of the training, and stops the robot at the end and on any error.
+
+        After a step that took too long, the next one begins a whole step later: no command is sent
+        sooner to catch up.
+
+        Args:
+            measure: the robot's sensors; ValueError if a number is NaN or infinite.
+            send: commands its motors.
+            seconds: length of the drive.
+            stop: stops it; by default a command of zero, which stops no robot that is commanded by
+                accelerations.
+        """
+        if stop is None and self._body["command"] != "velocity":
+            raise ValueError("a command of zero does not stop this robot, so pass `stop`")
         due = time.monotonic()
-        for _ in range(round(seconds / self.time_step)):
-            send(self.command(self.act(measure())))
-            due += self.time_step
-            time.sleep(max(0.0, due - time.monotonic()))
+        try:
+            for _ in range(round(seconds / self.time_step)):
+                send(self.command(self.act(measure())))
+                due, now = due + self.time_step, time.monotonic()
+                if now > due:
+                    due = now + self.time_step
+                time.sleep(due - now)
+        finally:
+            stop() if stop else send((0.0, 0.0))

@@ -13,15 +13,14 @@ from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from tests.support.tiny import make_tiny
 
-pytest.importorskip("torch", reason="algorithms need torch")
 pytest.importorskip("onnxruntime", reason="the group 'interop'")
-pytest.importorskip("onnxscript", reason="the extra 'onnx'")
-
-pytestmark = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [[], ["--set", "memory=gru", "--set", "window=4"]])
 def test_a_team_of_runners(memory: list[str], tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="algorithms need torch")
+    pytest.importorskip("onnxscript", reason="the extra 'onnx'")
     from swarmdata.learn.training.run_folder import load_run
     from tests.examples.robot_runner import Runner
 
@@ -48,23 +47,98 @@ def test_a_team_of_runners(memory: list[str], tmp_path: Path) -> None:
         step = env.step(actions[None])
 
 
-def test_the_loop_keeps_the_rate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tests.examples.robot_runner import Runner
+FEATURES = ["x", "y"]
+STOP = (0.0, 0.0)
 
-    now = [0.0]
-    sent: list[float] = []
-    clock = SimpleNamespace(
-        monotonic=lambda: now[0], sleep=lambda seconds: now.__setitem__(0, now[0] + seconds)
-    )
-    monkeypatch.setattr("tests.examples.robot_runner.time", clock)
-    runner: Any = object.__new__(Runner)
-    runner.time_step = 0.1
-    runner.act = runner.command = lambda seen: seen
 
-    def measure() -> float:
-        now[0] += 0.03
-        return now[0]
+class Rehearsal:
+    """A robot and a clock that a test sets: measuring and sleeping take the time that they say."""
 
-    runner.drive(measure, sent.append, seconds=1.0)
-    np.testing.assert_allclose(np.diff(sent), 0.1, atol=1e-9)
-    assert len(sent) == 10
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, command: str = "velocity") -> None:
+        from tests.examples.robot_runner import Runner
+
+        self.now, self.sent = 0.0, list[tuple[float, tuple[float, float]]]()
+        clock = SimpleNamespace(monotonic=lambda: self.now, sleep=self.pass_time)
+        monkeypatch.setattr("tests.examples.robot_runner.time", clock)
+        self.runner: Any = object.__new__(Runner)
+        self.runner.time_step, self.runner.features = 0.1, FEATURES
+        self.runner.number, self.runner._size = 0, 0
+        self.runner._body = {"command": command, "dynamics": "holonomic", "max_speed": 0.6,
+                             "max_acceleration": 1.0}  # fmt: skip
+        self.runner._session = SimpleNamespace(run=lambda names, inputs: [inputs["observation"]])
+        self.n_measured = 0
+        self.stalls: dict[int, float] = {}  # s, by the number of the measurement
+        self.values: dict[int, float] = {}  # of x, likewise
+
+    def pass_time(self, seconds: float) -> None:
+        self.now += seconds
+
+    def measure(self) -> dict[str, float]:
+        self.now += self.stalls.get(self.n_measured, 0.03)
+        x = self.values.get(self.n_measured, 0.5)
+        self.n_measured += 1
+        return {"x": x, "y": 0.0}
+
+    def send(self, command: tuple[float, float]) -> None:
+        self.sent.append((self.now, command))
+
+    def drive(self, seconds: float = 1.0, **options: Any) -> None:
+        self.runner.drive(self.measure, self.send, seconds, **options)
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """Seconds between the commands before the stop."""
+        return np.diff([time for time, _ in self.sent[:-1]])
+
+
+@pytest.fixture
+def rehearsal(monkeypatch: pytest.MonkeyPatch) -> Rehearsal:
+    return Rehearsal(monkeypatch)
+
+
+def test_the_loop_keeps_the_rate_and_stops_the_robot(rehearsal: Rehearsal) -> None:
+    rehearsal.drive()
+    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 10 + [STOP]
+    np.testing.assert_allclose(rehearsal.gaps, 0.1, atol=1e-9)
+    assert rehearsal.now == pytest.approx(1.0)
+
+
+def test_a_stall_is_not_caught_up(rehearsal: Rehearsal) -> None:
+    rehearsal.stalls[3] = 0.58
+    rehearsal.drive()
+    np.testing.assert_allclose(rehearsal.gaps, [0.1, 0.1, 0.65, 0.13, *[0.1] * 5], atol=1e-9)
+    assert len(rehearsal.sent) == 11
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_measurement_that_is_no_number_stops_the_robot(
+    rehearsal: Rehearsal, value: float
+) -> None:
+    rehearsal.values[4] = value
+    with pytest.raises(ValueError, match="x is NaN or infinite"):
+        rehearsal.drive()
+    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 4 + [STOP]
+
+
+@pytest.mark.parametrize("failure", [OSError("no link"), KeyboardInterrupt()])
+def test_a_failure_stops_the_robot(rehearsal: Rehearsal, failure: BaseException) -> None:
+    def send(command: tuple[float, float]) -> None:
+        rehearsal.send(command)
+        if len(rehearsal.sent) == 3:
+            raise failure
+
+    with pytest.raises(type(failure)):
+        rehearsal.runner.drive(rehearsal.measure, send, 1.0)
+    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 3 + [STOP]
+
+
+def test_robots_commanded_by_accelerations_need_their_own_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rehearsal, stops = Rehearsal(monkeypatch, "acceleration"), list[float]()
+    with pytest.raises(ValueError, match="pass `stop`"):
+        rehearsal.drive()
+    assert not rehearsal.sent
+    rehearsal.drive(stop=lambda: stops.append(rehearsal.now))
+    assert len(rehearsal.sent) == 10
+    assert len(stops) == 1

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.episode_cuts import ReadRows
-from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_file import reading
 
 
 class BlockReader:

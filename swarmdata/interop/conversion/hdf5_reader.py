@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.foreign_files import check_stored, reading
+from swarmdata.interop.conversion.foreign_file import check_stored, reading
 
 MOST_CHUNK_BYTES = 256 << 20
 """Of a chunk in memory, which is unpacked as a whole."""

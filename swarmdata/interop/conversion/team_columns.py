@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import agent_columns, columns_of, count_choices
 from swarmdata.interop.conversion.imported_data import AgentShapes
 from swarmdata.interop.conversion.user_choices import Choices

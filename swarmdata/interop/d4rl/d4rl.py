@@ -27,7 +27,7 @@ from swarmdata.interop.conversion.dataset_facts import (
 )
 from swarmdata.interop.conversion.export_note import note_of, parse_note
 from swarmdata.interop.conversion.exported_data import import_with_note
-from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths
 from swarmdata.interop.conversion.hdf5_reader import numbers, open_hdf5
 from swarmdata.interop.conversion.hdf5_writer import create_hdf5

@@ -10,7 +10,7 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.foreign_data import import_without_note
-from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths, flags_of
 from swarmdata.interop.conversion.hdf5_reader import numbers
 from swarmdata.interop.conversion.imported_data import ImportedData

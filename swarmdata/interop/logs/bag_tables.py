@@ -1,4 +1,4 @@
-"""Topics of bags as tables: ROS 2 (SQLite, MCAP) and ROS 1 by `rosbags`, JSON in MCAP by `mcap`.
+"""Topics of bags as tables: ROS 2 (SQLite, MCAP), ROS 1, and JSON in MCAP.
 
 No ROS is needed. A message becomes a row, and every number in it a column, named by its path, such
 as `twist.linear.x`. What maps need most often has short names too: `x`, `y` and `heading` of a
@@ -6,9 +6,8 @@ pose or point, `v`, `vy` and `omega` of a twist, and `time`, the stamp of the he
 time at which the message was written (`log_time`).
 """
 
-import json
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.logs.log_tables import LogTable
-from swarmdata.interop.logs.planar_frames import yaw_of
+from swarmdata.interop.conversion.foreign_file import printable
+from swarmdata.interop.logs.bag_files import METADATA, raw_messages
+from swarmdata.interop.logs.decoded_messages import decoded
+from swarmdata.interop.logs.log_tables import MOST_NANOSECONDS, Cells, LogTable, stacked
+from swarmdata.interop.logs.planar_frames import plain_frame, yaw_of
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.origins.log_map import StaticTransform
 
@@ -25,13 +27,15 @@ BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 
 STATIC_TOPIC = "/tf_static"
 
+STATIC_TYPES = ("tf2_msgs/msg/TFMessage", "tf2_msgs/TFMessage")
+
 MOST_TILT = 1e-3
-"""Greatest x and y of a static transform's quaternion: frames are turned in the plane only."""
+"""Greatest share of x and y in a static transform's quaternion: frames turn in the plane only."""
+
+MOST_DEPTH = 32
+"""Of mappings inside each other in a message of JSON."""
 
 _TIME_UNITS = {"time": "ns", "log_time": "ns"}
-
-Message = tuple[str, int, Any]
-"""Topic, time of writing in ns, and the decoded message."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +49,7 @@ class BagContents:
 
 def is_bag(path: Path) -> bool:
     """Whether this is a bag: a file by its ending, or a folder with the metadata of one."""
-    return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix in BAG_SUFFIXES
+    return (path / METADATA).is_file() if path.is_dir() else path.suffix in BAG_SUFFIXES
 
 
 def read_bag(path: Path, topics: Collection[str]) -> BagContents:
@@ -56,128 +60,128 @@ def read_bag(path: Path, topics: Collection[str]) -> BagContents:
         topics: to read, of those that are there.
 
     Raises:
-        ConversionError: it is no bag, or its messages have no known encoding.
+        ConversionError: it is no bag, it is damaged, or messages that are read have an unknown
+            encoding or type.
+        FileKindError: a file of it is no regular file.
         MissingExtraError: the libraries are not installed.
     """
     for package in ("rosbags", "mcap"):
         require_extra(package, "logs", "reading bags")
-    wanted = {*topics, STATIC_TOPIC}
-    messages: dict[str, list[tuple[int, Any]]] = {}
-    read = _json_messages if _is_json(path) else _ros_messages
     known: set[str] = set()
-    for topic, time, message in read(path, wanted, known):
-        messages.setdefault(topic, []).append((time, message))
-    static = [message for _, message in messages.pop(STATIC_TOPIC, ())]
-    tables = {topic: _table(f"{topic} of {path.name}", rows) for topic, rows in messages.items()}
-    unread = sorted(known - tables.keys() - {STATIC_TOPIC})
-    return BagContents(tables, tuple(_transforms(static)), tuple(unread))
+    columns: dict[str, _Columns] = {}
+    static: list[Any] = []
+    for message in raw_messages(path, {*topics, STATIC_TOPIC}, known):
+        topic, time = message.channel.topic, message.time
+        if topic == STATIC_TOPIC and topic not in topics:
+            if message.channel.kind in STATIC_TYPES and message.channel.encoding != "json":
+                static.append(decoded(message))
+            continue
+        if not isinstance(time, int) or not 0 <= time <= MOST_NANOSECONDS:
+            raise message.source.broken(f"its time, {time!r:.40} ns, is out of bounds")
+        content = decoded(message)
+        try:
+            columns.setdefault(topic, _Columns()).add(time, content)
+        except _DepthError as error:
+            raise message.source.broken(str(error)) from error
+    tables = {
+        topic: each.table(f"{topic} of {path.name}") for topic, each in sorted(columns.items())
+    }
+    transforms = tuple(_transforms(path, static))
+    read = {*tables, *([STATIC_TOPIC] if static else [])}
+    return BagContents(tables, transforms, tuple(sorted(map(printable, known - read))))
 
 
-def _is_json(path: Path) -> bool:
-    """Whether this is an MCAP file of JSON messages.
-
-    Raises:
-        ConversionError: it is an MCAP file of another encoding than these and that of ROS 2.
-    """
-    if path.suffix != ".mcap":
-        return False
-    from mcap.exceptions import McapError  # noqa: PLC0415  (an extra)
-    from mcap.reader import make_reader  # noqa: PLC0415
-
-    try:
-        with path.open("rb") as file:
-            summary = make_reader(file).get_summary()
-    except McapError as error:
-        raise ConversionError(f"{path} is not an MCAP file: {error}") from error
-    channels = () if summary is None else summary.channels.values()
-    encodings = {channel.message_encoding for channel in channels}
-    if encodings - {"json"} and encodings - {"cdr"}:
-        raise ConversionError(
-            f"{path} has messages in the encodings {', '.join(sorted(encodings))}, expected json "
-            "or cdr alone"
-        )
-    return encodings == {"json"}
+class _DepthError(ValueError):
+    """A message holds too many mappings inside each other."""
 
 
-def _json_messages(path: Path, wanted: Collection[str], known: set[str]) -> Iterator[Message]:
-    from mcap.reader import make_reader  # noqa: PLC0415  (an extra)
+@dataclass(slots=True)
+class _Columns:
+    """The numbers of a topic's messages, by their paths."""
 
-    with path.open("rb") as file:
-        for _, channel, message in make_reader(file).iter_messages():
-            known.add(channel.topic)
-            if channel.topic in wanted:
-                yield channel.topic, message.log_time, json.loads(message.data)
+    times: list[int] = field(default_factory=list)  # of writing, ns
+    values: dict[str, list[Any]] = field(default_factory=dict)  # None where a message lacks it
+    frames: set[str] = field(default_factory=set)
 
-
-def _ros_messages(path: Path, wanted: Collection[str], known: set[str]) -> Iterator[Message]:
-    from rosbags.highlevel import AnyReader, AnyReaderError  # noqa: PLC0415  (an extra)
-    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
-
-    try:
-        # bags from before ROS 2 Iron do not hold the definitions of their messages
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader([path], default_typestore=store) as reader:
-            known |= {each.topic for each in reader.connections}
-            connections = [each for each in reader.connections if each.topic in wanted]
-            if not connections:  # which `messages` takes for all
-                return
-            for connection, time, content in reader.messages(connections=connections):
-                yield connection.topic, time, reader.deserialize(content, connection.msgtype)
-    except AnyReaderError as error:
-        raise ConversionError(f"{path} cannot be read as a bag: {error}") from error
-
-
-def _table(name: str, rows: list[tuple[int, Any]]) -> LogTable:
-    """The columns of a topic's messages; of arrays those whose length is always the same."""
-    columns: dict[str, list[Any]] = {}
-    frames = set()
-    for _, message in rows:
-        for key, value in _leaves(message, ""):
+    def add(self, time: int, message: Any) -> None:
+        """Takes a message."""
+        row = len(self.times)
+        self.times.append(time)
+        for key, value in _leaves(message, "", MOST_DEPTH):
             if isinstance(value, str):
                 if key in ("header.frame_id", "frame_id"):
-                    frames.add(value)
-            else:
-                columns.setdefault(key, []).append(value)
-    if len(frames) > 1:
-        raise ConversionError(
-            f"{name} has messages in several frames: {', '.join(sorted(frames))}, expected one"
-        )
-    cells = {
-        key: np.array(values)
-        for key, values in columns.items()
-        if len(values) == len(rows) and len({np.shape(value) for value in values}) == 1
-    }
-    log_times = np.array([time for time, _ in rows], np.int64)
-    cells |= {**_short_names(cells), "log_time": log_times, "time": _times(cells, log_times)}
-    return LogTable(name, cells, _TIME_UNITS, frames.pop() if frames else "")
+                    self.frames.add(plain_frame(value))
+                continue
+            column = self.values.setdefault(key, [])
+            column += [None] * (row - len(column))
+            column.append(value)
+
+    def table(self, name: str) -> LogTable:
+        """The messages as a table, in the order of their times of writing."""
+        if len(self.frames) > 1:
+            raise ConversionError(
+                f"{name} has messages in several frames: {', '.join(sorted(self.frames))}, "
+                "expected one"
+            )
+        order = np.argsort(np.array(self.times, np.int64), kind="stable").tolist()
+        cells: dict[str, Cells] = {}
+        for key, values in self.values.items():
+            padded = values + [None] * (len(order) - len(values))
+            cells[key] = _column([padded[k] for k in order])
+        log_times = np.array([self.times[k] for k in order], np.int64)
+        numbers = {key: each for key, each in cells.items() if isinstance(each, np.ndarray)}
+        cells |= {**_short_names(numbers), "log_time": log_times}
+        cells["time"] = _times(name, numbers, log_times)
+        return LogTable(name, cells, _TIME_UNITS, self.frames.pop() if self.frames else "")
 
 
-def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Every number, array of numbers and text in a message, with its path."""
+def _column(values: list[Any]) -> Cells:
+    """Numbers, [n], with NaN where a message has none, or arrays."""
+    given = [value for value in values if value is not None]
+    if any(isinstance(value, np.ndarray) for value in given):
+        if not all(isinstance(value, np.ndarray) for value in given):
+            return [str(value) for value in values]  # which are no numbers
+        return stacked([np.zeros(0) if value is None else value for value in values])
+    if len({isinstance(value, bool) for value in given}) > 1:
+        return [str(value) for value in values]
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def _leaves(value: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
+    """Every number, array of numbers, text and null in a message, with its path."""
     if isinstance(value, Mapping):
         inner: Iterable[tuple[str, Any]] = value.items()
     elif is_dataclass(value):
         names = value.__dataclass_fields__
         inner = ((name, getattr(value, name)) for name in names if not name.startswith("__"))
     else:
-        array = np.asarray(value) if isinstance(value, list) else value
-        if isinstance(value, bool | int | float | str | np.number) or (
-            isinstance(array, np.ndarray) and array.ndim == 1 and array.dtype.kind in "biuf"
-        ):
-            yield path, array
+        if isinstance(value, list) and all(type(each) in (int, float) for each in value):
+            value = np.array(value, np.float64)
+        is_row = isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "biuf"
+        if value is None or is_row or isinstance(value, bool | int | float | str | np.number):
+            yield path, value
         return
+    if not depth:
+        raise _DepthError(f"it has more than {MOST_DEPTH} mappings inside each other")
     for name, each in inner:
-        yield from _leaves(each, f"{path}.{name}" if path else name)
+        yield from _leaves(each, f"{path}.{name}" if path else name, depth - 1)
 
 
-def _times(cells: Mapping[str, NDArray[Any]], log_times: NDArray[np.int64]) -> NDArray[np.int64]:
+def _times(
+    name: str, cells: Mapping[str, NDArray[Any]], log_times: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """The stamps of messages, or where they have none the times of writing, [n] ns."""
     for seconds, rest in (
         ("header.stamp.sec", "header.stamp.nanosec"),
         ("timestamp.sec", "timestamp.nsec"),
     ):
         if seconds in cells and rest in cells:
-            stamps = cells[seconds].astype(np.int64) * 1_000_000_000 + cells[rest]
+            whole, part = cells[seconds], cells[rest]
+            if whole.dtype.kind not in "iu" or part.dtype.kind not in "iu":
+                raise ConversionError(f"{name}: {seconds} and {rest} are not always whole numbers")
+            if max(np.abs(whole).max(), np.abs(part).max()) > MOST_NANOSECONDS // 10**9:
+                raise ConversionError(f"{name}: {seconds} or {rest} is out of bounds")
+            stamps = whole.astype(np.int64) * 1_000_000_000 + part.astype(np.int64)
             return np.where(stamps == 0, log_times, stamps)
     return log_times
 
@@ -203,20 +207,24 @@ def _short_names(cells: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _transforms(messages: Iterable[Any]) -> Iterator[StaticTransform]:
+def _transforms(path: Path, messages: Iterable[Any]) -> Iterator[StaticTransform]:
     """The static transforms of messages of the type tf2_msgs/TFMessage.
 
-    Those that are tilted out of the plane are left out; poses in such a frame are refused.
+    Those that are tilted out of the plane, or have a quaternion of zeros, are left out; poses in
+    such a frame are refused.
     """
     for message in messages:
         for each in message.transforms:
             place, turn = each.transform.translation, each.transform.rotation
-            if max(abs(turn.x), abs(turn.y)) > MOST_TILT:
+            norm = np.linalg.norm([turn.x, turn.y, turn.z, turn.w])
+            if not max(abs(turn.x), abs(turn.y)) <= MOST_TILT * norm or not norm:
                 continue
-            yield StaticTransform(
-                frame=each.child_frame_id,
-                parent=each.header.frame_id,
-                x=place.x,
-                y=place.y,
-                heading=2.0 * np.arctan2(turn.z, turn.w),
-            )
+            heading = yaw_of(*(np.array([getattr(turn, axis)]) for axis in "xyzw"))
+            content = {
+                "frame": each.child_frame_id,
+                "parent": each.header.frame_id,
+                "x": place.x,
+                "y": place.y,
+                "heading": float(heading[0]),
+            }
+            yield StaticTransform.parse(content, f"a static transform of {path}")

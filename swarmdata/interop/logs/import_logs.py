@@ -18,7 +18,7 @@ from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
 from swarmdata.interop.logs.resampling import make_grid
 from swarmdata.interop.logs.robot_signals import RobotSignals, SignalReader, topics_of
-from swarmdata.interop.logs.robot_tracks import RobotTrack, make_track, span_of
+from swarmdata.interop.logs.robot_tracks import RobotTrack, make_track, span_of, with_bounds
 from swarmdata.interop.logs.scored_episodes import (
     EpisodeScorer,
     check_task,
@@ -38,8 +38,11 @@ from swarmdata.store import assemble
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode, Int
 
-IMPORT_VERSION = "1"
+IMPORT_VERSION = "2"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
+
+MOST_NOTED = 4000
+"""Characters of a list of topics or columns on the card."""
 
 
 def import_logs(
@@ -176,10 +179,12 @@ def _read(
     """
     if task is not None:
         check_task(task, log_map)
-    reader = SignalReader(logs, PlanarFrames(log_map.world, _transforms(logs, log_map)))
+    frames = PlanarFrames(log_map.world, _transforms(logs, log_map))
+    reader = SignalReader(logs, frames, log_map.max_gap)
     signals, clocks = align_commands(
         [reader.robot(robot) for robot in log_map.robots], log_map, clocks
     )
+    signals = with_bounds(signals)
     marker = log_map.episodes.marker
     markers = None if marker is None else reader.marker(marker)
     logs.check_all_used()
@@ -237,7 +242,16 @@ def _notes(logs: OpenLogs, log_map: LogMap, counts: Mapping[str, int]) -> dict[s
         "unread_topics": logs.unread_topics(),
         "ignored": [*log_map.ignore, *log_map.ignore_logs],
     }
-    return notes | {k: ", ".join(names) for k, names in lists.items() if names}
+    return notes | {k: _joined(names) for k, names in lists.items() if names}
+
+
+def _joined(names: Sequence[str]) -> str:
+    """The names, of very many only the first ones."""
+    text = ", ".join(names)
+    if len(text) <= MOST_NOTED:
+        return text
+    kept = text[:MOST_NOTED].rpartition(", ")[0]
+    return f"{kept} and {len(names) - kept.count(', ') - 1} more"
 
 
 def _transforms(logs: OpenLogs, log_map: LogMap) -> list[StaticTransform]:

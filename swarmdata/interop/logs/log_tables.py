@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError, did_you_mean, listed
+from swarmdata.interop.conversion.foreign_file import ForeignFile
 from swarmdata.interop.parquet.parquet_rows import arrow
 from swarmdata.specs.origins.log_map import TableForm
+from swarmdata.specs.plain_names import repeated
 from swarmdata.types import Bool, Int
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
@@ -24,7 +26,19 @@ NANOSECONDS_IN = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 MOST_NANOSECONDS = 1 << 62
 """Greatest absolute value of a time, 146 years."""
 
-Cells = Sequence[str] | NDArray[Any]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RaggedColumn:
+    """Arrays of several lengths, one a row."""
+
+    rows: list[NDArray[Any]]
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.rows)
+
+
+Cells = Sequence[str] | NDArray[Any] | RaggedColumn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +47,7 @@ class LogTable:
 
     Attributes:
         name: file or topic, for errors.
-        cells: texts or numbers of each column, by name, [n] or [n, B].
+        cells: texts or numbers of each column, by name, [n] or [n, B], or of several lengths.
         units: of the columns whose format fixes it, by name.
         frame: of what it holds, if its messages say so.
         used: columns that were read.
@@ -55,18 +69,40 @@ class LogTable:
         return self.cells[name]
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """A column of numbers, int64 or float64, [n] or [n, B]; empty cells are NaN.
+        """A column of numbers, int64, float64 or flags, [n] or [n, B]; empty cells are NaN.
 
         Raises:
             ConversionError: there is no such column, or a cell is no number.
         """
         cells = self._column(name)
+        if isinstance(cells, RaggedColumn):
+            sizes = [len(row) for row in cells.rows]
+            raise ConversionError(
+                f"{self.name}: column {name!r} has rows of {min(sizes)} to {max(sizes)} numbers, "
+                "expected the same number in all"
+            )
         if isinstance(cells, np.ndarray):
             if cells.dtype.kind not in "biuf":
                 raise ConversionError(f"{self.name}: column {name!r} has no numbers")
-            return cells.astype(np.int64 if cells.dtype.kind in "iu" else np.float64)
+            if cells.dtype.kind == "b":
+                return cells
+            if cells.dtype.kind in "iu" and (cells <= np.iinfo(np.int64).max).all():
+                return cells.astype(np.int64)
+            return cells.astype(np.float64)
         return np.array([_number(text, f"{self.name}, row {k}, {name}")
                          for k, text in enumerate(cells, 1)], np.float64)  # fmt: skip
+
+    def arrays(self, name: str) -> list[NDArray[Any]]:
+        """A column of numbers as one float64 array for each row, of one or several lengths.
+
+        Raises:
+            ConversionError: there is no such column, or a cell is no number.
+        """
+        cells = self._column(name)
+        if isinstance(cells, RaggedColumn):
+            return [row.astype(np.float64) for row in cells.rows]
+        values = self.numbers(name).astype(np.float64)
+        return list(values.reshape(len(values), -1))
 
     def nanoseconds(self, name: str, unit: str) -> Int:
         """A column of times as whole nanoseconds, exact where it is text or whole numbers, [n].
@@ -80,16 +116,17 @@ class LogTable:
         """
         size, cells = NANOSECONDS_IN[unit], self._column(name)
         where = f"{self.name}: times in column {name!r}"
+        if isinstance(cells, RaggedColumn):
+            raise ConversionError(f"{where} are arrays, expected numbers")
         if not isinstance(cells, np.ndarray):
             return np.array([_exact(text, size, where) for text in cells], np.int64)
         if cells.ndim != 1 or cells.dtype.kind not in "iuf":
             raise ConversionError(f"{where} are no numbers")
+        if not (np.abs(cells.astype(np.float64)) * size <= MOST_NANOSECONDS).all():  # nor is NaN
+            raise ConversionError(f"{where} are missing, or out of bounds")
         if cells.dtype.kind in "iu":
             return cells.astype(np.int64) * size
-        values = np.round(cells * size)
-        if not (np.abs(values) <= MOST_NANOSECONDS).all():  # NaN is not, too
-            raise ConversionError(f"{where} are missing, or out of bounds")
-        return values.astype(np.int64)
+        return np.round(cells * size).astype(np.int64)
 
     def texts(self, name: str) -> list[str]:
         """A column as text, [n].
@@ -97,7 +134,8 @@ class LogTable:
         Raises:
             ConversionError: there is no such column.
         """
-        return [str(cell) for cell in self._column(name)]
+        cells = self._column(name)
+        return [str(cell) for cell in (cells.rows if isinstance(cells, RaggedColumn) else cells)]
 
     def rows_with(self, name: str, value: str | int, *, may_lack: bool = False) -> Bool:
         """Which rows have a value in a column; numbers are compared as numbers, [n].
@@ -141,9 +179,20 @@ def is_match(name: str, patterns: Sequence[str]) -> bool:
     )
 
 
+def _plain(text: str) -> str:
+    """The text of a number as every program writes it: Python also takes `1_0` and other digits.
+
+    Raises:
+        ValueError: it has other characters.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError("expected digits from 0 to 9")
+    return text.strip()
+
+
 def _exact(text: str, size: int, where: str) -> int:
     try:
-        found = round(Decimal(text.strip()) * size)
+        found = round(Decimal(_plain(text)) * size)
     except (ArithmeticError, ValueError) as error:  # of no number, and of an infinite one
         raise ConversionError(f"{where} have {text!r:.80}, expected a number") from error
     if abs(found) > MOST_NANOSECONDS:
@@ -153,7 +202,7 @@ def _exact(text: str, size: int, where: str) -> int:
 
 def _number(text: str, where: str) -> float:
     try:
-        return float(text) if text.strip() else float("nan")
+        return float(_plain(text)) if text.strip() else float("nan")
     except ValueError as error:
         raise ConversionError(f"{where} is {text!r:.80}, expected a number") from error
 
@@ -190,6 +239,11 @@ def _text_columns(path: Path, form: TableForm) -> dict[str, list[str]]:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConversionError(f"{path} is not a text table: {error}") from error
     header = list(form.header or (rows.pop(0)[1] if rows else ()))
+    if "" in header:
+        raise ConversionError(
+            f"{path} has no name for column {header.index('') + 1}, perhaps the row numbers of "
+            "pandas: write it with `index=False`, or name all columns in `tables` of the map"
+        )
     if len(set(header)) < len(header):
         raise ConversionError(f"{path} has several columns of one name: {header}")
     for line, cells in rows:
@@ -219,28 +273,48 @@ def _rows(file: Any, form: TableForm) -> Iterator[tuple[int, list[str]]]:
 
 
 def _parquet_columns(path: Path) -> tuple[dict[str, Cells], dict[str, str]]:
-    """The columns by name, and the units of those that are time stamps."""
-    library = arrow()
-    try:
-        table = library.parquet.read_table(path)
-    except (library.ArrowException, OSError) as error:
-        raise ConversionError(f"{path} is not a Parquet file: {error}") from error
+    """The columns by name, and the units of those that are times."""
+    library, source = arrow(), ForeignFile(path)
+    with source.call():
+        file = library.parquet.ParquetFile(path, page_checksum_verification=True)
+        groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
+        sizes = [each.column(k).num_values for each in groups for k in range(each.num_columns)]
+    source.take(8 * sum(sizes))
+    with source.call():
+        table = file.read()
+    if twice := repeated(table.column_names):
+        raise ConversionError(f"{path} has several columns of one name: {', '.join(twice)}")
     found: dict[str, Cells] = {}
     units = {}
     for name, column in zip(table.column_names, table.columns, strict=True):
-        if library.types.is_timestamp(column.type):
-            stamps = column.cast(library.timestamp("ns", column.type.tz))
-            found[name], units[name] = stamps.cast(library.int64()).to_numpy(), "ns"
-        elif library.types.is_list(column.type) or library.types.is_fixed_size_list(column.type):
-            found[name] = _stacked(column.to_pylist(), f"{path}: column {name!r}")
-        elif library.types.is_floating(column.type) or library.types.is_integer(column.type):
-            found[name] = column.to_numpy()
-        else:
-            found[name] = ["" if cell is None else str(cell) for cell in column.to_pylist()]
+        source.place = f"column {name!r}"
+        found[name] = _parquet_cells(library, source, column)
+        if library.types.is_timestamp(column.type) or library.types.is_duration(column.type):
+            units[name] = "ns"
     return found, units
 
 
-def _stacked(rows: Sequence[Any], where: str) -> NDArray[np.float64]:
-    if len({None if row is None else len(row) for row in rows}) != 1 or rows[0] is None:
-        raise ConversionError(f"{where} has rows of different lengths, expected the same in all")
-    return np.array(rows, np.float64)
+def _parquet_cells(library: Any, source: ForeignFile, column: Any) -> Cells:
+    kind, types = column.type, library.types
+    is_list = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+    inner = kind.value_type if is_list else kind
+    is_number = types.is_floating(inner) or types.is_integer(inner)
+    with source.call():
+        if types.is_timestamp(kind):
+            column = column.cast(library.timestamp("ns", kind.tz)).cast(library.int64())
+        elif types.is_duration(kind):
+            column = column.cast(library.duration("ns")).cast(library.int64())
+        elif types.is_decimal(kind):
+            column = column.cast(library.float64())
+        elif is_list or not is_number:
+            column = column.to_pylist()
+        if not isinstance(column, list):
+            return np.asarray(column.to_numpy())
+    if is_list and is_number:
+        return stacked([np.array([] if row is None else row, np.float64) for row in column])
+    return ["" if cell is None else str(cell) for cell in column]
+
+
+def stacked(rows: list[NDArray[Any]]) -> Cells:
+    """Arrays as one, [n, B], if all have the same length."""
+    return np.array(rows) if len({len(row) for row in rows}) == 1 else RaggedColumn(rows)

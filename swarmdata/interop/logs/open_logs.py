@@ -3,10 +3,11 @@
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from swarmdata.errors import ConversionError, DatasetNotFoundError, did_you_mean
+from swarmdata.errors import ConversionError, DatasetNotFoundError, did_you_mean, listed
 from swarmdata.interop.convert import source_digest
 from swarmdata.interop.logs.bag_tables import BagContents, is_bag, read_bag
 from swarmdata.interop.logs.log_tables import LogTable, is_match, read_table
+from swarmdata.runtime.regular_files import check_regular
 from swarmdata.specs.origins.log_map import LogMap, StaticTransform
 from swarmdata.specs.origins.log_origin import LogFile
 from swarmdata.specs.plain_names import repeated
@@ -23,6 +24,7 @@ class OpenLogs:
     Raises:
         DatasetNotFoundError: there is nothing at a path.
         ConversionError: two logs have the same name.
+        FileKindError: a log is a pipe, a device or the like.
     """
 
     def __init__(self, paths: Sequence[Path], log_map: LogMap, topics: Collection[str]) -> None:
@@ -35,6 +37,9 @@ class OpenLogs:
             )
         if not kept:
             raise ConversionError("there are no logs, expected at least one")
+        for log in kept:
+            if not log.is_dir():
+                check_regular(log)
         self.paths = {log.name: log for log in kept}
         self._tables: dict[str, LogTable] = {}
         self._bags: dict[str, BagContents] = {}
@@ -62,10 +67,12 @@ class OpenLogs:
             raise ConversionError(f"the {signal} has no topic, which it needs in the bag {path}")
         tables = self._bag(name).tables
         if topic not in tables:
-            known = sorted({*tables, *self._bag(name).unread})
+            if topic in (unread := self._bag(name).unread):
+                raise ConversionError(f"{path} has no messages of {topic} (of the {signal})")
+            known = {*tables, *unread}
             raise ConversionError(
                 f"{path} has no topic {topic} (of the {signal}).{did_you_mean(topic, known)} "
-                f"It has {', '.join(known)}."
+                f"It has {listed(topic, known)}."
             )
         return tables[topic]
 

@@ -9,14 +9,25 @@ from swarmdata.interop.logs.resampling import Samples
 from swarmdata.specs.origins.log_map import StaticTransform
 from swarmdata.types import Double
 
+LEAST_LEVEL = 1e-6
+"""Least share of a quaternion's norm, squared, that the turned x axis has in the plane."""
+
 
 def yaw_of(x: Double, y: Double, z: Double, w: Double) -> Double:
-    """The rotation about the vertical axis of quaternions, rad, [n].
+    """The rotation about the vertical axis of quaternions of any norm, rad, [n].
 
-    It is the Z of the Tait-Bryan angles Z-Y-X, as robots in the plane have only that one.
+    It is the Z of the Tait-Bryan angles Z-Y-X, as robots in the plane have only that one. Where the
+    norm is 0, or the x axis points up or down, there is none: NaN.
     """
-    yaw: Double = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return yaw
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no quaternion
+        sine, cosine = 2 * (w * z + x * y), w * w + x * x - y * y - z * z
+        level = np.hypot(sine, cosine) > LEAST_LEVEL * (w * w + x * x + y * y + z * z)
+        return np.where(level, np.arctan2(sine, cosine), np.nan)
+
+
+def plain_frame(name: str) -> str:
+    """The name of a frame without the slash that ROS 1 once wrote before it."""
+    return name.removeprefix("/")
 
 
 class PlanarFrames:
@@ -28,10 +39,10 @@ class PlanarFrames:
     """
 
     def __init__(self, world: str, transforms: Iterable[StaticTransform]) -> None:
-        self.world = world
+        self.world = plain_frame(world)
         self._parents: dict[str, StaticTransform] = {}
         for transform in transforms:
-            self._parents.setdefault(transform.frame, transform)
+            self._parents.setdefault(plain_frame(transform.frame), transform)
 
     def pose_of(self, frame: str, what: str) -> tuple[float, float, float]:
         """The pose of a frame in the world: x and y in m, heading in rad.
@@ -44,10 +55,10 @@ class PlanarFrames:
             ConversionError: no transforms lead from it to the world.
         """
         x, y, heading = 0.0, 0.0, 0.0
-        passed = [frame]
+        passed = [plain_frame(frame)]
         while passed[-1] not in ("", self.world):
             transform = self._parents.get(passed[-1])
-            if transform is None or transform.parent in passed:
+            if transform is None or (parent := plain_frame(transform.parent)) in passed:
                 raise ConversionError(
                     f"{what} are in the frame {frame!r}, and no static transforms lead from it to "
                     f"{self.world!r} (the way was {' > '.join(passed)}). Add one to `transforms` "
@@ -56,7 +67,7 @@ class PlanarFrames:
             cosine, sine = np.cos(transform.heading), np.sin(transform.heading)
             x, y = transform.x + cosine * x - sine * y, transform.y + sine * x + cosine * y
             heading += transform.heading
-            passed.append(transform.parent)
+            passed.append(parent)
         return float(x), float(y), float(heading)
 
     def points(self, samples: Samples, frame: str, what: str) -> Samples:

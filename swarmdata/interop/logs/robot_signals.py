@@ -1,7 +1,7 @@
 """RobotSignals: what a map says of one robot, read as samples in SI units and in the world."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames, yaw_of
-from swarmdata.interop.logs.resampling import Samples, nanoseconds
+from swarmdata.interop.logs.resampling import NANOSECONDS, Samples, nanoseconds
+from swarmdata.interop.logs.scan_sectors import clean_scans
 from swarmdata.specs.origins.log_map import (
     UNITS,
     CodeOf,
@@ -26,10 +27,14 @@ from swarmdata.specs.origins.log_map import (
     PoseSignal,
     RewardSignal,
     ScanSignal,
+    Signal,
 )
 from swarmdata.types import Bool, Double, Int
 
 DEFAULT_TIME = ColumnOf(column="time")
+
+SCAN_ANGLES = ("angle_min", "angle_increment")
+"""Columns of the angle of a scan's first beam, and of that between beams, as LaserScan has them."""
 
 POSITION, ANGLE = ("length", "m"), ("angle", "rad")
 
@@ -68,13 +73,14 @@ class SignalReader:
     Args:
         logs: the logs.
         frames: the static transforms.
+        max_gap: s, of the map: time that runs back farther is refused.
 
     Attributes:
         counts: rows that were put in order, and that repeat the time of another, by what they are.
     """
 
-    def __init__(self, logs: OpenLogs, frames: PlanarFrames) -> None:
-        self._logs, self._frames = logs, frames
+    def __init__(self, logs: OpenLogs, frames: PlanarFrames, max_gap: float) -> None:
+        self._logs, self._frames, self._max_gap = logs, frames, max_gap
         self.counts: Counter[str] = Counter()
 
     def robot(self, robot: LoggedRobot) -> RobotSignals:
@@ -134,9 +140,12 @@ class SignalReader:
     def _scans(self, robot: LoggedRobot, scan: ScanSignal) -> Samples:
         rows = _Rows(self._logs, robot, scan, f"scan of {robot.name}")
         names = [name for each in scan.columns for name in rows.table.matching(each) or [each]]
-        columns = [rows.quantity(ColumnOf(column=n, unit=scan.unit), POSITION) for n in names]
-        ranges = np.concatenate([_two(column) for column in columns], axis=1)
-        return self._samples(rows, [clean_scans(ranges, scan, robot.name)])
+        ranges = rows.arrays([ColumnOf(column=name, unit=scan.unit) for name in names], POSITION)
+        angles = None
+        if all(rows.table.matching(name) for name in SCAN_ANGLES):
+            start, step = (rows.quantity(ColumnOf(column=name), ANGLE) for name in SCAN_ANGLES)
+            angles = start, step
+        return self._samples(rows, [clean_scans(ranges, scan, robot.name, angles)])
 
     def _feature(self, robot: LoggedRobot, feature: FeatureSignal) -> Samples:
         rows = _Rows(self._logs, robot, feature, f"feature {feature.name} of {robot.name}")
@@ -153,11 +162,16 @@ class SignalReader:
         """The rows in the order of time, without those that have no value.
 
         Of rows with the same time the last is taken; rewards are added up.
+
+        Raises:
+            ConversionError: values are infinite in float32, or time runs back by more than
+                `max_gap`: two drives, or a clock that was set, would be interleaved.
         """
         values: Double = np.concatenate([_two(column) for column in columns], axis=1)
         times = rows.times()
-        if np.isinf(values).any():
+        if (np.abs(values) > np.finfo(np.float32).max).any():
             raise ConversionError(f"the {rows.what} ({rows.table.name}) has infinite values")
+        rows.check_order(times, self._max_gap)
         whole = ~np.isnan(values).any(axis=1)
         times, values = times[whole], values[whole]
         order = np.argsort(times, kind="stable")
@@ -190,6 +204,7 @@ class _Rows:
         wanted = next((each.rows for each in sources if each.rows is not None), None)
         self.what, self.table = what, logs.table(log, topic, what)
         self._time = next((each.time for each in sources if each.time), DEFAULT_TIME)
+        self._max_gap = source.max_gap if isinstance(source, Signal) else None
         self._offset = 0 if robot is None else nanoseconds(robot.clock_offset)
         self._chosen: Bool = np.ones(self.table.n_rows, np.bool_)
         for column, value in (wanted or {}).items():
@@ -213,14 +228,30 @@ class _Rows:
             ConversionError: the unit is of another quantity, or the format has another one.
         """
         values = self.table.numbers(column.column)[self._chosen]
-        unit = self._unit(column, wanted[1] if wanted else "1")
-        if wanted and UNITS[unit][0] != wanted[0]:
+        if wanted and values.dtype == np.bool_:
             raise ConversionError(
-                f"the {self.what} has the unit {unit} in column {column.column!r}, expected a "
-                f"unit of {wanted[0]} such as {wanted[1]}"
+                f"the {self.what} has true and false in column {column.column!r}, expected a "
+                f"{wanted[0]}"
             )
-        factor = UNITS[unit][1]
+        factor = self._factor(column, wanted)
         return np.asarray(values if factor == 1 else values * factor, np.float64)
+
+    def arrays(self, columns: Sequence[ColumnOf], wanted: tuple[str, str]) -> list[Double]:
+        """Columns in SI units, joined, as one array for each row, of one or several lengths.
+
+        Args:
+            columns: names and units.
+            wanted: the quantity and its SI unit.
+
+        Raises:
+            ConversionError: as in `quantity`.
+        """
+        parts = [self.table.arrays(column.column) for column in columns]
+        factors = [self._factor(column, wanted) for column in columns]
+        return [
+            np.concatenate([part[k] * factor for part, factor in zip(parts, factors, strict=True)])
+            for k in np.flatnonzero(self._chosen)
+        ]
 
     def times(self) -> Int:
         """The times of the rows, on the clock of the map, [n] ns.
@@ -234,6 +265,38 @@ class _Rows:
                 f"the times of the {self.what} have the unit {unit}, expected s, ms, us or ns"
             )
         return self.table.nanoseconds(self._time.column, unit)[self._chosen] + self._offset
+
+    def check_order(self, times: Int, max_gap: float) -> None:
+        """Checks that rows are in the order of their times, but for small disorder.
+
+        Args:
+            times: of the rows, [n] ns.
+            max_gap: s, that time may run back; that of the signal comes first.
+
+        Raises:
+            ConversionError: it runs back farther.
+        """
+        behind = np.maximum.accumulate(times) - times
+        allowed = self._max_gap or max_gap
+        wrong = np.flatnonzero(behind > nanoseconds(allowed))
+        if len(wrong):
+            row = int(np.flatnonzero(self._chosen)[wrong[0]]) + 1
+            raise ConversionError(
+                f"{self.table.name}, row {row:,}: time runs back by "
+                f"{behind[wrong[0]] / NANOSECONDS:g} s, more than `max_gap` ({allowed:g} s), in "
+                f"the {self.what}. Two drives are in one log, or its clock was set: split the log "
+                "there. If it is one drive, sort its rows, or take `time: log_time` of a bag"
+            )
+
+    def _factor(self, column: ColumnOf, wanted: tuple[str, str] | None) -> float:
+        """Size of a column's unit in SI units."""
+        unit = self._unit(column, wanted[1] if wanted else "1")
+        if wanted and UNITS[unit][0] != wanted[0]:
+            raise ConversionError(
+                f"the {self.what} has the unit {unit} in column {column.column!r}, expected a "
+                f"unit of {wanted[0]} such as {wanted[1]}"
+            )
+        return UNITS[unit][1]
 
     def _unit(self, column: ColumnOf, default: str) -> str:
         fixed = self.table.units.get(column.column)
@@ -260,35 +323,6 @@ def _look_up(logs: OpenLogs, code: CodeOf, what: str) -> str:
             f"{table.name} has {chosen.sum()} rows with {code.rows}, expected one for the {what}"
         )
     return table.texts(code.column)[int(np.argmax(chosen))]
-
-
-def clean_scans(ranges: Double, scan: ScanSignal, name: str) -> Double:
-    """Ranges in [range_min, range_max], the smallest of each sector; unknown scans are NaN.
-
-    REP 117 of ROS: `inf` is nothing in range, `-inf` too near to measure, NaN an invalid range.
-
-    Args:
-        ranges: as they were logged, m, [n, B].
-        scan: what the map says of them.
-        name: of the robot, for errors.
-
-    Raises:
-        ConversionError: the beams cannot be divided into sectors of the same size.
-    """
-    n_beams = ranges.shape[1]
-    invalid = np.isnan(ranges) | (ranges < scan.range_min)
-    found = np.where(invalid, scan.range_max, ranges).clip(max=scan.range_max)
-    if scan.invalid == "unknown":
-        found[invalid] = np.nan
-    if scan.beams in (None, n_beams):
-        return found
-    if n_beams % scan.beams:
-        raise ConversionError(
-            f"scans of {name} have {n_beams} beams, which {scan.beams} sectors do not divide; "
-            "choose a divisor for `beams`"
-        )
-    sectors: Double = found.reshape(len(found), scan.beams, -1).min(axis=2)
-    return sectors
 
 
 def _two(values: NDArray[Any]) -> NDArray[Any]:

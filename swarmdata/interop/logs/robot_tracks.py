@@ -1,6 +1,7 @@
 """RobotTrack: the signals of one robot at the times of the grid, as rows of a dataset."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from swarmdata.interop.logs.resampling import (
 )
 from swarmdata.interop.logs.robot_signals import RobotSignals
 from swarmdata.specs.gymnasium_spaces import common_bound
-from swarmdata.specs.origins.log_map import FeatureSignal, LogMap, Signal
+from swarmdata.specs.origins.log_map import CommandComponent, FeatureSignal, LogMap, Signal
 from swarmdata.specs.origins.recorded_spec import RecordedAgent
 from swarmdata.specs.spaces import BoxSpace, DictSpace, Space
 from swarmdata.types import Bool, Double, Float, Int
@@ -43,6 +44,41 @@ class RobotTrack:
     goals: Double  # [K, 2] m; NaN where unknown
     headings: Double  # [K, 2] cosine and sine
     n_clipped: int  # commands outside their bounds
+
+
+def with_bounds(signals: Sequence[RobotSignals]) -> list[RobotSignals]:
+    """Gives components without bounds the least and greatest values that any robot logged.
+
+    Raises:
+        ConversionError: all values are the same.
+    """
+    logged: dict[str, list[Double]] = {}
+    for each in signals:
+        if each.commands is not None:
+            for component, column in zip(
+                each.robot.command.components, each.commands.values.T, strict=True
+            ):
+                logged.setdefault(component.column, []).append(column)
+
+    def bounded(component: CommandComponent) -> CommandComponent:
+        if component.low is not None:
+            return component
+        values = np.concatenate(logged[component.column])
+        low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+        if not low < high:
+            raise ConversionError(
+                f"the command {component.column} never changes in the logs, which gives no bounds; "
+                "say its `low` and `high`"
+            )
+        return component.model_copy(update={"low": low, "high": high})
+
+    found = []
+    for each in signals:
+        command = each.robot.command
+        components = tuple(bounded(component) for component in command.components)
+        command = command.model_copy(update={"components": components})
+        found.append(replace(each, robot=each.robot.model_copy(update={"command": command})))
+    return found
 
 
 def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
@@ -187,6 +223,9 @@ def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
     """
     for each in tracks:
         if not len(each.positions.times):
-            raise ConversionError(f"{each.robot.name} has no poses, expected at least two")
+            raise ConversionError(
+                f"{each.robot.name} has no poses, expected at least two; a "
+                "row without x, y or a heading is none, as one whose quaternion is zero"
+            )
     first = min(int(each.positions.times[0]) for each in tracks)
     return first, max(int(each.positions.times[-1]) for each in tracks)

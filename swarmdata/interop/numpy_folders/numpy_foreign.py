@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.foreign_data import import_without_note
-from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import (
     check_lengths,
     columns_of,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError, MissingExtraError
 from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.episode_cuts import ReadRows
-from swarmdata.interop.conversion.foreign_files import check_stored, reading
+from swarmdata.interop.conversion.foreign_file import check_stored, reading
 
 
 def arrow() -> Any:

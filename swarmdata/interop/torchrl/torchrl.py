@@ -31,7 +31,7 @@ from swarmdata.interop.conversion.dataset_facts import (
 )
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.exported_data import import_with_note
-from swarmdata.interop.conversion.foreign_files import reading
+from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.space_columns import recorded_agents

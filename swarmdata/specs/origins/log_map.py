@@ -93,8 +93,8 @@ class PoseSignal(Signal):
 class CommandComponent(ColumnOf):
     """One component of a command, with its bounds in SI units."""
 
-    low: Finite  # least value, in SI units
-    high: Finite  # greatest value, likewise
+    low: Finite | None = None  # least value, in SI units; none: the least that any robot logged
+    high: Finite | None = None  # greatest value, likewise
     motion: Motion | None = None  # what it commands; none: what its column is named after, if that
 
     @property
@@ -110,7 +110,9 @@ class CommandComponent(ColumnOf):
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:
-        if self.low >= self.high:
+        if (self.low is None) != (self.high is None):
+            raise ValueError("low and high: give both, or neither")
+        if self.low is not None and self.high is not None and self.low >= self.high:
             raise ValueError(f"low is {self.low:g}, expected less than high ({self.high:g})")
         return self
 
@@ -150,6 +152,8 @@ class CommandSignal(Signal):
         names = [each.column for each in self.components]
         if twice := repeated(names):
             raise ValueError(f"several components are of the column {', '.join(twice)}")
+        if self.differences and any(each.low is None for each in self.components):
+            raise ValueError("differences need bounds: say low and high of every component")
         known = BODY_DIFFERENCES if self.frame == "body" else WORLD_DIFFERENCES
         if self.differences and (wrong := [name for name in names if name not in known]):
             raise ValueError(

@@ -15,6 +15,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError, SpecError
 from swarmdata.interop.logs import import_logs, remake_logs
 from swarmdata.specs.origins import ImportedLogs
+from swarmdata.specs.spaces import bounds
 from tests.interop.logs.logged_team import (
     MAP,
     SPEED,
@@ -282,6 +283,20 @@ def test_commands_outside_their_bounds(tmp_path: Path) -> None:
     assert "clipped_commands" in dataset.recipe.metadata
 
 
+def test_bounds_that_are_left_out_are_those_of_the_team(tmp_path: Path) -> None:
+    logs = write_team(tmp_path)
+    components = [{"column": "v"}, {"column": "omega", "low": -1, "high": 1}]
+    dataset = make(tmp_path, logs, each=each(command={"components": components}))
+    logged = np.concatenate([drive(60.0, phase)["v"] for phase in (0.0, 1.0)])
+    for space in dataset.spec.action_spaces:
+        lows, highs = bounds(space)
+        assert_allclose(lows, [logged.min(), -1], rtol=1e-6)
+        assert_allclose(highs, [logged.max(), 1], rtol=1e-6)
+    components = [{"column": "v"}, {"column": "omega"}]  # omega is constant
+    with pytest.raises(ConversionError, match="omega never changes in the logs"):
+        make(tmp_path, logs, each=each(command={"components": components}))
+
+
 def test_cells_that_are_empty_are_gaps_and_words_are_refused(tmp_path: Path) -> None:
     logs = write_team(tmp_path)
     columns: dict[str, Any] = {key: v.astype(object) for key, v in drive(60.0, 1.0).items()}
@@ -340,3 +355,7 @@ def test_malformed_maps() -> None:
         log_map(each=each(command={"components": [{"column": "v", "low": 2, "high": 1}]}))
     with pytest.raises(SpecError, match=r"goal_change needs the goal"):
         log_map(episodes={"goal_change": 1})
+    with pytest.raises(SpecError, match="low and high: give both, or neither"):
+        log_map(each=each(command={"components": [{"column": "v", "low": 2}]}))
+    with pytest.raises(SpecError, match="differences need bounds"):
+        log_map(each=each(command={"components": [{"column": "v"}], "differences": True}))

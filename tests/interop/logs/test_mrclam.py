@@ -11,32 +11,52 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.map_files import shipped_maps
+from swarmdata.specs.origins import ImportedLogs
+from swarmdata.specs.spaces import bounds
 
 BARCODES = {1: 5, 2: 14, 3: 41, 4: 32, 5: 23, 6: 72, 7: 27}
-SECONDS, RATE = 50.0, 5.0  # about 250 lines in each file
+SECONDS, RATE = 50.0, 10.0  # about 500 lines in each file
 EPOCH = 1_248_272_272.841
+LAG = 0.2  # s, of the clocks of commands behind that of the poses
+
+
+def drive(robot: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times from two seconds before the first pose on, the commands in force, and poses."""
+    t = np.arange(-2 * RATE, SECONDS * RATE) / RATE
+    rng = np.random.default_rng(robot)
+    choice = np.searchsorted(np.cumsum(rng.exponential(1.5, 200)) - 2, t, side="right")
+    v, omega = rng.choice([0.0, 0.04, 0.086], 200)[choice], rng.uniform(-0.561, 0.57, 200)[choice]
+    v[:3], omega[:3] = 0.086, 0.57
+    yaw = np.cumsum(np.append(0.0, omega[:-1])) / RATE
+    ahead = v[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=1) / RATE
+    places = np.cumsum(np.concatenate([[[0.0, robot]], ahead[:-1]]), axis=0)
+    return t, np.stack([v, omega], axis=1), np.column_stack([places, yaw])
 
 
 def write_run(folder: Path) -> Path:
-    """Five robots on lines; robot 1 measures robot 2 and a landmark, and nobody else."""
+    """Five robots that turn and stop; robot 1 measures robot 2 and a landmark, and nobody else."""
     folder.mkdir()
-    t = np.arange(round(SECONDS * RATE)) / RATE
     for k in range(1, 6):
-        rows = np.stack([EPOCH + t, 0.1 * t, np.full(len(t), float(k)), np.full(len(t), 0.0)], 1)
+        t, commands, poses = drive(k)
+        seen = t >= 0
         write(
-            folder / f"Robot{k}_Groundtruth.dat", "Time [s]  x [m]  y [m]  orientation [rad]", rows
+            folder / f"Robot{k}_Groundtruth.dat",
+            "Time [s]  x [m]  y [m]  orientation [rad]",
+            np.column_stack([EPOCH + t, poses])[seen],
         )
-        rows = np.stack([EPOCH + t - 0.05, np.full(len(t), 0.1), 0.01 * k + 0 * t], 1)
         write(
-            folder / f"Robot{k}_Odometry.dat", "Time [s]  forward v [m/s]  angular v [rad/s]", rows
+            folder / f"Robot{k}_Odometry.dat",
+            "Time [s]  forward v [m/s]  angular v [rad/s]",
+            np.column_stack([EPOCH + t - LAG, commands]),
         )
-        seen = [(EPOCH + s, BARCODES[number], 1.0 + number, 0.5) for s in t[20:60:2]
-                for number in ((2, 6) if k == 1 else (7,))]  # fmt: skip
+        measured = [(EPOCH + s, BARCODES[number], 1.0 + number, 0.5) for s in t[seen][40:120:4]
+                    for number in ((2, 6) if k == 1 else (7,))]  # fmt: skip
         write(folder / f"Robot{k}_Measurement.dat", "Time [s]  Subject #  range [m]  bearing [rad]",
-              np.array(seen))  # fmt: skip
+              np.array(measured))  # fmt: skip
     write(folder / "Barcodes.dat", "Subject #  Barcode #", np.array(list(BARCODES.items())))
     write(folder / "Landmark_Groundtruth.dat", "Subject #  x [m]  y [m]  x std-dev  y std-dev",
           np.array([[6, 1.0, 2.0, 0.0, 0.0], [7, 2.0, 2.0, 0.0, 0.0]]))  # fmt: skip
+    (folder / "barcode_2_id.py").write_text("# comes with some copies of the logs\n")
     return folder
 
 
@@ -56,11 +76,30 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def test_five_robots_with_commands(dataset: Dataset) -> None:
     assert audit(dataset.path, progress=False).problems == ()
     assert dataset.spec.agent_names == tuple(f"Robot{k}" for k in range(1, 6))
-    assert [len(episode) for episode in dataset] == [200, 200, 96]
-    assert_allclose(dataset[0].actions[:, 2], np.tile([0.1, 0.03], (200, 1)))
+    lengths = [len(episode) for episode in dataset]
+    assert lengths[:2] == [200, 200]
+    assert 90 <= lengths[2] <= 97  # what is logged of the last commands
+    _, commands, _ = drive(3)
+    same = np.isclose(dataset[0].actions[:, 2], commands[20:220], atol=1e-3).all(axis=1)
+    assert same.mean() > 0.8  # the others change within a step of the grid
     names = dataset.spec.observation_spaces(0)[2].model_dump()["spaces"]
     assert "range_2" in names
     assert "range_3" not in names  # itself
+
+
+def test_the_clocks_of_commands_are_found(dataset: Dataset) -> None:
+    assert isinstance(dataset.recipe, ImportedLogs)
+    assert [clock.robot for clock in dataset.recipe.clocks] == list(dataset.spec.agent_names)
+    for clock in dataset.recipe.clocks:
+        assert abs(clock.offset - LAG) < 0.02
+        assert clock.explained > 0.7
+
+
+def test_the_bounds_of_commands_are_those_of_the_logs(dataset: Dataset) -> None:
+    for space in dataset.spec.action_spaces:
+        lows, highs = bounds(space)
+        assert_allclose(lows, [0.0, -0.561], atol=0.05)
+        assert_allclose(highs, [0.086, 0.57], atol=1e-6)
 
 
 def test_measurements_of_robots_are_found_by_their_barcodes(dataset: Dataset) -> None:

@@ -41,3 +41,29 @@ def test_yaws_of_quaternions() -> None:
     angles = np.linspace(-3, 3, 13)
     zeros = np.zeros(13)
     assert_allclose(yaw_of(zeros, zeros, np.sin(angles / 2), np.cos(angles / 2)), angles)
+
+
+def test_yaws_of_quaternions_of_any_norm_and_tilt() -> None:
+    angles = np.deg2rad([90.0, 90.0, -120.0])
+    norms = np.array([1.05, 2.0, 1e-3])
+    zeros = np.zeros(3)
+    found = yaw_of(zeros, zeros, norms * np.sin(angles / 2), norms * np.cos(angles / 2))
+    assert_allclose(found, angles)
+    # of Z-Y-X angles: yaw 0.7, pitch 0.3, roll -0.4
+    (cy, cp, cr), (sy, sp, sr) = (f(np.array([0.7, 0.3, -0.4]) / 2) for f in (np.cos, np.sin))
+    tilted = (sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy,
+              cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy)  # fmt: skip
+    assert_allclose(yaw_of(*(np.array([1.7 * each]) for each in tilted)), 0.7)
+
+
+def test_what_has_no_yaw() -> None:
+    half = np.sqrt(0.5)
+    odd = [[0, 0, 0, 0], [0, half, 0, half], [0, 0, 0, np.nan], [0, 0, 0, np.inf], [0, 0, 1e200, 1]]
+    x, y, z, w = np.array(odd).T
+    assert np.isnan(yaw_of(x, y, z, w)).all()  # of no norm, looking up, and no numbers
+
+
+def test_a_slash_before_a_frame_does_not_matter() -> None:
+    frames = PlanarFrames("/map", [transform("/odom", "map", x=1)])
+    assert frames.pose_of("odom", "poses") == frames.pose_of("/odom", "poses") == (1, 0, 0)
+    assert frames.pose_of("map", "poses") == frames.pose_of("/map", "poses") == (0, 0, 0)
