@@ -72,7 +72,7 @@ def test_names_modify_the_model_of_a_task(name: str, changes: dict[str, Any]) ->
 
 
 def test_another_kind_of_sensor_keeps_what_all_kinds_have() -> None:
-    shared = {"ways": True, "noise": SensorNoise(position=0.3), "dropout": 0.5}
+    shared: dict[str, Any] = {"ways": True, "noise": SensorNoise(position=0.3), "dropout": 0.5}
     assert observation_model("lidar-8+delay-2", OWN) == LidarModel(n_rays=8, delay=3, **shared)
     assert observation_model("=lidar-8+delay-2", OWN) == LidarModel(n_rays=8, delay=2)
 
