@@ -84,7 +84,7 @@ class OnlineRun(Frozen):
     algorithm: str
     config: dict[str, Any]  # of the algorithm, with all defaults
     spec: TaskSpec
-    own_spec: TaskSpec | None = None  # of the task, where `spec` has other models; None: `spec`
+    own_spec: TaskSpec | None = None  # the task as it is, where `spec` differs; None: `spec`
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
     n_checkpoints: Count = 40
     n_episodes: Count = 128  # validation episodes of each seed and checkpoint

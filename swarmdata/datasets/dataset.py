@@ -318,8 +318,7 @@ class Dataset:
         """
         if observation is None and communication is None:
             return self
-        own = task_of(self.recipe, "this")
-        spec = chosen_models(self.task, observation, communication, own=own)
+        spec = chosen_models(self.task, observation, communication, own=self.own_spec.world)
         if spec == self.spec:
             return self
         recorded = self.stored if self.reobservation is None else self.reobservation.recorded

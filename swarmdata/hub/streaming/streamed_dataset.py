@@ -232,8 +232,7 @@ class StreamedDataset:
             UnknownNameError: no such model.
             SpecError: a malformed model, or learned messages that were not recorded.
         """
-        own = task_of(self.recipe, "this")
-        spec = chosen_models(self.task, observation, communication, own=own)
+        spec = chosen_models(self.task, observation, communication, own=self.own_spec.world)
         changed = None if spec == self.recipe.spec else spec
         return replace(self, blocks=replace(self.blocks, spec=changed))
 
