@@ -24,7 +24,8 @@ STORED_NOTE = (
 def reward_section(task: Task) -> str:
     """Every term of a robot's reward with its numbers, and the events it is computed from."""
     terms = [
-        (term.name, f"{term.weight:g}", term.formula, term.meaning) for term in reward_terms(task)
+        (term.name, f"{term.weight:g}", f"`{term.formula}`", term.meaning)
+        for term in reward_terms(task)
     ]
     events = [(f"`{column.name}`", column.meaning) for column in EVENT_COLUMNS]
     share = task.spec.rules.rewards.team_share

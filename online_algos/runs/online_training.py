@@ -84,6 +84,7 @@ class OnlineRun(Frozen):
     algorithm: str
     config: dict[str, Any]  # of the algorithm, with all defaults
     spec: TaskSpec
+    own_spec: TaskSpec | None = None  # the task as it is, where `spec` differs; None: `spec`
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
     n_checkpoints: Count = 40
     n_episodes: Count = 128  # validation episodes of each seed and checkpoint
@@ -119,6 +120,7 @@ def describe_run(
     spec: TaskSpec,
     seeds: Sequence[int],
     *,
+    own: TaskSpec | None = None,
     start: OfflineStart | None = None,
     recorded: RecordedSource | None = None,
     **options: int,
@@ -130,6 +132,7 @@ def describe_run(
         config: of the algorithm.
         spec: of the task.
         seeds: of the policies.
+        own: spec of the task with its own models; None: `spec`.
         start: offline run to begin with.
         recorded: data to mix in.
         **options: numbers of checkpoints and of episodes.
@@ -139,6 +142,7 @@ def describe_run(
             "algorithm": algorithm,
             "config": json.loads(json.dumps(dataclasses.asdict(config))),  # lists for tuples
             "spec": spec.model_dump(mode="json"),
+            "own_spec": None if own in (None, spec) else own.model_dump(mode="json"),
             "seeds": list(seeds),
             "start": None if start is None else start.source.model_dump(mode="json"),
             "recorded": None if recorded is None else recorded.model_dump(mode="json"),

@@ -33,7 +33,7 @@ from swarmdata.datasets.reobservation import check_messages
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.registry.replaced_worlds import is_simulated
-from swarmdata.specs.model_choice import Source, is_same_world, with_models
+from swarmdata.specs.model_choice import Source, chosen_models, is_same_world
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -118,7 +118,7 @@ def _shown_spec(entry: Entry, choices: CatalogueChoices) -> Spec:
     spec = entry.spec.world
     if spec is None or (choices.observation is None and choices.communication is None):
         return entry.spec
-    found = with_models(spec, choices.observation, choices.communication)
+    found = chosen_models(spec, choices.observation, choices.communication)
     if entry.dataset is not None:
         check_messages(found, spec)
     return found

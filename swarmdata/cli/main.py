@@ -1,11 +1,14 @@
 """The command line: parses arguments, calls the library, prints the result."""
 
 import json
+import logging
 import os
 import re
 import select
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -94,7 +97,8 @@ class _Group(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            with _shown_messages():
+                return super().invoke(ctx)
         except typer.BadParameter as error:
             _reword(error)
             raise
@@ -160,6 +164,33 @@ app.add_typer(catalogue_app, name="catalogue")
 
 CLOSED_PIPE_EXIT_CODE = 128 + 13
 """Exit code of programs that SIGPIPE ends: nothing reads the output any more."""
+
+
+class _Messages(logging.Handler):
+    """Shows what the library logs on standard error, each line once in a command."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self._shown: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if text not in self._shown:
+            self._shown.add(text)
+            typer.echo(text, err=True)
+
+
+@contextmanager
+def _shown_messages() -> Iterator[None]:
+    log, handler = logging.getLogger("swarmdata"), _Messages()
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
 
 
 def main() -> None:

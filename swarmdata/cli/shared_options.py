@@ -41,14 +41,16 @@ Settings = Annotated[
 Observation = Annotated[
     str | None,
     typer.Option(
-        help="observation model: a name such as lidar or lidar-32+noise-0.05, or a YAML file",
+        help="observation model: a name such as noise-0.05 or lidar-32, which modifies the task's "
+        "own (=lidar-32: the defaults), or a YAML file",
         show_default="that of the task, the dataset or the training",
     ),
 ]
 Communication = Annotated[
     str | None,
     typer.Option(
-        help="communication model: a name such as none, perfect or lossy-30, or a YAML file",
+        help="communication model: none, perfect, a name such as lossy-30, which modifies the "
+        "task's own (=lossy-30: perfect), or a YAML file",
         show_default="that of the task, the dataset or the training",
     ),
 ]

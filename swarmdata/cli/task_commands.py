@@ -39,9 +39,9 @@ def show(
 ) -> None:
     """Print a task spec as YAML, including all defaults."""
     from swarmdata.registry.presets import find_spec
-    from swarmdata.specs.model_choice import with_models
+    from swarmdata.specs.model_choice import chosen_models
 
-    spec = with_models(find_spec(name), observation, communication)
+    spec = chosen_models(find_spec(name), observation, communication)
     typer.echo(spec.to_yaml(), nl=False)
 
 

@@ -18,7 +18,14 @@ from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import Reference, normalized_score
-from swarmdata.specs.model_choice import Ranges, Source, describe, models_of, with_models
+from swarmdata.specs.model_choice import (
+    Ranges,
+    Source,
+    chosen_models,
+    describe,
+    models_of,
+    with_models,
+)
 from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
@@ -114,6 +121,11 @@ class Dataset:
         Other rewards do not change it: policies are evaluated on those of the task.
         """
         return self.recipe.spec if self.reobservation is None else self.reobservation.spec
+
+    @property
+    def own_spec(self) -> Spec:
+        """What was recorded, with its own models."""
+        return self.recipe.spec
 
     @property
     def task(self) -> TaskSpec:
@@ -293,8 +305,9 @@ class Dataset:
         files without a name in the folder of the cache, which go with the last view of them.
 
         Args:
-            observation: the new model: a name such as `lidar`, `lidar-32+noise-0.05`, `bearing` or
-                `occupancy`, its fields, or a file; None keeps this dataset's.
+            observation: the new model: its fields, a file, or a name such as `lidar`,
+                `lidar-32+noise-0.05`, `bearing` or `occupancy`, which modifies the recorded one
+                unless "=" stands before it; None keeps this dataset's.
             communication: the new channel, given likewise, such as `perfect`, `none` or
                 `lossy-30+range-1.5`.
             progress: whether to show a bar (on standard error, if that is a terminal).
@@ -305,7 +318,7 @@ class Dataset:
         """
         if observation is None and communication is None:
             return self
-        spec = with_models(self.task, observation, communication)
+        spec = chosen_models(self.task, observation, communication, own=self.own_spec.world)
         if spec == self.spec:
             return self
         recorded = self.stored if self.reobservation is None else self.reobservation.recorded

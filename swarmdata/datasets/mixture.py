@@ -52,6 +52,8 @@ class Part(Protocol):
     @property
     def spec(self) -> Spec: ...
     @property
+    def own_spec(self) -> Spec: ...
+    @property
     def task(self) -> TaskSpec: ...
     @property
     def references(self) -> Reference | None: ...
@@ -122,6 +124,11 @@ class Mixture:
     def spec(self) -> Spec:
         """What was recorded in all parts."""
         return self.parts[0].spec
+
+    @property
+    def own_spec(self) -> Spec:
+        """What was recorded, with the models of the first part."""
+        return self.parts[0].own_spec
 
     @property
     def task(self) -> TaskSpec:

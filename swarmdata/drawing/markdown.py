@@ -1,11 +1,15 @@
 """Markdown tables, and values of a spec as text."""
 
 import html
+import re
 from collections.abc import Sequence
+
+_CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
+"""Text in which Markdown reads no marks and no HTML."""
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, is_numeric: bool = False) -> str:
-    """A GitHub table whose cells stay text: no HTML, no line breaks, no end of the cell.
+    """A GitHub table whose cells stay text or `code`: no HTML, no line breaks, no end of the cell.
 
     Args:
         head: the first line.
@@ -19,7 +23,9 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, is_numeric: boo
 
 def _cell(text: str) -> str:
     """Names in a recipe come from outside: on a web page they must stay text."""
-    return html.escape(" ".join(text.split()), quote=False).replace("|", "\\|")
+    parts = _CODE.split(" ".join(text.split()))
+    escaped = (part if _CODE.fullmatch(part) else html.escape(part, quote=False) for part in parts)
+    return "".join(escaped).replace("|", "\\|")
 
 
 def plain(value: object) -> str:

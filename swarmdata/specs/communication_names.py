@@ -8,7 +8,12 @@ from typing import Any
 
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.specs.frozen import is_file, is_inline, read_tagged
-from swarmdata.specs.sensing_models import AnyCommunicationModel, Broadcast, NoCommunication
+from swarmdata.specs.sensing_models import (
+    AnyCommunicationModel,
+    Broadcast,
+    NoCommunication,
+    modified,
+)
 
 MEAN_BURST = 4
 """Steps that a burst of `bursty-<percent>` lasts on average."""
@@ -23,6 +28,7 @@ _PART = re.compile(r"([a-z]+)(?:-(.*))?")
 
 def communication_model(
     source: str | Path | Mapping[str, Any] | AnyCommunicationModel,
+    own: AnyCommunicationModel = _ALONE["perfect"],
 ) -> AnyCommunicationModel:
     """Returns the communication model that `source` describes.
 
@@ -30,7 +36,7 @@ def communication_model(
         source: a model; its fields as a mapping, as YAML or JSON text, or in a `.yaml` or `.json`
             file; or a name. `none` and `perfect` (everybody hears every pose at once) stand alone;
             other names are joined by "+", such as `goal+lossy-30+delayed-2+range-1.5`, each
-            changing one thing of `perfect`:
+            changing one thing of `own`, or of `perfect` if "=" stands before the first:
 
             - payload: `pose`, `goal` (pose and goal), `errand` (pose, and the goal of the next
               robot, which alone reads it), `state`, `learned-4` (4 values);
@@ -40,6 +46,10 @@ def communication_model(
             - limits: `bandwidth-1` (messages per step), `bits-8` (of each value), `delayed-2`
               (steps), `expires-5` (steps after which a message is forgotten).
 
+            `lossy` and `delayed` add to the losses and the delay of `own`.
+        own: model of the task, which names modify; of a task without messages, they modify
+            `perfect`.
+
     Raises:
         UnknownNameError: a name is unknown, with the nearest known one.
         SpecError: a value is out of range, or two names contradict each other.
@@ -47,16 +57,17 @@ def communication_model(
     if isinstance(source, NoCommunication | Broadcast):
         return source
     if isinstance(source, str) and not (is_file(source) or is_inline(source)):
-        return _from_names(source.strip())
+        return _from_names(source.strip(), own)
     return read_tagged(source, _MODELS, "communication model")
 
 
-def _from_names(text: str) -> AnyCommunicationModel:
-    if text in _ALONE:
-        return _ALONE[text]
+def _from_names(text: str, own: AnyCommunicationModel) -> AnyCommunicationModel:
+    names = text.removeprefix("=")
+    if names in _ALONE:
+        return _ALONE[names]
     fields: dict[str, Any] = {}
     origin: dict[str, str] = {}
-    for part in text.split("+"):
+    for part in names.split("+"):
         for name, value in _fields_of(part.strip(), text).items():
             if name in fields:
                 raise SpecError(
@@ -64,14 +75,17 @@ def _from_names(text: str) -> AnyCommunicationModel:
                     "Keep one of them."
                 )
             fields[name], origin[name] = value, part
-    return Broadcast.parse(fields, f"communication model {text!r}")
+    where = f"communication model {text!r}"
+    named = Broadcast.parse(fields, where)
+    is_replaced = names != text or not isinstance(own, Broadcast)
+    return named if is_replaced else modified(own, named, where)
 
 
 def _fields_of(part: str, text: str) -> dict[str, Any]:
     """The fields that a name sets."""
     match = _PART.fullmatch(part)
     word, value = match.groups() if match else (part, None)
-    if word in _ALONE and part != text:
+    if word in _ALONE:
         raise SpecError(
             f"communication model {text!r}: {word!r} stands alone. Leave it out, or use it only."
         )
@@ -115,7 +129,7 @@ def _bursty(percent: str) -> dict[str, Any]:
     """Bursts that lose every message and last `MEAN_BURST` steps on average.
 
     A link is bad for the share enter / (enter + leave) of the time, with leave = 1 / MEAN_BURST.
-    The probability of entering is at most 1, which bounds that share.
+    The probability of entering is at most 1, which bounds that share; 0 percent are no bursts.
     """
     share, leave = _share(percent), 1 / Decimal(MEAN_BURST)
     most = 1 / (1 + leave)
@@ -123,6 +137,8 @@ def _bursty(percent: str) -> dict[str, Any]:
         raise ValueError(
             f"is more than the {100 * most} percent that bursts of {MEAN_BURST} steps can lose"
         )
+    if not share:
+        return {}
     return {"bursts": {"enter": float(leave * share / (1 - share)), "leave": float(leave)}}
 
 

@@ -1,6 +1,7 @@
 """Models, simulator and randomization of a spec: chosen, replaced, described."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import BACKENDS, TaskSpec
+
+_LOG = logging.getLogger("swarmdata")
 
 Source = str | Path | Mapping[str, Any] | Frozen
 """A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""
@@ -37,18 +40,29 @@ def with_models(
     communication: Source | None = None,
     backend: str | None = None,
     randomization: Ranges | None = None,
+    own: TaskSpec | None = None,
 ) -> TaskSpec:
     """Returns the same task with other models, simulator or ranges; None keeps the spec's.
+
+    Args:
+        spec: the task, or what it was made with other models.
+        observation: a full model, which replaces that of the spec; or a name such as `noise-0.05`,
+            which modifies that of `own`.
+        communication: likewise, such as `lossy-30`.
+        backend: simulator.
+        randomization: ranges from which episodes draw.
+        own: the task with its own models, where `spec` has others; None: `spec` itself.
 
     Raises:
         UnknownNameError: no such model or simulator, with the nearest known name.
         SpecError: a value out of its range, or a text or file that is no model.
     """
+    own = spec if own is None else own
     changes: dict[str, Any] = {}
     if observation is not None:
-        changes["observation"] = observation_model(observation)  # type: ignore[arg-type]
+        changes["observation"] = observation_model(observation, own.observation)  # type: ignore[arg-type]
     if communication is not None:
-        changes["communication"] = communication_model(communication)  # type: ignore[arg-type]
+        changes["communication"] = communication_model(communication, own.communication)  # type: ignore[arg-type]
     if backend is not None:
         if backend not in BACKENDS:
             raise UnknownNameError("backend", backend, BACKENDS)
@@ -61,6 +75,49 @@ def with_models(
 def is_same_world(first: TaskSpec, second: TaskSpec) -> bool:
     """Whether two specs differ in their models only: states, rewards and returns are the same."""
     return with_models(first, second.observation, second.communication) == second
+
+
+def chosen_models(
+    spec: TaskSpec,
+    observation: Source | None = None,
+    communication: Source | None = None,
+    backend: str | None = None,
+    randomization: Ranges | None = None,
+    own: TaskSpec | None = None,
+) -> TaskSpec:
+    """Does what `with_models` does for a user, and says what the choice changes.
+
+    One line of the logger `swarmdata`, at the level INFO, names every field in which the models
+    differ from the task's own. The command line shows it.
+    """
+    own = spec if own is None else own
+    found = with_models(spec, observation, communication, backend, randomization, own)
+    if observation is not None or communication is not None:
+        changes = [
+            *_changes("observation", own.observation, found.observation),
+            *_changes("communication", own.communication, found.communication),
+        ]
+        _LOG.info("Changes to the task's own models: %s", ", ".join(changes) or "none")
+    return found
+
+
+def _changes(part: str, before: Frozen, after: Frozen) -> Iterator[str]:
+    """What changed in a model; of another kind, both in words."""
+    if type(before) is not type(after):
+        yield f"{part} {_describe(before)} -> {_describe(after)}"
+        return
+    for name in type(before).model_fields:
+        old, new = getattr(before, name), getattr(after, name)
+        if isinstance(old, Frozen) and isinstance(new, Frozen):
+            yield from _changes(f"{part}.{name}", old, new)
+        elif old != new:
+            yield f"{part}.{name} {_word(old)} -> {_word(new)}"
+
+
+def _word(value: Any) -> str:
+    if value is None:
+        return "none"
+    return _plain(value.model_dump(mode="json") if isinstance(value, Frozen) else value)
 
 
 def models_of(spec: TaskSpec) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from swarmdata.specs.sensing_models import (
     OccupancyModel,
     SensorNoise,
     StateModel,
+    modified,
 )
 
 _KINDS: dict[str, type[StateModel | LidarModel | BearingModel | OccupancyModel]] = {
@@ -50,6 +51,7 @@ _BARE = {"no-velocities", "ways"}
 
 def observation_model(
     source: str | Path | Mapping[str, Any] | AnyObservationModel,
+    own: AnyObservationModel = StateModel(),  # noqa: B008  (frozen)
 ) -> AnyObservationModel:
     """Returns the observation model that `source` names or describes.
 
@@ -61,7 +63,12 @@ def observation_model(
             `delay-2` (steps), `stack-4` (frames), `goal-for-10` (first steps that show the own
             goal; `goal-for-0` never does), `range-1.5` (m; not of `occupancy`, whose cells say it),
             `no-velocities` (no features that are velocities), `ways` (the way around obstacles to
-            each place that is observed).
+            each place that is observed). Without a kind, modifiers are of the kind of `own`.
+
+            A name modifies `own`, or the defaults of its kind if "=" stands before it. `noise`,
+            `dropout` and `delay` add to those of `own`, and another kind keeps what all kinds have
+            (`ObservationModel`).
+        own: model of the task, which names modify.
 
     Raises:
         UnknownNameError: no such kind or modifier.
@@ -70,22 +77,24 @@ def observation_model(
     if isinstance(source, StateModel | LidarModel | BearingModel | OccupancyModel):
         return source
     if isinstance(source, str) and not (is_file(source) or is_inline(source)):
-        return _from_name(source)
+        return _from_name(source, own)
     return read_tagged(source, _KINDS, "observation model")
 
 
-def _from_name(name: str) -> AnyObservationModel:
-    first, *rest = name.split("+")
+def _from_name(name: str, own: AnyObservationModel) -> AnyObservationModel:
+    first, *rest = name.removeprefix("=").split("+")
     kind, has_size, size = first.partition("-")
-    if kind not in _KINDS:
-        raise UnknownNameError("observation model", kind, _KINDS)
+    if _modifier(first):
+        kind, has_size, rest = own.kind, "", [first, *rest]
+    elif kind not in _KINDS:
+        raise UnknownNameError("observation model", kind, [*_KINDS, *_MODIFIERS])
     fields: dict[str, Any] = {"kind": kind}
     if has_size:
         fields[_SIZES[kind]] = _number(size, first, name)
     for part in rest:
-        modifier = next((m for m in _MODIFIERS if f"{part}-".startswith(f"{m}-")), "")
+        modifier = _modifier(part)
         value = part.removeprefix(modifier)[1:]
-        if modifier not in _MODIFIERS:
+        if not modifier:
             raise UnknownNameError("modifier of observations", part.partition("-")[0], _MODIFIERS)
         if modifier == "range" and kind not in _RANGES:
             raise SpecError(f"{kind} has no range in {name!r}: set cells and cell_size instead")
@@ -96,7 +105,13 @@ def _from_name(name: str) -> AnyObservationModel:
         if added.keys() & fields.keys():
             raise SpecError(f"{modifier} is given twice in {name!r}. Leave one out")
         fields |= added
-    return _KINDS[kind].parse(fields, repr(name))
+    named = _KINDS[kind].parse(fields, repr(name))
+    return named if name.startswith("=") else modified(own, named, repr(name))
+
+
+def _modifier(part: str) -> str:
+    """The modifier that a part of a name gives; empty if it is none."""
+    return next((m for m in _MODIFIERS if f"{part}-".startswith(f"{m}-")), "")
 
 
 def _number(text: str, part: str, name: str) -> int | float:

@@ -1,10 +1,15 @@
 """Observation models and communication models as data."""
 
-from typing import Annotated, Any, ClassVar, Literal, Self
+import math
+import operator
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive, Probability
+
+Model = TypeVar("Model", bound=Frozen)
 
 
 class SensorNoise(Frozen):
@@ -159,3 +164,51 @@ class Broadcast(Frozen):
 
 
 AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminator="kind")]
+
+
+def modified(own: Frozen, named: Model, name: str) -> Model:
+    """Returns a task's own model with what a name changes.
+
+    Noise, misses, losses and delays add to those of the task, as those of independent causes do, so
+    that a modifier of strength zero changes nothing. All other fields are set. Another kind of
+    sensor keeps what all kinds have (`ObservationModel`), not the fields of the task's kind.
+
+    Args:
+        own: model of the task.
+        named: a model in which only the fields that the name gives are set.
+        name: for messages.
+
+    Raises:
+        SpecError: the two do not go together.
+    """
+    is_same_kind = type(own) is type(named)
+    kept = type(own).model_fields if is_same_kind else ObservationModel.model_fields
+    fields: dict[str, Any] = {field: getattr(own, field) for field in kept}
+    for field in named.model_fields_set:
+        value = getattr(named, field)
+        add = _ADDED.get(field)
+        fields[field] = value if add is None else add(fields[field], value)
+    return type(named).parse(fields, name)
+
+
+def _either(first: float, second: float) -> float:
+    """The probability that one of two independent events happens."""
+    return first + second - first * second
+
+
+def _joint_noise(first: SensorNoise, second: SensorNoise) -> SensorNoise:
+    return SensorNoise(
+        **{
+            field: math.hypot(getattr(first, field), getattr(second, field))
+            for field in SensorNoise.model_fields
+        }
+    )
+
+
+_ADDED: dict[str, Callable[[Any, Any], Any]] = {
+    "noise": _joint_noise,
+    "dropout": _either,
+    "drop_probability": _either,
+    "delay": operator.add,
+}
+"""How the fields add that do; each is the same without the first or the second."""

@@ -41,6 +41,11 @@ class MemoryDataset:
     digest: str = "0" * 64
     view: str | None = None
 
+    @property
+    def own_spec(self) -> TaskSpec:
+        """The task."""
+        return self.spec
+
     def __len__(self) -> int:
         """Number of episodes."""
         return len(self.episodes)

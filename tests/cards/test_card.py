@@ -156,7 +156,7 @@ def test_the_card_states_the_whole_reward() -> None:
     for name, weight in data.origin.spec.rules.rewards:  # type: ignore[attr-defined]
         if name != "team_share":
             assert f"| {name} | {weight:g} | " in text, name
-    assert "| -weight * min(max(1 - gap / 0.1, 0), 1) |" in text
+    assert "| `-weight * min(max(1 - gap / 0.1, 0), 1)` |" in text
     assert "team_share is 0." in text
     assert "lasts until their gap exceeds 0.01 m" in text
     assert "counts a pair of robots once, `events` in the rows of both" in text

@@ -6,6 +6,9 @@ import pytest
 
 from swarmdata.behavior_policies.tier_bands import complete_families, out_of_band
 from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS, checkpoints, shipped_recipes
+from swarmdata.cards.sections.origin import tier_section
+from swarmdata.cards.sections.reward_terms import reward_section
+from swarmdata.registry.components import make_task
 from swarmdata.registry.published import published, references
 
 
@@ -48,6 +51,9 @@ def test_every_published_dataset_has_a_recipe_and_a_card() -> None:
         assert entry.digest in card
         assert entry.recipe_hash == shipped_recipes()[key].hash()
         assert entry.recipe_hash in card
+        recipe = shipped_recipes()[key]
+        assert tier_section(recipe) in card
+        assert reward_section(make_task(recipe.spec)) in card
 
 
 @pytest.mark.parametrize("tier", ["medium", "expert", "mixed-conventions"])

@@ -265,9 +265,8 @@ def test_a_path_that_is_not_there_is_called_a_folder() -> None:
 
 
 def test_task_show_has_the_models_that_are_named() -> None:
-    text = run(
-        "task", "show", "coop_nav", "--observation", "lidar-8", "--communication", "lossy-30"
-    )
+    models = ("--observation", "lidar-8", "--communication", "lossy-30")
+    text = CliRunner().invoke(app, ["task", "show", "coop_nav", *models]).stdout
     spec = TaskSpec.from_text(text)
     assert spec == with_models(preset("coop_nav"), "lidar-8", "lossy-30")
     assert "n_rays: 8" in text

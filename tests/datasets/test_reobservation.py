@@ -227,6 +227,8 @@ def test_views_of_views_start_from_the_recording(dataset: Dataset, view: Dataset
     assert back.view is None
     assert back.stored.arrays["observations"] is dataset.stored.arrays["observations"]
     assert view.reobserve() is view
+    twice = direct.reobserve(communication="lossy-30", progress=False)
+    assert twice.spec == direct.spec, "names modify what was recorded, not the view"
 
 
 def test_statistics_of_equal_models_are_those_of_the_manifest(dataset: Dataset) -> None:

@@ -9,6 +9,7 @@ from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.registry.published import published
 
 PAGE = Path(__file__).parents[2] / "docs/which-dataset.md"
+SHARE = re.compile(r"(\d+\.\d) % of\s+`([\w-]+)`")
 ROW = re.compile(r"^\| [^|]+\? \| (.+?) \| (.+?) \|$", re.MULTILINE)
 ROWS = ROW.findall(PAGE.read_text(encoding="utf-8"))
 
@@ -18,6 +19,13 @@ def test_shares_are_those_of_the_cards(named: str, why: str) -> None:
     entries = [published()[find_recipe(name).id] for name in re.findall(r"`([\w-]+)`", named)]
     shares = {f"{100 * share:.1f}" for e in entries for share in (e.success, e.clean_success)}
     assert set(re.findall(r"(\d+\.\d) %", why)) <= shares
+
+
+def test_shares_of_named_datasets_are_those_of_the_cards() -> None:
+    found = SHARE.findall(PAGE.read_text(encoding="utf-8"))
+    assert len(found) == 2
+    for share, name in found:
+        assert f"{100 * published()[find_recipe(name).id].success:.1f}" == share, name
 
 
 def test_every_tier_is_on_the_page() -> None:
@@ -30,4 +38,5 @@ def test_sizes_are_those_of_the_cards() -> None:
     sizes = [entry.n_bytes / 1e9 for name, entry in published().items() if "-mini-" not in name]
     assert f"{min(sizes):.1f} to {max(sizes):.1f} GB" in PAGE.read_text(encoding="utf-8")
     mini = published()["coop_nav-medium-mini-v1"]
-    assert f"{mini.n_bytes / 1e6:.0f} MB, half of its episodes" in PAGE.read_text(encoding="utf-8")
+    facts = f"{mini.n_bytes / 1e6:.0f} MB, {100 * mini.success:.1f} % of its episodes"
+    assert facts in PAGE.read_text(encoding="utf-8")

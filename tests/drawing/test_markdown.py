@@ -1,5 +1,7 @@
 """Cells of a table are text, and columns of numbers are aligned to the right."""
 
+import pytest
+
 from swarmdata.drawing.aligned_text import aligned_table
 from swarmdata.drawing.markdown import plain, table
 
@@ -12,6 +14,20 @@ def test_a_table_aligns_numbers_to_the_right() -> None:
 
 def test_a_cell_cannot_end_itself_or_be_html() -> None:
     assert table(("a",), [("x|y\n<b>",)]).splitlines()[2] == "| x\\|y &lt;b&gt; |"
+
+
+@pytest.mark.parametrize(
+    ("cell", "shown"),
+    [
+        ("`-w * [a > b] * |c|`", "`-w * [a > b] * \\|c\\|`"),
+        ("a < b: `c < d`", "a &lt; b: `c < d`"),
+        ("`<b>``", "`&lt;b&gt;``"),
+        ("``<b>`", "``&lt;b&gt;`"),
+        ("` <b>", "` &lt;b&gt;"),
+    ],
+)
+def test_code_in_a_cell_keeps_its_marks(cell: str, shown: str) -> None:
+    assert table(("a",), [(cell,)]).splitlines()[2] == f"| {shown} |"
 
 
 def test_aligned_columns_are_as_wide_as_their_widest_cell() -> None:

@@ -47,7 +47,38 @@ def test_names_set_their_fields_or_contradict_each_other(parts: list[str]) -> No
         assert communication_model(text) == expected
 
 
-@pytest.mark.parametrize("percent", [0, 10, 30, 80])
+OWN = Broadcast(payload="pose_and_goal", range=2.0, drop_probability=0.3, delay=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("lossy-50", {"drop_probability": 0.65}),
+        ("delayed-2", {"delay": 3}),
+        ("range-1.5+bandwidth-1", {"range": 1.5, "messages_per_step": 1}),
+        ("state", {"payload": "state"}),
+        ("lossy-0", {}),
+        ("delayed-0", {}),
+        ("bursty-0", {}),
+    ],
+)
+def test_names_modify_the_model_of_a_task(name: str, changes: dict[str, Any]) -> None:
+    assert communication_model(name, OWN) == OWN.model_copy(update=changes)
+    assert communication_model(f"={name}", OWN) == communication_model(name)
+    assert communication_model(name, NoCommunication()) == communication_model(name)
+
+
+@pytest.mark.parametrize("source", ["none", "perfect", "=none", "=perfect", {"kind": "broadcast"}])
+def test_whole_models_replace_that_of_a_task(source: Any) -> None:
+    assert communication_model(source, OWN) == communication_model(source)
+
+
+def test_names_that_contradict_the_model_of_a_task_are_refused() -> None:
+    with pytest.raises(SpecError, match=r"'expires-1'.* forgets messages before they arrive"):
+        communication_model("expires-1", Broadcast(delay=2))
+
+
+@pytest.mark.parametrize("percent", [10, 30, 80])
 def test_bursts_lose_their_share_in_the_long_run(percent: int) -> None:
     model = communication_model(f"bursty-{percent}")
 

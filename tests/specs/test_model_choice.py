@@ -1,6 +1,7 @@
 """Models by name in a spec, their identity and words, and who can act with them."""
 
 import json
+import logging
 
 import pytest
 from hypothesis import given
@@ -9,8 +10,10 @@ from hypothesis import strategies as st
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import (
     check_senses,
+    chosen_models,
     describe,
     is_same_world,
     models_of,
@@ -39,6 +42,49 @@ def test_names_fields_and_models_mean_the_same() -> None:
     assert with_models(spec, communication="none").observation == spec.observation
     with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
         with_models(spec, "lidra")
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_modifiers_of_strength_zero_change_no_preset(name: str) -> None:
+    spec = preset(name)
+    for text in ("noise-0", "dropout-0", "delay-0", "noise-0+dropout-0", spec.observation.kind):
+        assert with_models(spec, observation=text) == spec, text
+    if isinstance(spec.communication, Broadcast):
+        for text in ("lossy-0", "bursty-0", "delayed-0", "lossy-0+delayed-0"):
+            assert with_models(spec, communication=text) == spec, text
+
+
+def test_names_modify_the_tasks_own_models_and_not_those_of_a_view() -> None:
+    own = preset("search-hard")
+    seen = with_models(own, "lidar+noise-0.1", "lossy-50+delayed-2")
+    again = with_models(seen, communication="lossy-50", own=own)
+    assert again.observation == seen.observation
+    assert again.communication == own.communication.model_copy(update={"drop_probability": 0.65})
+    assert with_models(seen, "state", "goal", own=own) == own
+
+
+@pytest.mark.parametrize(
+    ("chosen", "line"),
+    [
+        (("noise-0.02", None), "observation.noise.position 0 -> 0.02, observation.noise.velocity"),
+        (
+            ("lidar-8", None),
+            "observation state (ways True, limit 1) -> lidar (ways True, n_rays 8)",
+        ),
+        ((None, "lossy-50+range-2"), "communication.range none -> 2, communication.drop_pro"),
+        ((None, "none"), "communication broadcast (payload pose_and_goal) -> none"),
+        ((None, "goal+lossy-0"), "none"),
+    ],
+)
+def test_one_line_names_every_field_that_a_choice_changes(
+    chosen: tuple[str | None, str | None], line: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO, "swarmdata"):
+        found = chosen_models(preset("search"), *chosen)
+        assert found == with_models(preset("search"), *chosen)
+        assert chosen_models(found) == found, "says nothing"
+    (said,) = [record.message for record in caplog.records]
+    assert said.startswith(f"Changes to the task's own models: {line}")
 
 
 @given(OBSERVATIONS, COMMUNICATIONS, st.integers(20, 40))

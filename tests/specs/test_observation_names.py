@@ -46,6 +46,47 @@ def test_names_texts_fields_and_models(name: Any, model: Any) -> None:
     assert observation_model(name) == model
 
 
+OWN = StateModel(
+    n_neighbors=2, limit=1.0, ways=True, noise=SensorNoise(position=0.3), dropout=0.5, delay=1
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        (
+            "state+noise-0.4",
+            {"noise": SensorNoise(position=0.5, velocity=0.4, direction=0.4, range=0.4)},
+        ),
+        ("dropout-0.5+stack-2", {"dropout": 0.75, "stack": 2}),
+        ("state-5+delay-2", {"n_neighbors": 5, "delay": 3}),
+        ("range-0.5", {"limit": 0.5}),
+        ("state", {}),
+        ("noise-0", {}),
+        ("dropout-0+delay-0", {}),
+    ],
+)
+def test_names_modify_the_model_of_a_task(name: str, changes: dict[str, Any]) -> None:
+    assert observation_model(name, OWN) == OWN.model_copy(update=changes)
+    assert observation_model(f"={name}", OWN) == observation_model(name)
+
+
+def test_another_kind_of_sensor_keeps_what_all_kinds_have() -> None:
+    shared: dict[str, Any] = {"ways": True, "noise": SensorNoise(position=0.3), "dropout": 0.5}
+    assert observation_model("lidar-8+delay-2", OWN) == LidarModel(n_rays=8, delay=3, **shared)
+    assert observation_model("=lidar-8+delay-2", OWN) == LidarModel(n_rays=8, delay=2)
+
+
+@pytest.mark.parametrize("source", [{"kind": "state"}, LidarModel(n_rays=3)])
+def test_whole_models_replace_that_of_a_task(source: Any) -> None:
+    assert observation_model(source, OWN) == observation_model(source)
+
+
+def test_what_a_name_adds_is_checked_before_it_is_added() -> None:
+    with pytest.raises(SpecError, match=r"noise\.position"):
+        observation_model("noise--0.1", OWN)
+
+
 def test_files(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text(LidarModel(n_rays=9, noise=NOISE).to_yaml())

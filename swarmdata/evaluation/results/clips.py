@@ -20,7 +20,7 @@ from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry.components import make_env, make_task
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import staged
-from swarmdata.specs.model_choice import Source, with_models
+from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode
 
@@ -126,7 +126,7 @@ def draw_target(
         dataset = load(name if own is None else own)
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
-        spec = with_models(dataset.task, observation, communication)
+        spec = chosen_models(dataset.task, observation, communication)
         episode = reobserved_episode(dataset[index], dataset.task, spec)
     else:
         target = find_target(name, task, observation, communication, backend)

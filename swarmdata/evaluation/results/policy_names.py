@@ -24,7 +24,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
-from swarmdata.specs.model_choice import Ranges, Source, check_senses, with_models
+from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
@@ -67,10 +67,10 @@ class Models:
     backend: str | None = None
     randomization: Ranges | None = None
 
-    def of(self, spec: TaskSpec) -> TaskSpec:
-        """Returns the spec with them."""
-        return with_models(
-            spec, self.observation, self.communication, self.backend, self.randomization
+    def of(self, spec: TaskSpec, own: TaskSpec | None = None) -> TaskSpec:
+        """Returns the spec with them; names modify the models of `own`, by default the spec's."""
+        return chosen_models(
+            spec, self.observation, self.communication, self.backend, self.randomization, own
         )
 
     def evaluation_spec(self, policy: str, trained: TaskSpec, *, is_fixed: bool) -> TaskSpec:
@@ -228,6 +228,6 @@ def _run_target(folder: Path, task: str | None, models: Models) -> Target:
     world = trained
     if task is not None:
         world = with_models(find_spec(task), trained.observation, trained.communication)
-    spec = models.of(world)
+    spec = models.of(world, TaskSpec.parse(found.own_spec, str(folder)))
     policies = fit_policies(str(folder), load_policies(found), trained, spec)
     return Target(spec, policies, found.provenances)

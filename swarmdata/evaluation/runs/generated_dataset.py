@@ -16,7 +16,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, check_world
 from swarmdata.runtime.engines.open_engine import LOCAL
-from swarmdata.specs.model_choice import Ranges, Source, with_models
+from swarmdata.specs.model_choice import Ranges, Source, chosen_models
 from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
@@ -92,7 +92,7 @@ def generate(
         MissingExtraError: a run folder needs torch.
     """
     spec = task if isinstance(task, TaskSpec) else find_spec(str(task))
-    spec = with_models(spec, observation, communication, backend, randomization)
+    spec = chosen_models(spec, observation, communication, backend, randomization)
     check_world(spec)
     _check_id(id)
     shares = _shares(policies)

@@ -41,7 +41,7 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.model_choice import Ranges, Source, ranges_of, with_models
+from swarmdata.specs.model_choice import Ranges, Source, chosen_models, ranges_of
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -141,10 +141,10 @@ class OnlineTraining(Frozen):
     ) -> tuple[OnlineRun, Dataset | Mixture | None]:
         """The run of some seeds, and the data that it mixes in; raises as `train_online` does."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
-        spec = with_models(
-            find_spec(self.task), self.observation, self.communication,
-            randomization=self.randomization,
-        )  # fmt: skip
+        own = find_spec(self.task)
+        spec = chosen_models(
+            own, self.observation, self.communication, randomization=self.randomization
+        )
         check_world(spec)
         begin, settings = None, {}
         if self.start is not None:
@@ -155,12 +155,15 @@ class OnlineTraining(Frozen):
         data, recorded = None, None
         if self.data is not None:
             _check_replay(self.algorithm)
-            view = {"observation": self.observation, "communication": self.communication}
+            view = {
+                "observation": None if self.observation is None else spec.observation,
+                "communication": None if self.communication is None else spec.communication,
+            }
             data = open_data(self.data, self.weights, {**view, "progress": progress}).split("train")
             check_spec(data, spec)
             recorded = RecordedSource.of(data, self.offline_share)
         run = describe_run(
-            self.algorithm, config, spec, seeds, start=begin, recorded=recorded,
+            self.algorithm, config, spec, seeds, own=own, start=begin, recorded=recorded,
             n_checkpoints=self.n_checkpoints,
         )  # fmt: skip
         return run, data

@@ -11,7 +11,7 @@ from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.run_files import CHECKPOINT, is_online, run_folders, run_hash
 from swarmdata.learn.training.run_folder import Run, load_run, read_run
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
-from swarmdata.online_algos.runs.online_training import read_online_run
+from swarmdata.online_algos.runs.online_training import OnlineRun, read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.specs.plain_names import without_version
 
@@ -21,6 +21,7 @@ class Trained(NamedTuple):
 
     provenances: tuple[Provenance, ...]
     spec: dict[str, Any]  # of their training, JSON
+    own_spec: dict[str, Any]  # of the task with its own models
     files: list[Path]  # of online policies; or the folders of an offline run
 
 
@@ -62,7 +63,7 @@ def _online_run(folder: Path) -> Trained:
         )
         for index, (seed, path) in enumerate(zip(seeds, paths, strict=True))
     )
-    return Trained(provenances, run.spec.model_dump(mode="json"), paths)
+    return Trained(provenances, *_specs(run), paths)
 
 
 def _offline_run(folder: Path) -> Trained:
@@ -83,7 +84,13 @@ def _offline_run(folder: Path) -> Trained:
     found: list[Provenance] = []
     for each, run in zip(folders, runs, strict=True):
         found += _offline_provenances(each, run, folder.resolve().name, len(found))
-    return Trained(tuple(found), runs[0].model_dump(mode="json")["spec"], list(folders))
+    return Trained(tuple(found), *_specs(runs[0]), list(folders))
+
+
+def _specs(run: Run | OnlineRun) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The spec of a training, and that of the task with its own models."""
+    content = run.model_dump(mode="json")
+    return content["spec"], content["own_spec"] or content["spec"]
 
 
 def _offline_provenances(folder: Path, run: Run, name: str, first: int) -> list[Provenance]:

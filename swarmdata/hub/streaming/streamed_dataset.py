@@ -17,7 +17,7 @@ from swarmdata.hub.streaming.window_sampler import WindowSampler
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import Reference, normalized_score
-from swarmdata.specs.model_choice import Ranges, Source, models_of, with_models
+from swarmdata.specs.model_choice import Ranges, Source, chosen_models, models_of, with_models
 from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS, EpisodeTable
@@ -97,6 +97,11 @@ class StreamedDataset:
     def spec(self) -> Spec:
         """What was recorded; of a reobservation, the task with the new models."""
         return self.recipe.spec if self.blocks.spec is None else self.blocks.spec
+
+    @property
+    def own_spec(self) -> Spec:
+        """What was recorded, with its own models."""
+        return self.recipe.spec
 
     @property
     def task(self) -> TaskSpec:
@@ -227,7 +232,7 @@ class StreamedDataset:
             UnknownNameError: no such model.
             SpecError: a malformed model, or learned messages that were not recorded.
         """
-        spec = with_models(self.task, observation, communication)
+        spec = chosen_models(self.task, observation, communication, own=self.own_spec.world)
         changed = None if spec == self.recipe.spec else spec
         return replace(self, blocks=replace(self.blocks, spec=changed))
 

@@ -51,6 +51,10 @@ class _FramedData:
     def spec(self) -> Spec:
         return self._data.spec
 
+    @property
+    def own_spec(self) -> Spec:
+        return self._data.own_spec
+
     def __len__(self) -> int:
         return len(self._data)
 

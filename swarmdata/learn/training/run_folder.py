@@ -51,6 +51,7 @@ class Run(Frozen):
     n_episodes: Count  # of the view that was trained on
     min_return: float | None = None  # least team return in it, if the algorithm chose the best
     spec: AnySpec
+    own_spec: AnySpec | None = None  # as recorded, where `spec` has other models; None: `spec`
     spec_hash: str
     frame: Frame | None = None  # that the robots see and act in; None: the world's
     n_agents: Count

@@ -215,6 +215,7 @@ def _describe(
         n_episodes=len(dataset),
         min_return=min_return,
         spec=dataset.spec,
+        own_spec=None if dataset.own_spec == dataset.spec else dataset.own_spec,
         spec_hash=dataset.spec.hash(),
         frame=frame,
         n_agents=sizes.n_agents,

@@ -28,6 +28,8 @@ class Data(Episodes, Protocol):
     def view(self) -> str | None: ...  # changed models and reward weights as JSON
     @property
     def spec(self) -> Spec: ...
+    @property
+    def own_spec(self) -> Spec: ...  # as recorded
     def __len__(self) -> int: ...  # episodes
     def sampler(
         self,

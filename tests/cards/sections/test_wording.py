@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
+from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.sections.wording import (
     COMMON_LIMITS,
     TASK_LIMITS,
@@ -11,12 +11,33 @@ from swarmdata.cards.sections.wording import (
     limits_of,
 )
 from swarmdata.registry.components import TASKS
+from swarmdata.registry.published import published
 
 
 def test_shipped_tiers_have_a_meaning_and_limits() -> None:
     for recipe in shipped_recipes().values():
         assert recipe.tier in TIER_DESCRIPTIONS
     assert set(TIER_DESCRIPTIONS) == set(TIER_LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("tier", "words", "least", "most"),
+    [
+        ("random", "success is almost never seen", 0.0, 0.01),
+        ("medium", "Many episodes fail", 0.2, 0.6),
+        ("medium-replay", "most episodes are poor, a few are good", 0.01, 0.4),
+        ("expert", "Most episodes succeed", 0.75, 1.0),
+        ("mixed-conventions", "Nearly every episode is good", 0.95, 1.0),
+        ("narrow", "high returns", 0.95, 1.0),
+    ],
+)
+def test_what_tiers_say_of_success_is_true_of_all_published_data(
+    tier: str, words: str, least: float, most: float
+) -> None:
+    assert words in TIER_DESCRIPTIONS[tier]
+    found = {k: e.success for k, e in published().items() if find_recipe(k).tier == tier}
+    assert found
+    assert not {k: share for k, share in found.items() if not least <= share <= most}
 
 
 def test_every_task_has_limits() -> None:

@@ -32,6 +32,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import TaskReferences
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
@@ -130,7 +131,9 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     assert (provenance.view, provenance.digest) == (run.view, run.digest)
     assert (provenance.updates, provenance.seed) == (2, 0)
     assert provenance.config["n_updates"] == 2
+    assert find_target(str(tmp_path / "run"), **models).spec == run.spec
     harder = find_target(str(tmp_path / "run"), "coop_nav", None, "bursty-40")
+    assert harder.spec.communication == communication_model("bursty-40"), "without the losses"
     assert evaluate_target(harder, 2, progress=False)[0].spec == harder.spec
     with pytest.raises(SchemaError, match="run was trained with observation lidar, communication"):
         find_target(str(tmp_path / "run"), communication="none")

@@ -1,6 +1,7 @@
 """Training as the command line does it: settings, folders, processes, and wrong usage."""
 
 import json
+import re
 import shutil
 import sys
 from importlib.resources import files
@@ -204,10 +205,30 @@ def test_a_run_of_any_algorithm_is_a_target(algorithm: str, task: Path, tmp_path
 def test_robots_may_learn_under_other_models(task: Path, tmp_path: Path) -> None:
     changes = {**SMALL, "n_steps": "16", "frame": "world"}
     out = tmp_path / "run"
+    name = "lidar+delay-1"
     train_online(
-        "mappo", str(task), out, seeds=(0,), changes=changes, observation="lidar", progress=False
+        "mappo", str(task), out, seeds=(0,), changes=changes, observation=name, progress=False
     )
-    assert find_target(str(out)).spec == with_models(TaskSpec(horizon=10), "lidar", None)
+    seen = with_models(TaskSpec(horizon=10), name, None)
+    assert find_target(str(out)).spec == seen
+    assert find_target(str(out), observation=name).spec == seen, "names modify the task's models"
+
+
+def test_data_are_mixed_in_as_the_task_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names would modify what was recorded, which may differ from the task's own models."""
+    spec = with_models(TaskSpec(horizon=10), None, "goal+lossy-30")
+    task = tmp_path / "task.yaml"
+    task.write_text(spec.to_yaml())
+
+    def opened(_: Any, __: Any, options: dict[str, Any]) -> None:
+        raise SpecError(f"{options['observation']}, {options['communication']!r}")
+
+    monkeypatch.setattr("swarmdata.evaluation.runs.train.open_data", opened)
+    asked = f"None, {with_models(spec, None, 'delayed-2').communication!r}"
+    with pytest.raises(SpecError, match=re.escape(asked)):
+        train_online("vdn", str(task), tmp_path / "run", data="a", communication="delayed-2")
 
 
 def test_a_run_without_checkpoints_is_no_target_yet(task: Path, tmp_path: Path) -> None:

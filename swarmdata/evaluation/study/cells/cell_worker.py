@@ -160,8 +160,9 @@ def _train_online(cell: Cell, run: Path, meter: CostMeter, report: Report) -> No
     is_finished = all(frames and frames[0] >= cell.n_updates for frames in last)
     if not is_finished or (run / CHECKPOINT).exists():
         config = _config(ONLINE_ALGORITHMS, cell)
-        spec = with_models(find_spec(cell.source), cell.observation, cell.communication)
-        description = describe_run(cell.algorithm, config, spec, cell.seeds)
+        own = find_spec(cell.source)
+        spec = with_models(own, cell.observation, cell.communication)
+        description = describe_run(cell.algorithm, config, spec, cell.seeds, own=own)
         train_run(description, run, progress=False)
         meter.add_updates(cell.n_updates)
         report(cell.n_updates)

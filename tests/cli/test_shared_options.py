@@ -1,0 +1,94 @@
+"""Options of several commands: models by name modify the task's own, and every command says how."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from swarmdata.cli.main import app
+from swarmdata.registry.presets import preset
+from swarmdata.specs.recipe import PolicySource
+from tests.support.tiny import make_tiny
+
+MODELS = ("--observation", "noise-0.02", "--communication", "lossy-30")
+
+SAID = (
+    "Changes to the task's own models: observation.noise.position 0 -> 0.02, "
+    "observation.noise.velocity 0 -> 0.02, observation.noise.direction 0 -> 0.02, "
+    "observation.noise.range 0 -> 0.02, communication.drop_probability 0 -> 0.3"
+)
+
+LINES = (
+    "task show search",
+    "task play search --policy idle --out {out}/a.png",
+    "render idle --task search --out {out}/a.png",
+    "render {data} --out {out}/a.png",
+    "evaluate idle --task search --episodes 1",
+    "evaluate {data} --episodes 1",
+    "generate --task search --policy idle --id search-b-v0 --steps 300 --workers 1 --out {out}/b",
+    "train bc {data} --out {out}/run",
+    "train mappo --task search --out {out}/run",
+    "catalogue build {data} --episodes 1 --out {out}/site",
+)
+
+
+BOUNDARIES = (
+    "swarmdata.evaluation.runs.generated_dataset.build",
+    "swarmdata.evaluation.runs.train.train_seeds",
+    "swarmdata.evaluation.runs.train.train_run",
+    "swarmdata.catalogue.build_catalogue.replaced_site",
+)
+"""Functions that do the work which follows, and end the command here."""
+
+
+class Reached(Exception):  # noqa: N818  (it ends a command, and is no error)
+    """A boundary was called."""
+
+
+def reach(*_: Any, **__: Any) -> None:
+    raise Reached
+
+
+def commands(group: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, (*words, name))
+        else:
+            yield " ".join((*words, name)), command
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("data") / "search-a-v0"
+    idle = (PolicySource(label="idle", name="idle"),)
+    return make_tiny(folder, id="search-a-v0", spec=preset("search"), policies=idle)
+
+
+def test_every_command_that_takes_models_is_in_the_table() -> None:
+    taking = {
+        name
+        for name, command in commands(typer.main.get_command(app))
+        if {"observation", "communication"} <= {each.name for each in command.params}
+    }
+    shown = {name for name in taking for line in LINES if f"{line} ".startswith(f"{name} ")}
+    assert shown == taking - {"sweep"}, "whose options are axes"
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_command_names_every_field_that_its_models_change_once(
+    line: str, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if line.startswith("train"):
+        pytest.importorskip("torch", reason="training needs the torch extra")
+    for boundary in BOUNDARIES:
+        if "train" not in boundary or line.startswith("train"):
+            monkeypatch.setattr(boundary, reach)
+    monkeypatch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", list)
+    words = line.format(data=data, out=tmp_path).split()
+    result = CliRunner().invoke(app, [*words, *MODELS])
+    assert result.exit_code == 0 or isinstance(result.exception, Reached), result.output
+    assert result.stderr.splitlines().count(SAID) == 1, result.output
+    assert SAID not in result.stdout
