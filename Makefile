@@ -17,20 +17,27 @@ ifeq ($(VERSION),)
 $(error $(PYTHON) does not run; name a Python from 3.11 on, as in: make test PYTHON=python3.12)
 endif
 
+# PACKAGES: pinned (constraints.txt, for Python 3.11), newest (of the registry), or lowest (the bounds in
+# pyproject.toml). TORCH: the requirement of torch to test with, such as torch==2.13.0; empty: none, and its
+# tests skip. Elsewhere than with constraints.txt it is empty unless given: the registry's torch is several GB.
+USUAL := $(if $(filter 3.11,$(VERSION)),pinned,newest)
+PACKAGES ?= $(USUAL)
+TORCH ?= $(if $(filter pinned,$(PACKAGES)),torch)
+CONSTRAINT_OF_pinned = --constraint constraints.txt
+CONSTRAINT_OF_lowest = --constraint $(VENV)/lowest.txt
+
 # The default Python lives in .venv, any other in a folder of its own.
-VENV ?= $(if $(filter python3,$(PYTHON)),.venv,.venv-$(VERSION))
+VENV ?= .venv$(if $(filter python3,$(PYTHON)),,-$(VERSION))$(if $(filter $(USUAL),$(PACKAGES)),,-$(PACKAGES))
 BIN := $(VENV)/bin
 STAMPS := $(VENV)/.stamps
 PACK := swarmdata/runtime/kernel_pack_files
 
-# constraints.txt pins the torch that the results were made with, for Python 3.11. On other Pythons the
-# tests that need torch are skipped.
 comma := ,
-TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
+TEST_EXTRAS := $(if $(TORCH),torch$(comma))plots
 
-INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINT_OF_$(PACKAGES))
 
-.PHONY: quickstart clips test check fix slow learns docs notebooks bench digests wheel clean
+.PHONY: quickstart clips test core matrix check fix slow learns docs notebooks bench digests wheel clean
 .DELETE_ON_ERROR:
 
 $(STAMPS)/venv:
@@ -43,7 +50,7 @@ $(STAMPS)/package: pyproject.toml constraints.txt | $(STAMPS)/venv
 	touch $@
 
 $(STAMPS)/test: pyproject.toml constraints.txt | $(STAMPS)/venv
-	$(INSTALL) --editable '.$(TEST_EXTRAS)' --group test
+	$(INSTALL) --editable '.[$(TEST_EXTRAS)]' --group test $(TORCH)
 	touch $@
 
 $(STAMPS)/slow: $(STAMPS)/test
