@@ -1,7 +1,10 @@
 # Every command of this project. `make quickstart` and `make test` need Python and make, nothing else.
 #
 #   make quickstart              a dataset, two algorithms, a table, curves and an animation, in quickstart/
-#   make test                    the default tests; PYTHON=python3.12 runs them on another Python
+#   make test                    the default tests; PYTHON=python3.12 runs them on another Python, with its newest
+#                                packages; PACKAGES=newest and PACKAGES=lowest choose, see below
+#   make matrix                  tests with the newest packages, the lowest and the core only, and the site; a table
+#   make core                    the commands that need no extra, in a new environment without extras
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
 #   make slow | learns           the long tests; tests that train until a threshold is beaten
 #   make docs | notebooks        the site, into dist/docs; the notebooks of the tutorials, which takes minutes
@@ -32,6 +35,10 @@ BIN := $(VENV)/bin
 STAMPS := $(VENV)/.stamps
 PACK := swarmdata/runtime/kernel_pack_files
 
+LOWEST := $(if $(filter lowest,$(PACKAGES)),$(VENV)/lowest.txt)
+COMPILE = $(BIN)/uv pip compile --quiet --python-version $(VERSION) pyproject.toml
+BOUNDED := $(if $(TORCH),torch) plots parquet s3 mujoco
+
 comma := ,
 TEST_EXTRAS := $(if $(TORCH),torch$(comma))plots
 
@@ -45,11 +52,17 @@ $(STAMPS)/venv:
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'  # the first pip with --group
 	mkdir -p $(STAMPS) && touch $@
 
+# The lowest versions that the package and its extras accept, then the newest test tools that go with them.
+$(VENV)/lowest.txt: pyproject.toml | $(STAMPS)/venv
+	$(BIN)/python -m pip install --quiet uv
+	echo '$(TORCH)' | $(COMPILE) $(BOUNDED:%=--extra %) --resolution lowest-direct --output-file $@.bounds -
+	echo '$(TORCH)' | $(COMPILE) --group test --constraint $@.bounds --output-file $@ -
+
 $(STAMPS)/package: pyproject.toml constraints.txt | $(STAMPS)/venv
 	$(INSTALL) --editable '.[torch,plots]'
 	touch $@
 
-$(STAMPS)/test: pyproject.toml constraints.txt | $(STAMPS)/venv
+$(STAMPS)/test: pyproject.toml constraints.txt $(LOWEST) | $(STAMPS)/venv
 	$(INSTALL) --editable '.[$(TEST_EXTRAS)]' --group test $(TORCH)
 	touch $@
 
@@ -81,6 +94,16 @@ clips: $(STAMPS)/package
 
 test: $(STAMPS)/test
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+
+core:
+	rm -rf .venv-core
+	$(PYTHON) -m venv .venv-core
+	.venv-core/bin/python -m pip install --quiet .
+	mkdir .venv-core/scratch
+	.venv-core/bin/python tests/support/core_commands.py .venv-core/scratch --long
+
+matrix:
+	$(PYTHON) -m tests.support.version_matrix $(ARGS)
 
 check: $(STAMPS)/lint
 	$(BIN)/ruff check .
