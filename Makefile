@@ -36,13 +36,15 @@ STAMPS := $(VENV)/.stamps
 PACK := swarmdata/runtime/kernel_pack_files
 
 LOWEST := $(if $(filter lowest,$(PACKAGES)),$(VENV)/lowest.txt)
-COMPILE = $(BIN)/uv pip compile --quiet --python-version $(VERSION) pyproject.toml
 BOUNDED := $(if $(TORCH),torch) plots parquet s3 mujoco
+COMPILE = $(BIN)/uv pip compile --quiet --python-version $(VERSION) pyproject.toml $(BOUNDED:%=--extra %)
 
 comma := ,
 TEST_EXTRAS := $(if $(TORCH),torch$(comma))plots
 
 INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINT_OF_$(PACKAGES))
+# With one version on all Pythons, so that findings do not change by the day.
+TOOLS = $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
 .PHONY: quickstart clips test core matrix check fix slow learns docs notebooks bench digests wheel clean
 .DELETE_ON_ERROR:
@@ -55,7 +57,7 @@ $(STAMPS)/venv:
 # The lowest versions that the package and its extras accept, then the newest test tools that go with them.
 $(VENV)/lowest.txt: pyproject.toml | $(STAMPS)/venv
 	$(BIN)/python -m pip install --quiet uv
-	echo '$(TORCH)' | $(COMPILE) $(BOUNDED:%=--extra %) --resolution lowest-direct --output-file $@.bounds -
+	echo '$(TORCH)' | $(COMPILE) --resolution lowest-direct --output-file $@.bounds -
 	echo '$(TORCH)' | $(COMPILE) --group test --constraint $@.bounds --output-file $@ -
 
 $(STAMPS)/package: pyproject.toml constraints.txt | $(STAMPS)/venv
@@ -71,11 +73,11 @@ $(STAMPS)/slow: $(STAMPS)/test
 	touch $@
 
 $(STAMPS)/lint: $(STAMPS)/test
-	$(INSTALL) --group lint
+	$(TOOLS) --group lint
 	touch $@
 
 $(STAMPS)/docs: $(STAMPS)/test
-	$(INSTALL) --group docs
+	$(TOOLS) --group docs
 	touch $@
 
 quickstart: $(STAMPS)/package

@@ -34,8 +34,8 @@ class Row(NamedTuple):
     name: str
     python: str
     target: str  # of the Makefile
-    packages: str
-    torch: str = ""  # requirement; empty: without
+    packages: str = ""  # as in the Makefile; empty: its default
+    torch: str = ""  # requirement; empty: its default
 
     @property
     def environment(self) -> Path:
@@ -54,8 +54,8 @@ def rows(pythons: tuple[str, ...], torch: str) -> tuple[Row, ...]:
     return (
         Row("newest", newest, "test", "newest"),
         Row("lowest", oldest, "test", "lowest", torch),
-        Row("core", newest, "core", "newest"),
-        Row("docs", oldest, "docs", "pinned", torch),
+        Row("core", newest, "core"),
+        Row("docs", oldest, "docs", torch=torch),
     )
 
 
@@ -70,7 +70,7 @@ def installed() -> tuple[str, ...]:
 
 
 def pinned_torch() -> str:
-    """The line of torch in constraints.txt, without its marker."""
+    """The line of torch in constraints.txt."""
     text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
     return re.findall(r"^torch==[\w.]+", text, re.MULTILINE)[0]
 
@@ -84,7 +84,8 @@ def run(row: Row) -> tuple[str, ...]:
         "PYTHON": row.python, "VENV": row.environment.name, "PACKAGES": row.packages,
         "TORCH": row.torch, "ARGS": f"--junitxml={report}" if row.target == "test" else "",
     }  # fmt: skip
-    command = ["make", row.target, *(f"{name}={value}" for name, value in settings.items())]
+    given = (f"{name}={value}" for name, value in settings.items() if value)
+    command = ["make", row.target, *given]
     code = subprocess.run(command, cwd=ROOT, check=False).returncode
     minutes = f"{(time.monotonic() - begin) / 60:.0f}"
     outcome = counts(report) if report.exists() else "passed" if code == 0 else "failed"
