@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("torch", reason="algorithms need torch")
+
 import swarmdata
 from docs.site.api_pages import GROUPS
 from docs.site.build_site import broken_links, generated_pages, stage
@@ -14,8 +16,6 @@ from swarmdata.interop.formats import FORMATS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, TASKS
 from swarmdata.registry.presets import preset_names
 from swarmdata.registry.published import published
-
-pytest.importorskip("torch", reason="algorithms need torch")
 
 FENCED = re.compile(r"^( *)(```+|~~~+).*?^ *\2 *$", re.MULTILINE | re.DOTALL)
 HEADING = re.compile(r"^(#{1,6}) ", re.MULTILINE)
