@@ -207,7 +207,9 @@ class WorldModel:
         for pair, i, j in self._pairs:
             model.pair_friction[pair.id, :2] = limits[i, FRICTION] * limits[j, FRICTION]
         mujoco.mj_setConst(model, data)
-        model.stat.meaninertia = sum(model.dof_M0.tolist()) / model.nv  # the solver's unit
+        # in MuJoCo's order: since Python 3.12 `sum` compensates, and the last bit is another
+        total = float(np.add.accumulate(model.dof_M0)[-1])
+        model.stat.meaninertia = total / model.nv  # the solver's unit
 
     def _add_robot(self, name: str, robot: Robot) -> "_Planar | Wheeled":
         """Adds a robot on two driven slides, or on wheels."""
