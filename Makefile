@@ -1,7 +1,10 @@
 # Every command of this project. `make quickstart` and `make test` need Python and make, nothing else.
 #
 #   make quickstart              a dataset, two algorithms, a table, curves and an animation, in quickstart/
-#   make test                    the default tests; PYTHON=python3.12 runs them on another Python
+#   make test                    the default tests; PYTHON=python3.12 runs them on another Python, with its newest
+#                                packages; PACKAGES=newest and PACKAGES=lowest choose, see below
+#   make matrix                  tests with the newest packages, the lowest and the core only, and the site; a table
+#   make core                    the commands that need no extra, in a new environment without extras
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
 #   make slow | learns           the long tests; tests that train until a threshold is beaten
 #   make docs | notebooks        the site, into dist/docs; the notebooks of the tutorials, which takes minutes
@@ -17,20 +20,33 @@ ifeq ($(VERSION),)
 $(error $(PYTHON) does not run; name a Python from 3.11 on, as in: make test PYTHON=python3.12)
 endif
 
+# PACKAGES: pinned (constraints.txt, for Python 3.11), newest (of the registry), or lowest (the bounds in
+# pyproject.toml). TORCH: the requirement of torch to test with, such as torch==2.13.0; empty: none, and its
+# tests skip. Elsewhere than with constraints.txt it is empty unless given: the registry's torch is several GB.
+USUAL := $(if $(filter 3.11,$(VERSION)),pinned,newest)
+PACKAGES ?= $(USUAL)
+TORCH ?= $(if $(filter pinned,$(PACKAGES)),torch)
+CONSTRAINT_OF_pinned = --constraint constraints.txt
+CONSTRAINT_OF_lowest = --constraint $(VENV)/lowest.txt
+
 # The default Python lives in .venv, any other in a folder of its own.
-VENV ?= $(if $(filter python3,$(PYTHON)),.venv,.venv-$(VERSION))
+VENV ?= .venv$(if $(filter python3,$(PYTHON)),,-$(VERSION))$(if $(filter $(USUAL),$(PACKAGES)),,-$(PACKAGES))
 BIN := $(VENV)/bin
 STAMPS := $(VENV)/.stamps
 PACK := swarmdata/runtime/kernel_pack_files
 
-# constraints.txt pins the torch that the results were made with, for Python 3.11. On other Pythons the
-# tests that need torch are skipped.
+LOWEST := $(if $(filter lowest,$(PACKAGES)),$(VENV)/lowest.txt)
+BOUNDED := $(if $(TORCH),torch) plots parquet s3 mujoco
+COMPILE = $(BIN)/uv pip compile --quiet --python-version $(VERSION) pyproject.toml $(BOUNDED:%=--extra %)
+
 comma := ,
-TEST_EXTRAS := $(if $(filter 3.11,$(VERSION)),[torch$(comma)plots],[plots])
+TEST_EXTRAS := $(if $(TORCH),torch$(comma))plots
 
-INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINT_OF_$(PACKAGES))
+# With one version on all Pythons, so that findings do not change by the day.
+TOOLS = $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: quickstart clips test check fix slow learns docs notebooks bench digests wheel clean
+.PHONY: quickstart clips test core matrix check fix slow learns docs notebooks bench digests wheel clean
 .DELETE_ON_ERROR:
 
 $(STAMPS)/venv:
@@ -38,12 +54,18 @@ $(STAMPS)/venv:
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'  # the first pip with --group
 	mkdir -p $(STAMPS) && touch $@
 
+# The lowest versions that the package and its extras accept, then the newest test tools that go with them.
+$(VENV)/lowest.txt: pyproject.toml | $(STAMPS)/venv
+	$(BIN)/python -m pip install --quiet uv
+	echo '$(TORCH)' | $(COMPILE) --resolution lowest-direct --output-file $@.bounds -
+	echo '$(TORCH)' | $(COMPILE) --group test --constraint $@.bounds --output-file $@ -
+
 $(STAMPS)/package: pyproject.toml constraints.txt | $(STAMPS)/venv
 	$(INSTALL) --editable '.[torch,plots]'
 	touch $@
 
-$(STAMPS)/test: pyproject.toml constraints.txt | $(STAMPS)/venv
-	$(INSTALL) --editable '.$(TEST_EXTRAS)' --group test
+$(STAMPS)/test: pyproject.toml constraints.txt $(LOWEST) | $(STAMPS)/venv
+	$(INSTALL) --editable '.[$(TEST_EXTRAS)]' --group test $(TORCH)
 	touch $@
 
 $(STAMPS)/slow: $(STAMPS)/test
@@ -51,11 +73,11 @@ $(STAMPS)/slow: $(STAMPS)/test
 	touch $@
 
 $(STAMPS)/lint: $(STAMPS)/test
-	$(INSTALL) --group lint
+	$(TOOLS) --group lint
 	touch $@
 
 $(STAMPS)/docs: $(STAMPS)/test
-	$(INSTALL) --group docs
+	$(TOOLS) --group docs
 	touch $@
 
 quickstart: $(STAMPS)/package
@@ -74,6 +96,16 @@ clips: $(STAMPS)/package
 
 test: $(STAMPS)/test
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+
+core:
+	rm -rf .venv-core
+	$(PYTHON) -m venv .venv-core
+	.venv-core/bin/python -m pip install --quiet .
+	mkdir .venv-core/scratch
+	.venv-core/bin/python tests/support/core_commands.py .venv-core/scratch --long
+
+matrix:
+	$(PYTHON) -m tests.support.version_matrix $(ARGS)
 
 check: $(STAMPS)/lint
 	$(BIN)/ruff check .

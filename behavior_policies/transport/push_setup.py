@@ -5,6 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from swarmdata.envs.transport.payload import Shape, payload_radius, shape_of
+from swarmdata.numerics.exact_math import sum_in_order
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
@@ -49,7 +50,7 @@ class PushSetup(NamedTuple):
             max_radius=float(radii.max()),
             control_dt=spec.control_dt,
             shape=shape_of(payload),
-            moved_mass=float(payload.mass + sum(robot.mass for robot in spec.robots)),
+            moved_mass=float(payload.mass + sum_in_order(robot.mass for robot in spec.robots)),
             friction=float(payload.friction),
             robot_force=float(robot_force),
             held_torque=payload.friction * reach / 2.0,

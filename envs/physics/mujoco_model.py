@@ -37,6 +37,7 @@ from swarmdata.envs.physics.mujoco_wheels import (
     Wheeled,
     add_wheeled,
 )
+from swarmdata.numerics.exact_math import sum_in_order
 from swarmdata.numerics.geometry import CIRCLE, bar_box
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
@@ -207,7 +208,7 @@ class WorldModel:
         for pair, i, j in self._pairs:
             model.pair_friction[pair.id, :2] = limits[i, FRICTION] * limits[j, FRICTION]
         mujoco.mj_setConst(model, data)
-        model.stat.meaninertia = sum(model.dof_M0.tolist()) / model.nv  # the solver's unit
+        model.stat.meaninertia = sum_in_order(model.dof_M0.tolist()) / model.nv  # solver's unit
 
     def _add_robot(self, name: str, robot: Robot) -> "_Planar | Wheeled":
         """Adds a robot on two driven slides, or on wheels."""

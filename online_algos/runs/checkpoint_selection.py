@@ -23,8 +23,7 @@ import numpy as np
 from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError
-from swarmdata.learn.training.run_files import CONFIG, CURVE, run_folders
-from swarmdata.learn.training.run_folder import read_table
+from swarmdata.learn.training.run_files import CONFIG, CURVE, read_table, run_folders
 from swarmdata.online_algos.runs.export_policy import exact_error, export
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path, saved_frames

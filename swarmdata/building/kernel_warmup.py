@@ -12,8 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numba.core import config
-from numba.core.caching import _CacheLocator
+from numba import config
 from tqdm import tqdm
 
 from swarmdata.behavior_policies.conventions import conventions_of
@@ -26,7 +25,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.runtime.kernel_progress import PROGRESS
-from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder
+from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder, digest_of
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import BACKENDS
@@ -90,10 +89,11 @@ def kernel_folder() -> Path:
 
 
 def kept_kernels() -> set[Path]:
-    """Files of this installation's kernels; others, such as those of a clone, lie beside them."""
-    folders = [folder for folder, *_ in os.walk(PACKAGE_FOLDER, followlinks=True)]
-    places = {_CacheLocator.get_suitable_cache_subpath(f"{f}/any.py") for f in folders}
-    return {file for file in kernel_folder().glob("*/*/*.nbc") if file.parent.name in places}
+    """Files of the kernels of this source; those of other versions lie beside them."""
+    folders = (Path(folder) for folder, *_ in os.walk(PACKAGE_FOLDER, followlinks=True))
+    files = (file.relative_to(PACKAGE_FOLDER) for each in folders for file in each.glob("*.py"))
+    digests = {digest_of(".".join(("swarmdata", *file.with_suffix("").parts))) for file in files}
+    return {kept for digest in digests for kept in kernel_folder().glob(f"{digest}/*/*.nbc")}
 
 
 def kernel_user() -> Handler:

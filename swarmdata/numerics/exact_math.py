@@ -1,4 +1,4 @@
-"""exp, log, tanh and the log of the normal tail, with the same bits on every platform.
+"""exp, log, tanh, the log of the normal tail and sums, with the same bits on every platform.
 
 Libraries differ in the last bits of their transcendental functions, and so do the vector kernels
 within one library. Here everything is elementwise `+ - * /`, `rint`, `frexp`, products with powers
@@ -8,6 +8,8 @@ Errors, measured by `tests/numerics/test_exact_math.py`: `exp` and `log` at most
 last place, `log_of_one_plus` at most 1e-15 and `log_tail` at most 5e-13 of its value, and `tanh` at
 most 3e-16.
 """
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -167,3 +169,15 @@ def _polynomial(coefficients: tuple[float, ...], x: Double) -> Double:
     for coefficient in coefficients[1:]:
         value = value * x + coefficient
     return value
+
+
+def sum_in_order(values: Iterable[float]) -> float:
+    """Returns the sum of numbers, added one after the other from the first; 0 of none.
+
+    The built-in `sum` corrects its rounding since Python 3.12, so its last bit depends on the
+    version.
+    """
+    total = 0.0
+    for value in values:
+        total += value
+    return total

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, Literal, overload
 
-from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import MissingExtraError, SchemaError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
@@ -141,10 +141,16 @@ def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
 
     Raises:
         UnknownNameError: with the nearest known name.
+        MissingExtraError: it needs torch.
     """
     if name not in table:
         raise UnknownNameError(kind, name, table)
-    return import_component(table[name])
+    try:
+        return import_component(table[name])
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise MissingExtraError("torch", "torch", f"{kind} {name!r}") from None
 
 
 def make_task(spec: TaskSpec) -> Task:

@@ -27,17 +27,20 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from swarmdata.types import Int
+from swarmdata.types import Bool, Double, Float, Int
 
 _SCALARS = {bool: types.boolean, int: types.int64, float: types.float64}
+
+_ITEMS = {Bool: types.boolean, Int: types.int64, Float: types.float32, Double: types.float64}
+"""What arrays hold, by our alias: what NumPy's alias is made of depends on its release."""
 
 
 def bundle_type(bundle: type[tuple[Any, ...]]) -> types.NamedTuple:
     """Returns numba's type of a NamedTuple, from its annotations.
 
     Args:
-        bundle: its fields are `bool`, `int`, `float`, or C-contiguous arrays, such as
-            `Annotated[Double, 2]` for one with two axes.
+        bundle: its fields are `bool`, `int`, `float`, or C-contiguous arrays of `swarmdata.types`,
+            such as `Annotated[Double, 2]` for one with two axes.
     """
     hints = get_type_hints(bundle, include_extras=True)
     return types.NamedTuple([_field_type(hint) for hint in hints.values()], bundle)
@@ -47,8 +50,7 @@ def _field_type(hint: Any) -> types.Type:
     if get_origin(hint) is not Annotated:
         return _SCALARS[hint]
     array, n_axes = get_args(hint)
-    dtype = np.dtype(get_args(get_args(array)[1])[0])
-    return types.Array(numba.from_dtype(dtype), n_axes, "C")
+    return types.Array(_ITEMS[array], n_axes, "C")
 
 
 class ArgumentBlock:

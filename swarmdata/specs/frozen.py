@@ -5,7 +5,7 @@ import json
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
+from typing import Annotated, Any, Literal, Protocol, Self, TypeVar, get_args
 
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -249,10 +249,15 @@ def _tags(model: type[BaseModel]) -> set[Any]:
 
 
 def _nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    return (kind for kind in classes_in(annotation) if issubclass(kind, BaseModel))
+
+
+def classes_in(annotation: Any) -> Iterator[type]:
+    """Yields the classes in the annotation of a field, at any depth."""
+    if isinstance(annotation, type):
         yield annotation
-    for inner in getattr(annotation, "__args__", ()):
-        yield from _nested_models(inner)
+    for inner in get_args(annotation):
+        yield from classes_in(inner)
 
 
 class Dumps(Protocol):

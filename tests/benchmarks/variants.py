@@ -11,10 +11,9 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -88,9 +87,9 @@ def probe() -> Probe:
 
 
 def found_features() -> tuple[str, ...]:
-    """NumPy's optional CPU features that are in use, as `numpy.show_runtime` finds them."""
-    core = import_module("numpy._core._multiarray_umath")
-    return tuple(name for name in core.__cpu_dispatch__ if core.__cpu_features__[name])
+    """NumPy's optional CPU features that are in use."""
+    settings: Any = np.show_config(mode="dicts")
+    return tuple(settings["SIMD Extensions"].get("found", ()))
 
 
 def variants() -> tuple[Variant, ...]:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import warnings
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -87,7 +88,10 @@ def test_error_of_the_library_is_one_message_and_code_1() -> None:
         ("info",),
         ("generate", "coop_nav-random", "--steps", "5"),
         ("generate", "absent.yaml", "--out", "x"),
-        ("train", "bc", "x", "--out", "y", "--set", "a"),
+        pytest.param(
+            ("train", "bc", "x", "--out", "y", "--set", "a"),
+            marks=pytest.mark.skipif(not find_spec("torch"), reason="algorithms need torch"),
+        ),
     ],
 )
 def test_wrong_usage_is_code_2(arguments: tuple[str, ...]) -> None:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("torch", reason="algorithms need torch")
+
 import swarmdata
 from docs.site.api_pages import GROUPS
 from docs.site.build_site import broken_links, generated_pages, stage
@@ -15,7 +17,8 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS,
 from swarmdata.registry.presets import preset_names
 from swarmdata.registry.published import published
 
-pytest.importorskip("torch", reason="algorithms need torch")
+FENCED = re.compile(r"^( *)(```+|~~~+).*?^ *\2 *$", re.MULTILINE | re.DOTALL)
+HEADING = re.compile(r"^(#{1,6}) ", re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +106,18 @@ def test_the_sidebar_has_every_page_of_the_documentation(tree: Path) -> None:
     for page in [*(tree / "docs").glob("*.md"), *(tree / "docs/tutorials").glob("*.ipynb")]:
         name = page.relative_to(tree).with_suffix("").as_posix()
         assert name == "docs/index" or f"<{name}>" in home, name
+
+
+def test_headings_go_down_one_level_at_a_time(tree: Path) -> None:
+    """Sphinx refuses a page whose headings skip a level."""
+    skipped = []
+    for page in tree.rglob("*.md"):
+        text = FENCED.sub("", page.read_text(encoding="utf-8"))
+        levels = [len(marks) for marks in HEADING.findall(text)]
+        steps = zip([0, *levels], levels, strict=False)
+        if any(level > before + 1 for before, level in steps):
+            skipped.append(page.relative_to(tree).as_posix())
+    assert skipped == []
 
 
 def test_a_readme_is_the_index_of_its_folder() -> None:

@@ -107,6 +107,7 @@ def test_an_older_world_is_not_simulated(old: Path, use: Callable[[Dataset], obj
 
 def test_commands_say_so_in_one_line(old: Path, tmp_path: Path) -> None:
     """Row 71: also on the command line; an audit replays nothing, and checks all the rest."""
+    pytest.importorskip("torch", reason="algorithms need torch")
     sentence = "world version 0 was simulated by swarmdata 0.1 (commit 7a313a1"
     assert sentence in run("verify", old, "--replay", "1", code=1)
     assert sentence in run("generate", old / "recipe.json", "--out", tmp_path / "x", code=1)
@@ -194,6 +195,8 @@ def test_a_replaced_id_is_refused(
 )
 def test_every_command_refuses_a_replaced_id(command: str, tmp_path: Path) -> None:
     """Row 72: with the same sentence."""
+    if command == "train":
+        pytest.importorskip("torch", reason="algorithms need torch")
     rest = {
         "render": ["--out", "x.gif"],
         "train": [REPLACED, "--out", "x"],

@@ -17,6 +17,7 @@ from swarmdata.numerics.exact_math import (
     log,
     log_of_one_plus,
     log_tail,
+    sum_in_order,
     tanh,
 )
 
@@ -141,3 +142,9 @@ def _here() -> bytes:
     x = np.linspace(-40.0, 40.0, 10007)
     parts = [exp(x), log(np.abs(x) + 1e-9), log_of_one_plus(exp(x)), log_tail(x)]
     return b"".join(part.tobytes() for part in parts)
+
+
+def test_a_sum_is_rounded_after_each_number() -> None:
+    """As `sum` did until Python 3.11; a corrected sum of ten tenths is 1."""
+    assert sum_in_order([0.1] * 10) == 0.9999999999999999
+    assert sum_in_order([]) == 0.0

@@ -1,5 +1,7 @@
 """Bundles reach kernels as they are, and nothing but what the kernel expects is packed."""
 
+import subprocess
+import sys
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -79,3 +81,35 @@ def test_the_arrays_live_as_long_as_the_block() -> None:
 def test_another_type_is_refused(field: str, value: Any) -> None:
     with pytest.raises(TypeError, match=f"argument {field} is .*, expected"):
         ArgumentBlock(_drive()._replace(**{field: value}), DRIVE)
+
+
+CLOSED_ALIASES = """
+import sys; sys.path[:] = {path!r}
+import numpy.typing
+class Closed:
+    def __class_getitem__(cls, item):
+        return type("Alias", (), {{}})
+numpy.typing.NDArray = Closed
+
+from typing import Annotated, NamedTuple
+from swarmdata.runtime.argument_blocks import bundle_type
+from swarmdata.types import Bool, Double, Float, Int
+class Fields(NamedTuple):
+    flags: Annotated[Bool, 1]
+    limits: Annotated[Double, 2]
+    states: Annotated[Float, 3]
+    joints: Annotated[Int, 4]
+print(*((str(each.dtype), each.ndim, each.layout) for each in bundle_type(Fields).types))
+"""
+"""As if nothing could be read from NumPy's aliases, whose parts are others since NumPy 2.5."""
+
+
+def test_numpys_aliases_are_not_taken_apart() -> None:
+    script = CLOSED_ALIASES.format(path=sys.path)
+    found = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert not found.stderr
+    assert found.stdout.strip() == (
+        "('bool', 1, 'C') ('float64', 2, 'C') ('float32', 3, 'C') ('int64', 4, 'C')"
+    )

@@ -12,13 +12,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.specs.features import Feature
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Frozen, classes_in
 from swarmdata.specs.model_choice import check_senses, describe
 from swarmdata.specs.randomization import PAYLOAD_RANGES
 from swarmdata.specs.rules import TransportRules
@@ -295,7 +295,7 @@ def _value(spec: TaskSpec, places: tuple[Place, ...]) -> float | None:
 def _fields(model: type[Frozen]) -> Iterator[tuple[tuple[str, ...], bool]]:
     """The paths of all numbers in a model, and whether each is an integer."""
     for name, field in model.model_fields.items():
-        kinds = set(_types(field.annotation))
+        kinds = set(classes_in(field.annotation))
         if kinds & {int, float}:
             yield (name,), float not in kinds
         for kind in kinds:
@@ -303,20 +303,12 @@ def _fields(model: type[Frozen]) -> Iterator[tuple[tuple[str, ...], bool]]:
                 yield from (((name, *path), is_whole) for path, is_whole in _fields(kind))
 
 
-def _types(annotation: Any) -> Iterator[type]:
-    """The classes in an annotation, at any depth."""
-    if isinstance(annotation, type):
-        yield annotation
-    for inner in get_args(annotation):
-        yield from _types(inner)
-
-
 def _is_whole(part: Part, name: str) -> bool:
     """Whether the models of a part have an integer field of this name."""
     if part == "body":
         return dict(_fields(Robot)).get((name,), False)
     path = tuple(SHORT_NAMES.get(name, name).split("."))
-    models = _types(TaskSpec.model_fields[part].annotation)
+    models = classes_in(TaskSpec.model_fields[part].annotation)
     return any(dict(_fields(model)).get(path, False) for model in models)
 
 

@@ -25,6 +25,7 @@ from swarmdata.evaluation.runs.trained_policies import load_policies, read_train
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.overrides import as_texts, override
+from swarmdata.learn.training.run_files import CURVE_METRICS
 from swarmdata.learn.training.setup import check_device
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
@@ -47,9 +48,6 @@ from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
 """Validation episodes of each point of a learning curve."""
-
-CURVE_METRICS = ("return", "success", "clean_success")
-"""Columns of a learning curve, as means over the episodes of each evaluation."""
 
 TRAINER = f"{__name__}:seed_trainer"
 

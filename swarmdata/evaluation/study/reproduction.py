@@ -18,8 +18,7 @@ from swarmdata.evaluation.study.cells.cell_folder import (
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.pages.cell_archive import DECIMALS
 from swarmdata.evaluation.study.pages.csv_tables import RUN_METRICS
-from swarmdata.learn.training.run_files import CONFIG, LOSSES
-from swarmdata.learn.training.run_folder import read_table
+from swarmdata.learn.training.run_files import CONFIG, LOSSES, read_table
 from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double
 

@@ -13,6 +13,7 @@ seeds-*/                runs of several processes, each a run folder with a shar
 Needs no torch, so that a report can tell whether a run has changed since it was measured.
 """
 
+import csv
 import hashlib
 from pathlib import Path
 
@@ -27,6 +28,9 @@ CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED = (
     "policies",
     "speed.csv",
 )
+
+CURVE_METRICS = ("return", "success", "clean_success")
+"""Columns of a learning curve, as means over the episodes of each evaluation."""
 
 
 def run_folders(folder: Path) -> tuple[Path, ...]:
@@ -50,6 +54,12 @@ def is_online(folder: Path) -> bool:
     """
     config = folder / CONFIG
     return config.exists() and "dataset" not in read_document(config)
+
+
+def read_table(path: Path) -> list[dict[str, float]]:
+    """Reads the rows of `losses.csv` and the like; values that were not measured are absent."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
 
 
 def policy_folder(folder: Path, seed: int) -> Path:

@@ -276,12 +276,6 @@ class Table:
             file.write(_csv([(str(now), str(who), *cells)]))
 
 
-def read_table(path: Path) -> list[dict[str, float]]:
-    """Reads the rows that `Table` wrote; values that were not measured are absent."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
-
-
 def _csv(rows: Sequence[Sequence[str]]) -> bytes:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)

@@ -17,8 +17,7 @@ from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.seed_jobs import group_folder, groups_of
 from swarmdata.evaluation.runs.train import train
-from swarmdata.learn.training.run_files import run_folders
-from swarmdata.learn.training.run_folder import read_table
+from swarmdata.learn.training.run_files import read_table, run_folders
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.at_once import run_at_once

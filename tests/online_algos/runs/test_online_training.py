@@ -16,7 +16,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from swarmdata.errors import BuildError, DivergedError, SpecError, SwarmdataError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.learn.training.run_folder import read_table
+from swarmdata.learn.training.run_files import read_table
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo import initial_weights

@@ -23,8 +23,6 @@ from swarmdata.evaluation.study.plan import Study, Variant, View
 from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.numerics.random import SeedBlock
-from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
-from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.specs.frozen import Frozen
 
@@ -254,6 +252,11 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
 
 def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
     """The cell of a finished online run, which only evaluates its newest policies."""
+    from swarmdata.online_algos.runs.checkpoint_selection import (  # noqa: PLC0415  (needs torch)
+        seeds_of,
+    )
+    from swarmdata.online_algos.runs.seed_files import last_policy_path  # noqa: PLC0415  (the same)
+
     if not run_folders(folder):
         raise SpecError(
             f"online baseline {shared['label']!r}: {folder} is not a run folder. Train it with "

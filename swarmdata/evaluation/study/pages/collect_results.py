@@ -23,8 +23,7 @@ from swarmdata.evaluation.study.cells.cell_folder import (
 from swarmdata.evaluation.study.cells.cells import ONLINE_FAMILY, Cell
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.learn.training.run_files import CURVE, LOSSES
-from swarmdata.learn.training.run_folder import read_table
+from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
 
 
 @dataclass(frozen=True, eq=False)
