@@ -23,14 +23,15 @@ def refresh_cards(folder: Path, studies: Sequence[CommittedStudy]) -> list[Path]
         The cards that changed.
 
     Raises:
-        SchemaError: a card is of other data, or has no such section.
+        SchemaError: there is no card, or one is of other data or has no such section.
         StudyError: the plan of a study cannot be read.
     """
+    files = {key: folder / f"{key}.md" for key in published() if (folder / f"{key}.md").is_file()}
+    if not files:
+        raise SchemaError(f"{folder} has no card of a published dataset, expected ID.md.")
     changed = []
-    for key, entry in published().items():
-        file = folder / f"{key}.md"
-        if not file.is_file():
-            continue
+    for key, file in files.items():
+        entry = published()[key]
         old = file.read_text(encoding="utf-8")
         before, title, rest = old.partition(BASELINES_TITLE)
         _, next_title, after = rest.partition("\n## ")

@@ -44,6 +44,11 @@ def test_only_the_section_of_results_changes(cards: Path) -> None:
     assert card.read_text("utf-8") == whole
 
 
+def test_a_folder_without_cards_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="no card of a published dataset"):
+        refresh_cards(tmp_path, committed_studies())
+
+
 @pytest.mark.parametrize("change", ["digest", "section"])
 def test_a_card_of_other_data_is_refused_and_kept(change: str, cards: Path) -> None:
     card = cards / f"{ID}.md"
