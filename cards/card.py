@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmdata.cards.committed_studies import committed_studies
 from swarmdata.cards.recording_card import render_recorded
 from swarmdata.cards.reference_file import reference_bytes
-from swarmdata.cards.sections.baselines import baselines_section, study_estimates
+from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.cards.sections.card_data import CardData, card_data_of
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.origin import (
@@ -78,6 +79,7 @@ def card_of(folder: Path, picture: str | None = None) -> str:
         DatasetError: the dataset cannot be used.
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
+        StudyError: a study of this installation cannot be read.
     """
     stored = open_store(folder, verify="none")
     if stored.recipe.spec.world is None:
@@ -91,6 +93,7 @@ def render(data: CardData, picture: str | None = None) -> str:
     Raises:
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
+        StudyError: a study of this installation cannot be read.
     """
     spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
@@ -103,7 +106,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         statistics_section(data, picture),
         policies_section(data),
         _references(data),
-        baselines_section(data.origin.id, data.manifest.digest, study_estimates()),
+        baselines_section(data.origin.id, data.manifest.digest, committed_studies()),
         coverage_section(data),
         log_probs_section(data),
         splits_section(data.table, data.origin),

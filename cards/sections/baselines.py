@@ -1,98 +1,82 @@
 """The section of a card with baselines: what algorithms learned from the dataset."""
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib.resources import files
+from collections.abc import Sequence
 
+from swarmdata.cards.committed_studies import CommittedStudy, Means
 from swarmdata.drawing import markdown
+from swarmdata.registry.components import OFFLINE_ALGORITHMS
 from swarmdata.rollouts.score_intervals import target_of
 
-STUDY_FOLDERS = ("studies/coop_nav", "studies/formation")
-"""Folders of the committed studies of this version of the worlds, in `cards`."""
-
-ESTIMATES_FILE = "estimates.csv"
-"""Of a study: one row per mean with its interval, as `swarmdata study` writes it."""
+BASELINES_TITLE = "\n## Baselines\n"
 
 BASELINE_COLUMNS = (
     ("score", "score", 1.0, 1),
-    ("return", "return", 1.0, 2),
     ("success", "success (%)", 100.0, 1),
-    ("clean_success", "clean success (%)", 100.0, 1),
-    ("robot_collisions", "robot collisions", 1.0, 2),
-    ("obstacle_collisions", "obstacle collisions", 1.0, 2),
 )
 """Columns: quantity in the file, header, factor to the shown unit, decimals."""
 
-Means = Mapping[str, str]
-"""A row of the file."""
 
-
-@cache
-def study_estimates() -> tuple[Means, ...]:
-    """All estimates of the committed studies that are part of this installation."""
-    found = (files("swarmdata.cards").joinpath(study, ESTIMATES_FILE) for study in STUDY_FOLDERS)
-    texts = [file.read_text(encoding="utf-8") for file in found if file.is_file()]
-    return tuple(row for text in texts for row in read_estimates(text))
-
-
-def read_estimates(text: str) -> tuple[Means, ...]:
-    """Rows of an `estimates.csv`."""
-    return tuple(csv.DictReader(io.StringIO(text)))
-
-
-def baselines_section(dataset_id: str, digest: str, estimates: Sequence[Means]) -> str:
+def baselines_section(dataset_id: str, digest: str, studies: Sequence[CommittedStudy]) -> str:
     """Returns the section: one row per algorithm, or why there is none.
 
-    Rows that learned from other rewards than those of the data are no baselines, and left out.
+    The rows are those of one study, so that they compare: of one on evaluation seeds if there is
+    any, and there of the one with the most algorithms. Variants of an algorithm, and what learned
+    from other rewards than those of the data, are left to the study's page.
 
     Args:
         dataset_id: with its version.
         digest: of the dataset's arrays; results on other content are left out.
-        estimates: of studies.
+        studies: to look in.
+
+    Raises:
+        StudyError: the plan of a study that used the dataset cannot be read.
     """
-    named = [row for row in estimates if row["dataset"] == dataset_id and not row["rewards"]]
-    same = [row for row in named if row["digest"] == digest]
-    title = "\n## Baselines\n\n"
-    if not same:
-        stale = " The runs of the study used other data with this id." if named else ""
-        return f"{title}No study has been run on this dataset yet.{stale}\n"
-    quantities_of: dict[str, dict[str, Means]] = {}
-    for row in same:
-        quantities_of.setdefault(row["label"], {})[row["quantity"]] = row
-    best_first = sorted(
-        sorted(quantities_of),
-        key=lambda label: -float(quantities_of[label]["return"]["mean"]),
-    )
-    rows = [_row(label, quantities_of[label]) for label in best_first]
-    head = (
-        "algorithm",
-        "family",
-        "seeds",
-        "updates",
-        *(header for _, header, *_ in BASELINE_COLUMNS),
-    )
-    episodes = ", ".join(sorted({f"{int(row['episodes']):,}" for row in same}))
-    target = target_of([int(row["seeds"]) for row in same])
-    return (
-        f"{title}{markdown.table(head, rows)}\n"
-        f"The last policy of every training seed was evaluated on {episodes} reserved evaluation "
-        f"seeds; values are means with 95 % intervals for {target}. "
-        "Each algorithm has the same settings on all datasets, listed in the study's files; "
-        "`swarmdata study` repeats the runs.\n"
-    )
+    named = {study.name: _where(study.estimates, "dataset", dataset_id) for study in studies}
+    same = {name: _where(rows, "digest", digest) for name, rows in named.items()}
+    if not any(same.values()):
+        stale = " The runs of the study used other data with this id." * any(named.values())
+        return f"{BASELINES_TITLE}\nNo study has been run on this dataset yet.{stale}\n"
+    names = [name for name, rows in same.items() if rows]
+    found = [(study, _by_algorithm(same[study.name])) for study in studies]
+    found = sorted((each for each in found if each[1]), key=lambda each: -len(each[1]))
+    if not found:
+        return f"{BASELINES_TITLE}\nStudies of variants of algorithms: {_listed(names)}.\n"
+    best, algorithms = next((each for each in found if not each[0].chose_settings), found[0])
+    names.remove(best.name)
+    return f"{BASELINES_TITLE}\n{_table(algorithms)}\n{_source(best, algorithms, names)}\n"
 
 
-def _row(label: str, found: Mapping[str, Means]) -> tuple[str, ...]:
-    first = found["return"]
-    return (
-        f"`{label}`",
-        first["family"],
-        first["seeds"],
-        f"{int(first['updates']):,}" if first["updates"] else "–",
-        *(_cell(found.get(name), factor, digits) for name, _, factor, digits in BASELINE_COLUMNS),
-    )
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def _where(rows: Sequence[Means], column: str, value: str) -> list[Means]:
+    return [row for row in rows if row[column] == value]
+
+
+Algorithms = dict[str, dict[str, Means]]
+"""Label -> quantity -> row."""
+
+
+def _by_algorithm(rows: Sequence[Means]) -> Algorithms:
+    """The rows of algorithms as they are registered, by their mean return, the best first."""
+    found: Algorithms = {}
+    for row in rows:
+        if row["label"] in OFFLINE_ALGORITHMS and not row["rewards"]:
+            found.setdefault(row["label"], {})[row["quantity"]] = row
+    return dict(sorted(found.items(), key=lambda it: -float(it[1]["return"]["mean"])))
+
+
+def _table(algorithms: Algorithms) -> str:
+    head = ("algorithm", *(header for _, header, *_ in BASELINE_COLUMNS))
+    rows = [
+        (
+            f"`{label}`",
+            *(_cell(found.get(name), factor, n) for name, _, factor, n in BASELINE_COLUMNS),
+        )
+        for label, found in algorithms.items()
+    ]
+    return markdown.table(head, rows)
 
 
 def _cell(found: Means | None, factor: float, decimals: int) -> str:
@@ -104,3 +88,19 @@ def _cell(found: Means | None, factor: float, decimals: int) -> str:
         if found[key]
     )
     return f"{value} [{', '.join(ends)}]" if ends else value
+
+
+def _source(study: CommittedStudy, algorithms: Algorithms, others: Sequence[str]) -> str:
+    rows = [row for found in algorithms.values() for row in found.values()]
+    seeds, updates, episodes = (
+        " or ".join(f"{n:,}" for n in sorted({int(row[key]) for row in rows if row[key]}))
+        for key in ("seeds", "updates", "episodes")
+    )
+    block = "validation" if study.chose_settings else "reserved evaluation"
+    more = f" Other studies of this dataset: {_listed(others)}."
+    return (
+        f"From the study `{study.name}`: the last policies of {seeds} training seeds after "
+        f"{updates} updates, on {episodes} {block} seeds; means with 95 % intervals for "
+        f"{target_of([int(row['seeds']) for row in rows])}. Settings, variants and other "
+        f"quantities are in `cards/studies/{study.name}` of the repository.{more if others else ''}"
+    )

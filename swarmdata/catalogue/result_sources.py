@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from swarmdata.cards.sections.baselines import ESTIMATES_FILE
+from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE, committed_studies
 from swarmdata.catalogue.drawings.line_chart import PlottedPoint
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import read_results
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
-from swarmdata.evaluation.study.pages.study_folder import PLAN_FILE
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.documents import read_document
@@ -77,8 +76,11 @@ class ResultSource:
 def committed_sources() -> list[ResultSource]:
     """The studies that are part of this installation."""
     with as_file(files("swarmdata.cards").joinpath("studies")) as folder:
-        found = [path.parent for path in sorted(folder.glob(f"*/{ESTIMATES_FILE}"))]
-        return [_of_study(path, f"cards/studies/{path.name}") for path in found if _is_shown(path)]
+        return [
+            _of_study(folder / study.name, f"cards/studies/{study.name}")
+            for study in committed_studies()
+            if not study.chose_settings
+        ]
 
 
 def own_sources(places: Iterable[Path]) -> list[ResultSource]:

@@ -159,6 +159,10 @@ def study_pages(
         Path, typer.Argument(metavar="FOLDER", help="folder of finished studies")
     ] = Path("cards/studies"),
     out: Annotated[Path, typer.Option(help="folder for the pages")] = Path("docs/results"),
+    cards: Annotated[
+        Path | None,
+        typer.Option(help="folder of cards whose results are written again, as cards/published"),
+    ] = None,
 ) -> None:
     """Write one page for each question that finished studies answer.
 
@@ -166,8 +170,13 @@ def study_pages(
     page that no study answers yet is not written, and the command says what it needs.
     """
     _require_extras("reading a study")
+    from swarmdata.cards.card_refresh import refresh_cards
+    from swarmdata.cards.committed_studies import read_studies
     from swarmdata.evaluation.study.answers.write_answers import write_answers
 
+    if cards is not None:
+        for card in refresh_cards(cards, read_studies(studies)):
+            typer.echo(card)
     pages, left_out = write_answers(studies, out)
     for page in pages:
         typer.echo(page)

@@ -15,6 +15,10 @@ quantile of Student's t at the degrees of freedom of Satterthwaite ("An Approxim
 Estimates of Variance Components", Biometrics Bulletin 2:110, 1946). The decomposition is that of
 the two-way random-effects model, seeds by episodes (Searle, Casella and McCulloch, "Variance
 Components", 1992, section 4.3). `python -m tests.benchmarks.bench_intervals` measures the coverage.
+
+Intervals of a quantity that cannot be below or above some value, such as a count or a share, end
+there (`Bounds`). The true mean lies within the bounds, so an interval that contains it still does
+after it is cut: the coverage is the same.
 """
 
 import math
@@ -28,6 +32,15 @@ from swarmdata.numerics.student_t import t_quantile
 from swarmdata.rollouts.score_statistics import Estimate, wilson_interval
 from swarmdata.types import Double
 
+Bounds = tuple[float, float]
+"""The smallest and the largest value that a quantity can have, in the unit of its table."""
+
+UNBOUNDED: Bounds = (-math.inf, math.inf)
+AT_LEAST_ZERO: Bounds = (0.0, math.inf)
+"""Of counts and durations."""
+
+SHARE: Bounds = (0.0, 1.0)
+
 LEVEL = 0.95
 """Confidence level of all intervals."""
 
@@ -38,18 +51,24 @@ TARGET_OF_ONE = "the measured policy on new episodes of the same distribution"
 """What the interval of one seed is for."""
 
 
-def mean_interval(values: Double, *, level: float = LEVEL) -> Estimate:
+def mean_interval(values: Double, *, level: float = LEVEL, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds and episodes with its interval.
 
     Args:
         values: finite, [K, E]. A difference of the same policies on the same episodes is such a
             table too.
         level: confidence level, in (0, 1).
+        bounds: of the values; the interval ends there.
 
     Raises:
         SchemaError: the table is not finite, or not [seeds, episodes].
     """
-    return combination_interval([values], [1.0], level=level)
+    return _within(bounds, combination_interval([values], [1.0], level=level))
+
+
+def _within(bounds: Bounds, found: Estimate) -> Estimate:
+    """Ends an interval at the bounds of its quantity; undefined ends (NaN) stay so."""
+    return Estimate(found.value, max(found.low, bounds[0]), min(found.high, bounds[1]))
 
 
 def difference_interval(x: Double, y: Double, *, level: float = LEVEL) -> Estimate:
@@ -157,11 +176,10 @@ def rate_interval(outcomes: Double, *, level: float = LEVEL) -> Estimate:
     first = outcomes[0]
     if len(outcomes) == 1 or (outcomes == first[0]).all():
         return wilson_interval(int(first.sum()), len(first), level)
-    value, low, high = mean_interval(outcomes, level=level)
-    return Estimate(value, max(low, 0.0), min(high, 1.0))
+    return mean_interval(outcomes, level=level, bounds=SHARE)
 
 
-def seed_interval(means: Double, *, level: float = LEVEL) -> Estimate:
+def seed_interval(means: Double, *, level: float = LEVEL, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds with Student's t interval, for new seeds on the same episodes.
 
     For curves, of which only means over episodes are kept: new episodes move all seeds together,
@@ -170,13 +188,14 @@ def seed_interval(means: Double, *, level: float = LEVEL) -> Estimate:
     Args:
         means: one for each seed, finite, [K].
         level: confidence level, in (0, 1).
+        bounds: of the values; the interval ends there.
     """
     k, value = len(means), float(means.mean())
     if k == 1:
         return Estimate(value, math.nan, math.nan)
     error = math.sqrt(float(means.var(ddof=1)) / k)
     half = t_quantile((1.0 + level) / 2.0, k - 1) * error
-    return Estimate(value, value - half, value + half)
+    return _within(bounds, Estimate(value, value - half, value + half))
 
 
 def target_of(n_seeds: Sequence[int]) -> str:

@@ -138,7 +138,7 @@ def test_a_failed_export_waits_for_threads_that_still_write(
         for k in range(8):
             folder.mkdir(parents=True, exist_ok=True)
             (folder / str(k)).write_bytes(b"x")
-            time.sleep(0.2)
+            time.sleep(0.02)
 
     def fail(*_: Any, **__: Any) -> None:
         (folder,) = tmp_path.rglob("mine")

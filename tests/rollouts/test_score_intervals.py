@@ -11,6 +11,8 @@ from hypothesis.extra.numpy import arrays
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.student_t import t_quantile
 from swarmdata.rollouts.score_intervals import (
+    AT_LEAST_ZERO,
+    SHARE,
     TARGET_OF_ONE,
     TARGET_OF_SEVERAL,
     combination_interval,
@@ -141,6 +143,21 @@ def test_curves_have_intervals_of_seeds() -> None:
     lone = seed_interval(means[:1])
     assert lone.value == 1.0
     assert math.isnan(lone.low)
+
+
+def test_intervals_end_at_the_bounds_of_the_quantity() -> None:
+    counts = np.zeros((5, 40))
+    counts[0] = 3.0  # one training seed that collides: its interval would begin below 0
+    whole, cut = mean_interval(counts), mean_interval(counts, bounds=AT_LEAST_ZERO)
+    assert whole.low < 0.0
+    assert cut == (whole.value, 0.0, whole.high)
+    assert mean_interval(counts + 10.0, bounds=AT_LEAST_ZERO) == mean_interval(counts + 10.0)
+    assert mean_interval(counts, bounds=(0.0, 3.0)).high == min(whole.high, 3.0)
+    assert math.isnan(mean_interval(counts[:, :1], bounds=AT_LEAST_ZERO).low)  # still none
+    shares = np.array([0.0, 0.0, 1.0])
+    assert seed_interval(shares).low < 0.0
+    assert seed_interval(shares, bounds=SHARE)[1:] == (0.0, 1.0)
+    assert math.isnan(seed_interval(shares[:1], bounds=SHARE).high)
 
 
 TABLES = arrays(

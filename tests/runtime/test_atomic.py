@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections import namedtuple
 from pathlib import Path
 
@@ -250,11 +249,9 @@ def test_many_writers_of_one_file_leave_one_whole_file(tmp_path: Path) -> None:
         "for k in range(30): write_file(Path(sys.argv[1]), sys.argv[2].encode() * 1000)"
     )
     path = tmp_path / "x"
-    started = time.monotonic()
     writers = [
         subprocess.Popen([sys.executable, "-c", code, str(path), letter]) for letter in "abc"
     ]
     assert [process.wait(300) for process in writers] == [0, 0, 0]
-    assert time.monotonic() - started < 60
     assert path.read_bytes() in (b"a" * 1000, b"b" * 1000, b"c" * 1000)
     assert names(tmp_path) == ["x"]

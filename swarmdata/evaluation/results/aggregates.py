@@ -15,7 +15,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.result_set import Case, ResultSet
-from swarmdata.rollouts.score_intervals import combination_interval, mean_interval
+from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO, combination_interval, mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Bool, Double
 
@@ -183,7 +183,7 @@ def returns_and_collisions(case: Case) -> tuple[Point, ...]:
         UnknownNameError: the environment counts no collisions.
     """
     returns = [mean_interval(case.metric(label, "return")) for label in case.runs]
-    costs = [mean_interval(collisions(case, label)) for label in case.runs]
+    costs = [mean_interval(collisions(case, label), bounds=AT_LEAST_ZERO) for label in case.runs]
     return tuple(map(Point, case.runs, returns, costs))
 
 

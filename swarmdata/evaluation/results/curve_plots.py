@@ -24,6 +24,7 @@ from swarmdata.evaluation.results.learning_curves import (
     interval_of,
     read_curve,
 )
+from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED
 
 
 def plot_curves(
@@ -144,7 +145,7 @@ def _draw_panel(
     is_share: bool,
 ) -> None:
     for name, curve in lines.items():
-        low, high = interval_of(curve)
+        low, high = interval_of(curve, SHARE if is_share else UNBOUNDED)
         if len(curve.values) > 1:
             axes.fill_between(
                 curve.progress,

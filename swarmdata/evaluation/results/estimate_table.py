@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from swarmdata.drawing import markdown
 from swarmdata.drawing.aligned_text import aligned_table
 from swarmdata.errors import UnknownNameError
+from swarmdata.rollouts.score_intervals import UNBOUNDED, Bounds
 from swarmdata.rollouts.score_statistics import Estimate
 
 UNDEFINED = "–"
@@ -28,6 +29,7 @@ class Column:
     decimals: int
     factor: float = 1.0  # from the stored value to the shown one: 100 for percentages
     is_rate: bool = False  # a share of episodes, whose interval is the binomial one
+    bounds: Bounds = UNBOUNDED  # of the stored values, and so of intervals
 
     @property
     def header(self) -> str:

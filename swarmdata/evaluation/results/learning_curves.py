@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.score_intervals import seed_interval
+from swarmdata.rollouts.score_intervals import UNBOUNDED, Bounds, seed_interval
 from swarmdata.types import Double
 
 LAST_PART = 0.2
@@ -116,11 +116,11 @@ def last_gain(curve: Curve) -> float:
     return float(means[-1] - means[max(before, 0)])
 
 
-def interval_of(curve: Curve) -> tuple[Double, Double]:
+def interval_of(curve: Curve, bounds: Bounds = UNBOUNDED) -> tuple[Double, Double]:
     """Returns the 95 % interval of the mean over runs at each point, [P] each.
 
     It is for new training seeds on the same episodes: curves keep only means over episodes. A
-    single run has none (NaN).
+    single run has none (NaN). It ends at the bounds of the metric.
     """
-    found = [seed_interval(point) for point in curve.values.T]
+    found = [seed_interval(point, bounds=bounds) for point in curve.values.T]
     return np.array([each.low for each in found]), np.array([each.high for each in found])

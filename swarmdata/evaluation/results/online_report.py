@@ -17,7 +17,7 @@ from swarmdata.learn.training.run_files import CURVE, SPEED, read_table
 from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
-from swarmdata.rollouts.score_intervals import seed_interval
+from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, seed_interval
 from swarmdata.runtime.atomic import write_file
 
 LEARNED_SUCCESS = 0.9
@@ -140,9 +140,7 @@ def _cells(training: Training) -> tuple[str, ...]:
 def _interval(training: Training, metric: str, factor: float, unit: str) -> str:
     """Mean over seeds at the end of training; its 95 % interval is for new training seeds."""
     last = np.array([curve[-1][metric] for curve in training.curves])
-    value, *ends = seed_interval(last)
-    if unit:  # a share, which ends at 0 and 1
-        ends = np.clip(ends, 0.0, 1.0).tolist()
+    value, *ends = seed_interval(last, bounds=SHARE if unit else UNBOUNDED)
     digits = 1 if unit else 2
     low, high = (f"{factor * each:.{digits}f}" for each in ends)
     text = f"{factor * value:.{digits}f}"

@@ -5,7 +5,7 @@ They also show what the dataset's own episodes achieved, with action noise.
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,12 @@ from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.evaluation.results.result_set import Case, ResultSet
 from swarmdata.numerics.random import VALIDATION_BASE
 from swarmdata.rollouts import metrics
-from swarmdata.rollouts.score_intervals import mean_interval, rate_interval, target_of
+from swarmdata.rollouts.score_intervals import (
+    AT_LEAST_ZERO,
+    mean_interval,
+    rate_interval,
+    target_of,
+)
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import describe
 from swarmdata.types import Double
@@ -36,6 +41,7 @@ class Quantity:
     column: Column
     values: Callable[[Case, str], Double]  # of a label, [runs, episodes]
     data: Callable[[Case], float | None]  # None: unknown
+    limit: Callable[[Case], float] = lambda _: math.inf  # largest value in a case
 
 
 def _metric(name: str) -> Callable[[Case, str], Double]:
@@ -79,16 +85,21 @@ QUANTITIES: Mapping[str, Quantity] = {
             _data_figure("clean_success"),
         ),
         Quantity(
-            Column("robot_collisions", "robot collisions", "", 2),
+            Column("robot_collisions", "robot collisions", "", 2, bounds=AT_LEAST_ZERO),
             _metric("robot_collisions"),
             _unknown,
         ),
         Quantity(
-            Column("obstacle_collisions", "obstacle collisions", "", 2),
+            Column("obstacle_collisions", "obstacle collisions", "", 2, bounds=AT_LEAST_ZERO),
             _metric("obstacle_collisions"),
             _unknown,
         ),
-        Quantity(Column("time_to_goal", "time to goal", "s", 1), _time_to_goal, _unknown),
+        Quantity(
+            Column("time_to_goal", "time to goal", "s", 1, bounds=AT_LEAST_ZERO),
+            _time_to_goal,
+            _unknown,
+            lambda case: case.time_limit,
+        ),
     )
 }
 """The quantities in tables of our tasks, by key."""
@@ -96,7 +107,12 @@ QUANTITIES: Mapping[str, Quantity] = {
 FOREIGN_QUANTITIES = (
     RETURN,
     SUCCESS,
-    Quantity(Column("length", "length", "steps", 1), _metric("length"), _unknown),
+    Quantity(
+        Column("length", "length", "steps", 1, bounds=AT_LEAST_ZERO),
+        _metric("length"),
+        _unknown,
+        lambda case: case.spec.horizon or math.inf,
+    ),
 )
 
 
@@ -129,14 +145,16 @@ def case_table(case: Case) -> Table:
 
 def estimate(quantity: Quantity, case: Case, label: str) -> Estimate:
     """Estimates a quantity of a label; undefined if it is undefined in any episode."""
-    return estimate_values(quantity.values(case, label), quantity.column)
+    low, high = quantity.column.bounds
+    column = replace(quantity.column, bounds=(low, min(high, quantity.limit(case))))
+    return estimate_values(quantity.values(case, label), column)
 
 
 def estimate_values(values: Double, column: Column) -> Estimate:
     """Estimates the mean of values [runs, episodes] of a column; undefined if one of them is."""
     if np.isnan(values).any():
         return UNDEFINED_ESTIMATE
-    return rate_interval(values) if column.is_rate else mean_interval(values)
+    return rate_interval(values) if column.is_rate else mean_interval(values, bounds=column.bounds)
 
 
 def _without_interval(value: float | None) -> Estimate:
@@ -174,10 +192,7 @@ def metric_table(results: ResultSet, key: str = "score") -> Table:
     quantity = QUANTITIES[key]
     shown = quantity.column
     cases = [case for case in results.cases if quantity in quantities_of(case)]
-    columns = tuple(
-        Column(case.name, case.name, shown.unit, shown.decimals, shown.factor, shown.is_rate)
-        for case in cases
-    )
+    columns = tuple(replace(shown, key=case.name, label=case.name) for case in cases)
     rows = [
         Row(
             label,

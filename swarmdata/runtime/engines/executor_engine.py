@@ -71,43 +71,55 @@ class ExecutorEngine:
             on_failure: gets jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
 
         Raises:
-            BuildError: a job failed, by default; or there is no executor any more.
+            BuildError: a job failed, by default.
+            EngineError: there is no executor any more that takes jobs.
         """
         queue, attempts = deque(jobs), Counter[str]()
+
+        def lose(job: Job, error: BaseException) -> None:
+            attempts[job.name] += 1
+            if attempts[job.name] == MAX_ATTEMPTS:
+                on_failure(job, _lost(job, error))
+            else:
+                queue.append(job)
+
         while queue or self._running:
             while queue and len(self._running) < MAX_SUBMITTED:
-                self._submit(queue.popleft())
+                self._submit(queue.popleft(), lose)
             done, _ = wait(self._running, return_when=FIRST_COMPLETED)
             for future in done:
                 job = self._running.pop(future)
                 try:
                     outcome = future.result()
                 except (Exception, CancelledError) as error:  # the engine's own: it lost the job
-                    attempts[job.name] += 1
-                    if attempts[job.name] == MAX_ATTEMPTS:
-                        on_failure(job, _lost(job, error))
-                    else:
-                        queue.append(job)
+                    lose(job, error)
                     continue
                 if "error" in outcome:
                     on_failure(job, BuildError(f"{job.name} failed: {outcome['error']}"))
                 else:
                     progress(outcome["progress"])
 
-    def _submit(self, job: Job) -> None:
-        """Hands a job to the executor; to a new one, if it takes no more."""
+    def _submit(self, job: Job, lose: Callable[[Job, BaseException], None]) -> None:
+        """Hands a job to the executor; to a new one, if it takes no more.
+
+        What the last one has not done is lost then: nobody settles its futures any more.
+        """
         assert self._executor is not None
         try:
             future = self._executor.submit(do_job, self.entry, job.payload)
-        except (RuntimeError, OSError) as error:  # it is broken, shut down or disconnected
+        except Exception as error:  # each engine has its own ones for a lost connection
             if not self.is_owned:
-                raise EngineError(
-                    f"the executor takes no more jobs ({error}). What is finished is kept: call "
-                    "again with a new one."
-                ) from error
+                raise _refused(error, "call again with a new one") from error
             self._close()
+            for open_future in [each for each in self._running if not each.done()]:
+                lose(self._running.pop(open_future), error)
             self._executor = self.open_executor()
-            future = self._executor.submit(do_job, self.entry, job.payload)
+            try:
+                future = self._executor.submit(do_job, self.entry, job.payload)
+            except EngineError:
+                raise
+            except Exception as again:
+                raise _refused(again, "run the same command again to continue") from again
         self._running[future] = job
 
     def _cancel(self) -> None:
@@ -123,6 +135,13 @@ class ExecutorEngine:
             ending.start()
             ending.join(timeout=SHUTDOWN_SECONDS)
         self._executor = None
+
+
+def _refused(error: Exception, what_to_do: str) -> EngineError:
+    return EngineError(
+        f"the executor takes no more jobs ({type(error).__name__}: {error}). What is finished is "
+        f"kept: {what_to_do}."
+    )
 
 
 SHUTDOWN_SECONDS = 10

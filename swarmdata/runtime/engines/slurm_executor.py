@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,7 @@ class SlurmExecutor(Executor):
         with self._lock:
             abandoned, self._waiting = self._waiting, {}
         for each in abandoned.values():
-            each.job.cancel()
+            _cancel(each.job)
 
     def _poll(self) -> None:
         while self._is_open:
@@ -92,33 +93,43 @@ class SlurmExecutor(Executor):
     def _settle(self, future: "Future[Any]", each: _Waiting, queued: set[str] | None) -> bool:
         """Cancels, finishes or fails a future; says whether there is no more to wait for."""
         if future.cancelled():
-            each.job.cancel()
-        elif each.job.paths.result_pickle.exists():
-            try:
+            _cancel(each.job)
+            return True
+        try:
+            if each.job.paths.result_pickle.exists():
                 future.set_result(each.job.result())
-            except Exception as error:  # of submitit: it ended the job, as at its time limit
-                future.set_exception(error)
-        elif queued is None or str(each.job.job_id) in queued:
+                return True
+        except Exception as error:  # of submitit, which ended the job, or of the file system
+            future.set_exception(error)
+            return True
+        if queued is None or str(each.job.job_id) in queued:
             each.left_at = None
             return False
-        else:
-            each.left_at = each.left_at or time.monotonic()
-            if time.monotonic() - each.left_at < RESULT_SECONDS:
-                return False
-            future.set_exception(
-                EngineError(
-                    f"the SLURM job {each.job.job_id} ended without a result; its log is "
-                    f"{each.job.paths.stderr}"
-                )
+        each.left_at = each.left_at or time.monotonic()
+        if time.monotonic() - each.left_at < RESULT_SECONDS:
+            return False
+        future.set_exception(
+            EngineError(
+                f"the SLURM job {each.job.job_id} ended without a result; its log is "
+                f"{each.job.paths.stderr}"
             )
+        )
         return True
+
+
+def _cancel(job: Any) -> None:
+    """Cancels a SLURM job, if SLURM answers; `scancel` itself says why it does not."""
+    with suppress(OSError):  # there is no `scancel`, or no process for it
+        job.cancel(check=False)
 
 
 def queued_jobs() -> set[str] | None:
     """Asks SLURM for this user's jobs."""
-    found = subprocess.run(
-        ["squeue", "--me", "--noheader", "--format=%A"], capture_output=True, text=True, check=False
-    )
+    command = ["squeue", "--me", "--noheader", "--format=%A"]
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError:  # there is no `squeue`, or no process for it
+        return None
     return set(found.stdout.split()) if found.returncode == 0 else None
 
 

@@ -1,15 +1,14 @@
-"""Baselines on cards: of this dataset and this content only, the best first."""
+"""Baselines on cards: of this dataset and this content only, from one study, the best first."""
 
-from swarmdata.behavior_policies.tiers import NEWEST_VERSION, shipped_recipes
-from swarmdata.cards.sections.baselines import (
-    BASELINE_COLUMNS,
-    baselines_section,
-    read_estimates,
-    study_estimates,
-)
+from pathlib import Path
+
+import pytest
+
+from swarmdata.cards.committed_studies import CommittedStudy, Means
+from swarmdata.cards.sections.baselines import BASELINE_COLUMNS, baselines_section
 from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL
 
-Rows = list[dict[str, str]]
+Rows = list[Means]
 
 
 def make_rows(label: str, team_return: float, **changes: str) -> Rows:
@@ -23,51 +22,69 @@ def make_rows(label: str, team_return: float, **changes: str) -> Rows:
     ]
 
 
-def section(*rows: Rows) -> str:
-    return baselines_section("coop_nav-small-v0", "a" * 64, [row for each in rows for row in each])
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
 
 
-def test_the_best_comes_first_with_its_seeds_updates_and_intervals() -> None:
-    text = section(make_rows("bc", 1.0), make_rows("omar", 2.5))
-    rows = [line for line in text.splitlines() if line.startswith("| `")]
-    assert [row.split(" | ")[0] for row in rows] == ["| `omar`", "| `bc`"]
-    assert "| 5 | 4,000 | 0.5 [0.2, 0.8] | 2.50 [2.25, 2.75] | 50.0 [25.0, 75.0] |" in rows[0]
-    assert "300 reserved evaluation seeds" in text
+def study(name: str, *rows: Rows, block: str = "evaluation") -> CommittedStudy:
+    folder = Path(name)
+    folder.mkdir(exist_ok=True)
+    (folder / "study.yaml").write_text(f"block: {block}\n")
+    return CommittedStudy(folder, tuple(row for each in rows for row in each))
+
+
+def section(*studies: CommittedStudy) -> str:
+    return baselines_section("coop_nav-small-v0", "a" * 64, studies)
+
+
+def labels(text: str) -> list[str]:
+    return [line.split("`")[1] for line in text.splitlines() if line.startswith("| `")]
+
+
+def test_the_best_comes_first_with_intervals_and_where_they_come_from() -> None:
+    text = section(study("tiny", make_rows("bc", 1.0), make_rows("omar", 2.5)))
+    assert labels(text) == ["omar", "bc"]
+    assert "| `omar` | 0.5 [0.2, 0.8] | 50.0 [25.0, 75.0] |\n" in text
+    assert "the study `tiny`: the last policies of 5 training seeds after 4,000 updates" in text
+    assert "on 300 reserved evaluation seeds" in text
     assert f"95 % intervals for {TARGET_OF_SEVERAL}." in text
+    assert "Other studies" not in text
+
+
+def test_rows_are_of_the_study_with_the_most_algorithms_and_the_others_are_named() -> None:
+    few = study("few", make_rows("bc", 9.0))
+    many = study("many", make_rows("bc", 1.0), make_rows("iql", 2.0))
+    text = section(few, many)
+    assert labels(text) == ["iql", "bc"]
+    assert "study `many`" in text
+    assert text.endswith("Other studies of this dataset: `few`.\n")
+
+
+def test_studies_that_chose_settings_come_after_all_others() -> None:
+    many = make_rows("bc", 1.0), make_rows("iql", 2.0)
+    chose = study("chose", *many, block="validation")
+    assert labels(section(chose, study("few", make_rows("vdn", 9.0)))) == ["vdn"]
+    assert "on 300 validation seeds" in section(chose)
 
 
 def test_other_datasets_and_other_content_are_not_shown() -> None:
-    assert "No study has been run on this dataset yet.\n" in section()
-    assert "No study has been run on this dataset yet.\n" in section(
-        make_rows("bc", 1.0, dataset="other-v0")
-    )
-    assert "used other data with this id" in section(make_rows("bc", 1.0, digest="b" * 64))
+    none = "No study has been run on this dataset yet.\n"
+    assert none in section()
+    assert none in section(study("tiny", make_rows("bc", 1.0, dataset="other-v0")))
+    other = study("tiny", make_rows("bc", 1.0, digest="b" * 64))
+    assert "used other data with this id" in section(other)
 
 
 def test_what_was_not_measured_is_a_dash_and_one_episode_has_no_interval() -> None:
     rows = [row for row in make_rows("bc", 1.0) if row["quantity"] != "score"]
-    rows[0] |= {"low": "", "high": ""}
-    assert "| 4,000 | – | 1.00 | 50.0 [" in section(rows)
+    rows[0] = {**rows[0], "low": "", "high": ""}
+    assert "| `bc` | – | 50.0 |\n" in section(study("tiny", rows))
 
 
-def test_rows_that_learned_from_other_rewards_are_no_baselines() -> None:
-    text = section(make_rows("bc", 1.0), make_rows("bc-safe", 2.0, rewards='{"time": 9.0}'))
-    assert "| `bc` |" in text
-    assert "bc-safe" not in text
-
-
-def test_the_committed_studies_can_be_read() -> None:
-    for row in (row for row in study_estimates() if row["dataset"]):
-        assert row["dataset"].endswith(f"-v{NEWEST_VERSION}")
-
-
-def test_no_card_shows_baselines_of_a_replaced_version() -> None:
-    for key in shipped_recipes():
-        shown = [row for row in study_estimates() if row["dataset"] == key]
-        text = baselines_section(key, "a" * 64, study_estimates())
-        assert text.endswith("No study has been run on this dataset yet.\n") == (not shown)
-
-
-def test_rows_of_a_file_are_estimates() -> None:
-    (row,) = read_estimates("label,mean\nbc,1.5\n")
-    assert row == {"label": "bc", "mean": "1.5"}
+def test_variants_and_what_learned_from_other_rewards_are_no_baselines() -> None:
+    others = make_rows("bc-gru", 2.0), make_rows("iql", 2.0, rewards='{"time": 9.0}')
+    assert labels(section(study("tiny", make_rows("bc", 1.0), *others))) == ["bc"]
+    text = section(study("tiny", *others))
+    assert labels(text) == []
+    assert "Studies of variants of algorithms: `tiny`." in text

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.curve_plots import plot_learning
 from swarmdata.evaluation.results.learning_curves import Curve, group_files, interval_of
+from swarmdata.rollouts.score_intervals import SHARE
 
 
 def paths(*names: str) -> list[Path]:
@@ -51,6 +52,13 @@ def test_interval_holds_the_mean_and_moves_with_the_runs(seed: int, n_runs: int)
     np.testing.assert_allclose(high - mean, mean - low)
     shifted = interval_of(Curve(np.arange(7.0), values + 5.0))
     np.testing.assert_allclose(shifted[0], low + 5.0)
+
+
+def test_the_band_of_a_share_ends_at_none_and_all() -> None:
+    curve = Curve(np.arange(2.0), np.array([[0.0, 1.0], [0.5, 0.2]]))
+    low, high = interval_of(curve, SHARE)
+    assert interval_of(curve)[0].min() < 0.0 == low.min()
+    assert high.max() == 1.0
 
 
 def write_runs(folder: Path, seeds: int = 2) -> dict[str, dict[str, list[Path]]]:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from swarmdata.errors import UnknownNameError
+from swarmdata.evaluation.results.aggregates import returns_and_collisions
 from swarmdata.evaluation.results.estimate_table import Table
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import (
+    QUANTITIES,
     aggregate_table,
     case_table,
     difference_table,
@@ -57,6 +59,25 @@ def test_several_runs_give_the_mean_and_what_its_interval_is_for() -> None:
     assert row["success"].low < 0.75 < row["success"].high  # runs agree, episodes differ
     assert f"95 % interval for {TARGET_OF_SEVERAL}]" in table.caption
     assert table == case_table(case)  # repeatable
+
+
+@pytest.mark.parametrize("key", QUANTITIES)
+def test_every_interval_stays_in_the_range_of_its_quantity(key: str) -> None:
+    one, *others = (result(index=k) for k in range(3))
+    found = one.evaluation.metrics
+    alone = {"robot_collisions": 40.0, "obstacle_collisions": 40.0, "success": 1.0}
+    changed = {name: np.full_like(found[name], value) for name, value in alone.items()}
+    changed["time_to_goal"] = np.zeros_like(found["time_to_goal"])
+    differs = replace(one, evaluation=replace(one.evaluation, metrics={**found, **changed}))
+    (case,) = group_results([differs, *others]).cases
+    ranges = {"success": (0, 1), "clean_success": (0, 1), "time_to_goal": (0, case.time_limit)}
+    ranges |= dict.fromkeys(("robot_collisions", "obstacle_collisions"), (0, math.inf))
+    least, most = ranges.get(key, (-math.inf, math.inf))
+    value, low, high = cells(case_table(case), "bc")[key]
+    assert least <= low <= value <= high <= most
+    if key == "robot_collisions":
+        assert mean_interval(case.metric("bc", key)).low < 0.0 == low
+        assert returns_and_collisions(case)[0].collisions.low == 0.0
 
 
 def test_the_data_come_first_without_an_interval() -> None:

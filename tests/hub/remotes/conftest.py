@@ -8,7 +8,9 @@ import pytest
 
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.network.backoff import Backoff
+from swarmdata.hub.remotes.network.pace import Meter
 from swarmdata.testing.synthetic import RELEASE_CARD, write_release
+from tests.hub.remotes.faults import Clock
 from tests.hub.remotes.loopback_hub import LoopbackHub
 
 ID, NEXT = "coop_nav-synthetic-v0", "coop_nav-synthetic-v1"
@@ -47,6 +49,14 @@ def beside(tmp_path: Path) -> Path:
 def backoff() -> Backoff:
     """Three attempts without waiting."""
     return Backoff(attempts=3, sleep=lambda seconds: None)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """What remotes measure the pace by; give it to a server, too, whose pauses advance it."""
+    found = Clock()
+    monkeypatch.setattr(Meter.__init__, "__defaults__", (found,))
+    return found
 
 
 @pytest.fixture

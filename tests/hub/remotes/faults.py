@@ -7,6 +7,15 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
 
 
+class Clock:
+    """Seconds that pass only in the pauses of a slow server: no busy machine is too slow."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
 @dataclass
 class Fault:
     """What happens to requests whose `METHOD /path` matches `pattern`.
@@ -17,9 +26,9 @@ class Fault:
         headers: of that answer.
         cut: bytes of the body after which the connection ends.
         corrupt: whether one bit of the body is flipped; its length stays.
-        drip: bytes sent at a time, with pauses of `pause` seconds.
-        trickle: seconds between two bytes of the status and the headers.
-        stall: seconds without a byte in the middle of the body.
+        drip: bytes sent at a time, with pauses of `pause` seconds of the server's clock.
+        trickle: such seconds between two bytes of the status and the headers.
+        stall: such seconds without a byte in the middle of the body.
         lose: whether the request is handled but its answer never sent.
         skip: matching requests that are let through first.
         times: matching requests that are hit after those.
@@ -52,7 +61,14 @@ class Fault:
 
 
 class FaultyServer(ThreadingHTTPServer):
-    """A server on 127.0.0.1 with a log of its requests and a list of faults."""
+    """A server on 127.0.0.1 with a log of its requests and a list of faults.
+
+    Attributes:
+        faults: to inject.
+        log: of requests.
+        clock: of the client, which the pauses of this server advance; None: they are real.
+        pausing: set as soon as an answer has paused.
+    """
 
     daemon_threads = True
 
@@ -60,8 +76,11 @@ class FaultyServer(ThreadingHTTPServer):
         super().__init__(("127.0.0.1", 0), handler)
         self.faults: list[Fault] = []
         self.log: list[str] = []
+        self.clock: Clock | None = None
+        self.pausing, self._closing = threading.Event(), threading.Event()
         self.lock = threading.RLock()
-        self._thread = threading.Thread(target=self.serve_forever, daemon=True)
+        poll = {"poll_interval": 0.01}  # s that `shutdown` waits
+        self._thread = threading.Thread(target=self.serve_forever, kwargs=poll, daemon=True)
 
     @property
     def url(self) -> str:
@@ -73,6 +92,7 @@ class FaultyServer(ThreadingHTTPServer):
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._closing.set()
         self.shutdown()
         self.server_close()
         self._thread.join()
@@ -82,6 +102,16 @@ class FaultyServer(ThreadingHTTPServer):
         with self.lock:
             self.log.append(request)
             return next((fault for fault in self.faults if fault.hits(request)), None)
+
+    def pause(self, seconds: float) -> None:
+        """Lets an answer wait, until the server ends at most; a clock goes 100 times as fast."""
+        self.pausing.set()
+        if self.clock is None:
+            self._closing.wait(seconds)
+            return
+        while seconds > 0.0 and not self._closing.wait(min(seconds, 1.0) / 100.0):
+            self.clock.now += min(seconds, 1.0)
+            seconds -= 1.0
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that hangs up is no error of a test."""
@@ -147,14 +177,14 @@ class FaultyHandler(BaseHTTPRequestHandler):
         if fault.stall:
             self.wfile.write(body[: len(body) // 2])
             self.wfile.flush()
-            threading.Event().wait(fault.stall)
+            self.server.pause(fault.stall)
             body = body[len(body) // 2 :]
         step = fault.drip or max(1, len(body))
         for start in range(0, len(body), step):
             self.wfile.write(body[start : start + step])
             if fault.drip:
                 self.wfile.flush()
-                threading.Event().wait(fault.pause)
+                self.server.pause(fault.pause)
 
     def _send_headers(self, seconds: float) -> None:
         """Ends the headers; with so many seconds between two of their bytes."""
@@ -162,7 +192,7 @@ class FaultyHandler(BaseHTTPRequestHandler):
             buffer: list[bytes] = vars(self)["_headers_buffer"]  # of http.server
             for byte in b"".join(buffer):
                 self.wfile.write(bytes([byte]))
-                threading.Event().wait(seconds)
+                self.server.pause(seconds)
             buffer.clear()
         self.end_headers()
 

@@ -15,7 +15,7 @@ class _Handler(FaultyHandler):
 
     def answer(self) -> None:
         body = self.read_body()
-        connection = http.client.HTTPConnection(*self.server.behind, timeout=10)
+        connection = http.client.HTTPConnection(*self.server.behind, timeout=300)
         headers = {key: value for key, value in self.headers.items() if key.lower() not in _HOP}
         connection.request(self.command, self.path, body, headers)
         response = connection.getresponse()

@@ -150,7 +150,7 @@ def test_workers_end_when_the_supervisor_is_killed(
     wait_for(lambda: not is_running(worker))
 
 
-def wait_for(condition: object, seconds: float = 30.0) -> None:
+def wait_for(condition: object, seconds: float = 300.0) -> None:
     assert callable(condition)
     end = time.monotonic() + seconds
     while not condition():

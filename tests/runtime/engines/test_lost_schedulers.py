@@ -12,9 +12,11 @@ from typing import Any
 
 import pytest
 
-from swarmdata.errors import EngineError
+from swarmdata.errors import BuildError, EngineError
+from swarmdata.runtime.engines import dask_executor, slurm_executor
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
 from swarmdata.runtime.engines.open_engine import open_engine
+from swarmdata.runtime.engines.slurm_executor import SlurmExecutor
 from tests.runtime.engines.test_engines import (
     HANDLER,
     START_SECONDS,
@@ -91,26 +93,75 @@ def test_a_dask_scheduler_that_starts_again_gets_the_jobs_again(tmp_path: Path) 
     assert sum(starts(tmp_path, each.name) for each in jobs) > N_JOBS, "some were begun again"
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs distributed")
+def test_a_dask_scheduler_that_is_killed_for_good_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 20)  # a busy machine starts slowly
+    address = f"127.0.0.1:{free_port()}"
+    scheduler = start_dask("dask_scheduler", "--host", address)
+    worker = start_dask("dask_worker", f"tcp://{address}", "--nthreads", "1")
+    engine = open_engine(
+        f"dask://{address}", "engine_handler:work", n_workers=1, folder=tmp_path / "x"
+    )
+    try:
+        with engine as opened:
+            when_a_job_has_begun(tmp_path, scheduler.kill)
+            jobs = [job(tmp_path, f"job-{k}", "wait") for k in range(N_JOBS)]
+            with pytest.raises(EngineError, match=f"no Dask scheduler answers at {address}"):
+                opened.run(jobs, lambda n: None)
+    finally:
+        for daemon in (worker, scheduler):
+            daemon.kill()
+            daemon.wait(START_SECONDS)
+
+
+def closed_client() -> Exception:
+    """What Dask's client raises when it has given up its scheduler."""
+    client = pytest.importorskip("distributed.client", reason="needs distributed")
+    error: Exception = client.ClosedClientError("Client is closed. Can't send update-graph.")
+    return error
+
+
+def no_submission() -> Exception:
+    """What submitit raises when SLURM does not take a job."""
+    utils = pytest.importorskip("submitit.core.utils", reason="needs submitit")
+    error: Exception = utils.FailedSubmissionError("Unable to contact slurm controller")
+    return error
+
+
+LOST: list[Callable[[], Exception]] = [
+    closed_client,
+    no_submission,
+    lambda: ConnectionError("the scheduler is gone"),
+    lambda: Exception("Ray Client is not connected."),  # Ray's own are plain ones, too
+]
+
+
 class Broken(Executor):
     """An executor whose connection is lost after some jobs."""
 
-    def __init__(self, n_jobs: int) -> None:
-        self.n_left = n_jobs
+    def __init__(self, n_jobs: int, error: Exception) -> None:
+        self.n_left, self.error = n_jobs, error
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         if not self.n_left:
-            raise ConnectionError("the scheduler is gone")
+            raise self.error
         self.n_left -= 1
         future: Future[Any] = Future()
         future.set_result(fn(*args, **kwargs))
         return future
 
 
-def test_a_connection_that_is_lost_is_made_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lost", LOST)
+def test_a_connection_that_is_lost_is_made_again(
+    lost: Callable[[], Exception], tmp_path: Path
+) -> None:
     opened: list[Broken] = []
 
     def connect() -> Broken:
-        opened.append(Broken(3))
+        opened.append(Broken(3, lost()))
         return opened[-1]
 
     reports: list[int] = []
@@ -120,13 +171,28 @@ def test_a_connection_that_is_lost_is_made_again(tmp_path: Path) -> None:
     assert len(opened) == 2
 
 
+@pytest.mark.parametrize("is_owned", [True, False], ids=["ours", "the user's"])
+@pytest.mark.parametrize("lost", LOST)
+def test_an_executor_that_takes_no_more_jobs_is_one_sentence(
+    lost: Callable[[], Exception], is_owned: bool, tmp_path: Path
+) -> None:
+    error = lost()
+    executor = Broken(0, error)
+    with (
+        ExecutorEngine("engine_handler:work", lambda: executor, is_owned) as engine,
+        pytest.raises(EngineError, match=r"takes no more jobs .* is finished is kept") as raised,
+    ):
+        engine.run([job(tmp_path, "any")], lambda n: None)
+    assert raised.value.__cause__ is error
+
+
 def test_a_scheduler_that_stays_away_is_one_sentence(tmp_path: Path) -> None:
     opened: list[Broken] = []
 
     def connect() -> Broken:
         if opened:
             raise EngineError("no scheduler answers")
-        opened.append(Broken(1))
+        opened.append(Broken(1, ConnectionError("the scheduler is gone")))
         return opened[-1]
 
     with (
@@ -134,3 +200,128 @@ def test_a_scheduler_that_stays_away_is_one_sentence(tmp_path: Path) -> None:
         pytest.raises(EngineError, match="no scheduler answers"),
     ):
         engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], lambda n: None)
+
+
+class Deaf(Broken):
+    """An executor that never settles the future of its first job."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        future = super().submit(fn, *args, **kwargs)
+        return future if self.n_left else Future()
+
+
+def test_jobs_of_a_lost_executor_are_submitted_again(tmp_path: Path) -> None:
+    opened: list[Broken] = []
+
+    def connect() -> Broken:
+        gone = ConnectionError("the scheduler is gone")
+        opened.append(Broken(9, gone) if opened else Deaf(1, gone))
+        return opened[-1]
+
+    reports: list[int] = []
+    with ExecutorEngine("engine_handler:work", connect) as engine:
+        engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], reports.append)
+    assert sum(reports) == N_JOBS * 7
+    assert len(opened) == 2
+
+
+def test_a_job_that_loses_every_executor_is_named(tmp_path: Path) -> None:
+    with (
+        ExecutorEngine("engine_handler:work", lambda: Deaf(1, OSError("gone"))) as engine,
+        pytest.raises(BuildError, match=r"failed: it was lost 3 times, last by OSError: gone"),
+    ):
+        engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], lambda n: None)
+
+
+class Client:
+    """A client of Dask, which takes calls although its connection is lost."""
+
+    def __init__(self) -> None:
+        self.status, self.events = "running", list[str]()
+
+    def get_executor(self, **settings: bool | int) -> "Client":
+        assert settings == {"pure": False, "retries": 0}
+        return self
+
+    def submit(self, fn: Callable[..., Any]) -> "Future[Any]":
+        self.events.append("submit")
+        return Future()
+
+    def shutdown(self, *, wait: bool) -> None:
+        self.events.append("shutdown")
+
+    def close(self) -> None:
+        self.events.append("close")
+
+
+def test_a_dask_client_without_its_scheduler_gets_no_calls() -> None:
+    client = Client()
+    executor = dask_executor.DaskExecutor(client)
+    executor.submit(print)
+    client.status = "connecting"
+    with pytest.raises(ConnectionError, match="client of Dask is connecting"):
+        executor.submit(print)
+    executor.shutdown(wait=False)
+    assert client.events == ["submit", "close"]
+
+
+class SlurmJob:
+    """A job of submitit, whose files and commands may fail."""
+
+    job_id, stderr = "7", "7_log.err"
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.error = error
+        self.cancelled: list[bool] = []
+
+    @property
+    def paths(self) -> "SlurmJob":
+        return self
+
+    @property
+    def result_pickle(self) -> "SlurmJob":
+        return self
+
+    def exists(self) -> bool:
+        if self.error is not None:
+            raise self.error
+        return True
+
+    def result(self) -> int:
+        return 3
+
+    def cancel(self, *, check: bool) -> None:
+        self.cancelled.append(check)
+        if self.error is not None:
+            raise self.error
+
+    def submit(self, fn: Callable[..., Any]) -> "SlurmJob":
+        return self
+
+
+def test_slurm_jobs_of_which_nothing_is_known_are_lost_and_the_others_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(slurm_executor, "POLL_SECONDS", 0.01)
+    bad, good = SlurmJob(OSError("stale file handle")), SlurmJob()
+    executor = SlurmExecutor(bad, lambda: {"7"})
+    lost = executor.submit(print)
+    assert isinstance(lost.exception(START_SECONDS), OSError)
+    executor._submitter = good
+    assert executor.submit(print).result(START_SECONDS) == 3, "the thread still looks"
+    executor.shutdown()
+
+
+def test_slurm_that_is_gone_does_not_answer(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert slurm_executor.queued_jobs() is None
+    gone = [SlurmJob(FileNotFoundError("scancel")) for _ in range(2)]
+    monkeypatch.setattr(SlurmExecutor, "_poll", lambda self: None)
+    executor = SlurmExecutor(gone[0], slurm_executor.queued_jobs)
+    executor.submit(print)
+    executor._submitter = gone[1]
+    executor.submit(print)
+    executor.shutdown()
+    assert [each.cancelled for each in gone] == [[False], [False]], "all are tried, none is checked"

@@ -7,10 +7,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmdata.cards.committed_studies import PLAN_FILE
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.study_folder import BLOCK_NAMES, PLAN_FILE, REPORT_FILE
+from swarmdata.evaluation.study.pages.study_folder import BLOCK_NAMES, REPORT_FILE
 from swarmdata.evaluation.study.pages.study_tables import (
     epochs_of,
     hidden_widths,

@@ -17,13 +17,14 @@ from swarmdata.evaluation.results.result_plots import plot_pareto
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
+from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
 MAX_ALGORITHMS_IN_MATRIX = 24
 """Algorithms of which all pairs fit into a figure."""
 
-COLLISIONS = Column("collisions", "collisions per episode", "", 2)
+COLLISIONS = Column("collisions", "collisions per episode", "", 2, bounds=AT_LEAST_ZERO)
 """New contacts of a robot with others and with obstacles, counted from events."""
 
 Pairs = Mapping[str, tuple[Estimate, Estimate]]

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
 from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
@@ -64,11 +65,9 @@ from swarmdata.types import Double
 
 REPORT_FILE = "report.md"
 RESULTS_FILE = "results.csv"
-ESTIMATES_FILE = "estimates.csv"
 DATA_FILE = "data.csv"
 COSTS_FILE = "costs.csv"
 CURVES_FILE = "curves.csv"
-PLAN_FILE = "study.yaml"
 
 BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
 """What texts call the seeds of a block."""

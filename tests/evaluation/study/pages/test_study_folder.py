@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.cards.sections.baselines import baselines_section, read_estimates
+from swarmdata.cards.committed_studies import read_studies
+from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.errors import DiskFullError, StudyError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells import cell_worker
@@ -112,9 +113,9 @@ def _check_tables(folder: Path) -> None:
     mean = float(np.mean(load_result(file).evaluation.metrics["return"]))
     assert float(runs[4]["return"]) == pytest.approx(mean)
     assert (runs[4]["updates"], runs[4]["episodes"], runs[4]["score"]) == ("10", "4", "")
-    text = (folder / "out" / "estimates.csv").read_text()
-    section = baselines_section("coop_nav-tiny-v0", runs[4]["digest"], read_estimates(text))
-    assert section.count("| `") == 2
+    (committed,) = (each for each in read_studies(folder) if each.name == "out")
+    section = baselines_section("coop_nav-tiny-v0", runs[4]["digest"], [committed])
+    assert section.count("| `bc` |") == 1
     facts = {row["dataset"]: row for row in rows(folder / "out" / "data.csv")}
     assert int(facts["coop_nav-tiny-v0"]["n_steps"]) >= 400
     assert {row["attempts"] for row in rows(folder / "out" / "costs.csv")} == {"1"}

@@ -10,9 +10,8 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
-from swarmdata.hub.remotes.network.pace import Pace
 from tests.hub.remotes.conftest import ID
-from tests.hub.remotes.faults import Fault
+from tests.hub.remotes.faults import Clock, Fault
 from tests.hub.remotes.static_host import StaticHost
 
 
@@ -34,7 +33,7 @@ def host(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StaticHost]:
 
 @pytest.fixture
 def remote(host: StaticHost, backoff: Backoff) -> WebRemote:
-    return WebRemote(host.url, backoff=backoff, pace=Pace(2.0, 100.0, 2.0))
+    return WebRemote(host.url, backoff=backoff)
 
 
 @pytest.mark.parametrize("ranges", [True, False])
@@ -70,8 +69,11 @@ def test_leftovers_of_an_earlier_attempt_do_no_harm(
     assert (tmp_path / "out").read_bytes() == expected
 
 
-def test_a_stalled_server_is_left(remote: WebRemote, host: StaticHost, tmp_path: Path) -> None:
-    host.faults.append(Fault("GET .*recipe", stall=9.0, times=1))
+def test_a_stalled_server_is_left(
+    remote: WebRemote, host: StaticHost, clock: Clock, tmp_path: Path
+) -> None:
+    host.clock = clock
+    host.faults.append(Fault("GET .*recipe", stall=1e4, times=1))
     remote.read(Release(ID, f"{remote.address}/{ID}"), "recipe.json", tmp_path / "out", 1 << 20)
     assert len([line for line in host.log if "recipe" in line]) == 2
 

@@ -6,13 +6,7 @@ from swarmdata.errors import HubError
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.network.backoff import Backoff, TooSlowError
 from swarmdata.hub.remotes.network.pace import Meter, Pace
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
+from tests.hub.remotes.faults import Clock
 
 
 @pytest.fixture
