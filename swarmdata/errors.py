@@ -52,6 +52,9 @@ class SwarmdataError(Exception):
         return str(self.args[0]) if self.args else ""
 
 
+INSTALL_HINT = "If another package defines it, install that package."
+"""What to do about an unknown name of something that users can define."""
+
 MOST_NAMES = 5
 """Known names that a message lists."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, Literal, overload
 
-from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import INSTALL_HINT, SchemaError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
@@ -143,7 +143,7 @@ def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
         UnknownNameError: with the nearest known name.
     """
     if name not in table:
-        raise UnknownNameError(kind, name, table)
+        raise UnknownNameError(kind, name, table, INSTALL_HINT)
     return import_component(table[name])
 
 

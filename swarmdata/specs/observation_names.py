@@ -15,7 +15,7 @@ from swarmdata.specs.sensing_models import (
     StateModel,
 )
 
-_KINDS: dict[str, type[StateModel | LidarModel | BearingModel | OccupancyModel]] = {
+OBSERVATION_KINDS: dict[str, type[StateModel | LidarModel | BearingModel | OccupancyModel]] = {
     "state": StateModel,
     "lidar": LidarModel,
     "bearing": BearingModel,
@@ -71,14 +71,14 @@ def observation_model(
         return source
     if isinstance(source, str) and not (is_file(source) or is_inline(source)):
         return _from_name(source)
-    return read_tagged(source, _KINDS, "observation model")
+    return read_tagged(source, OBSERVATION_KINDS, "observation model")
 
 
 def _from_name(name: str) -> AnyObservationModel:
     first, *rest = name.split("+")
     kind, has_size, size = first.partition("-")
-    if kind not in _KINDS:
-        raise UnknownNameError("observation model", kind, _KINDS)
+    if kind not in OBSERVATION_KINDS:
+        raise UnknownNameError("observation model", kind, OBSERVATION_KINDS)
     fields: dict[str, Any] = {"kind": kind}
     if has_size:
         fields[_SIZES[kind]] = _number(size, first, name)
@@ -96,7 +96,7 @@ def _from_name(name: str) -> AnyObservationModel:
         if added.keys() & fields.keys():
             raise SpecError(f"{modifier} is given twice in {name!r}. Leave one out")
         fields |= added
-    return _KINDS[kind].parse(fields, repr(name))
+    return OBSERVATION_KINDS[kind].parse(fields, repr(name))
 
 
 def _number(text: str, part: str, name: str) -> int | float:
