@@ -9,7 +9,7 @@ import csv
 import math
 import re
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -24,6 +24,7 @@ from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_arc
 from swarmdata.evaluation.study.pages.study_folder import PLAN_FILE
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.documents import read_document
 
 Rows = Sequence[Mapping[str, str]]
@@ -81,18 +82,18 @@ def committed_sources() -> list[ResultSource]:
         return [_of_study(path, f"cards/studies/{path.name}") for path in found if _is_shown(path)]
 
 
-def own_sources(places: Iterable[Path]) -> list[ResultSource]:
+def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:
     """Reads results of one's own.
 
     Args:
         places: folders of studies, folders that `swarmdata evaluate --out` wrote, or result files.
-
-    Raises:
-        DatasetNotFoundError: a place holds no results.
-        SchemaError: a file is not a result, or malformed.
-        ResultsError: results are stale, or cannot be compared.
+        failures: of the batch; gets places without results, and those that cannot be read.
     """
-    return [_of_place(Path(place)) for place in places]
+    found = []
+    for place in places:
+        with failures.item(str(place)):
+            found.append(_of_place(Path(place)))
+    return found
 
 
 def _of_place(place: Path) -> ResultSource:

@@ -44,7 +44,8 @@ class Frozen(BaseModel):
             return cls.model_validate(data)
         except ValidationError as error:
             where = f" in {source}" if source else ""
-            raise SpecError(f"invalid {cls.__name__}{where}: {_explain_all(cls, error)}") from error
+            name = cls.model_config.get("title") or cls.__name__
+            raise SpecError(f"invalid {name}{where}: {_explain_all(cls, error)}") from error
 
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no spaces, every default written out."""

@@ -59,7 +59,7 @@ def publish(monkeypatch: pytest.MonkeyPatch, entries: Mapping[str, Published]) -
 
 
 def only(ids: tuple[str, ...], **options: Any) -> Check:
-    (found,) = check(ids, workers=1, progress=False, **options)
+    (found,) = check(ids, Failures(1), workers=1, progress=False, **options)
     return found
 
 

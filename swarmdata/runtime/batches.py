@@ -1,0 +1,65 @@
+"""Failures, the one rule of commands that do several things: a bad item never sinks the others."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from swarmdata.errors import BatchError, DiskFullError, SwarmdataError
+
+
+@dataclass
+class Failures:
+    """Which items of a batch failed, and why; the others go on.
+
+    A full disk ends the batch, for the next item needs the same space, and so does Ctrl-C. The
+    error of a batch's only item is raised as it is.
+
+    Attributes:
+        n_items: of the batch.
+        tell: gets a line about each failure when it happens.
+        reasons: why items failed, by name.
+    """
+
+    n_items: int
+    tell: Callable[[str], None] = lambda text: None
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    @contextmanager
+    def item(self, name: str) -> Iterator[None]:
+        """Does what belongs to one item; an error is noted and ends the item only."""
+        try:
+            yield
+        except DiskFullError:
+            raise
+        except Exception as error:  # a user's own task or algorithm may raise anything
+            if self.n_items == 1:
+                raise
+            self.note(name, error)
+
+    def note(self, name: str, error: Exception) -> None:
+        """Notes that an item failed."""
+        is_ours = isinstance(error, SwarmdataError)
+        reason = str(error) if is_ours else f"{type(error).__name__}: {error}"
+        reason = reason.removeprefix(f"{name} failed: ").removeprefix("BuildError: ")
+        self.reasons[name] = reason
+        self.tell(f"failed: {name}: {reason}")
+
+    def check(self, what: str, advice: str = "The others are done.") -> None:
+        """Ends the batch.
+
+        Args:
+            what: the items in words, such as "datasets".
+            advice: what is kept, and what to do; whole sentences.
+
+        Raises:
+            BatchError: items failed; it names them all.
+        """
+        if self.reasons and self.n_items == 1:
+            ((name, reason),) = self.reasons.items()
+            raise BatchError(f"{name} failed: {reason}")
+        if self.reasons:
+            listed = "; ".join(f"{name}: {reason}" for name, reason in self.reasons.items())
+            raise BatchError(
+                f"{len(self.reasons)} of {self.n_items} {what} failed: {listed}"
+                f"{'' if listed.endswith('.') else '.'} {advice}"
+            )
