@@ -48,6 +48,7 @@ from swarmdata.envs.world.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.appearance import Appearance, SharedTargets
 from swarmdata.specs.features import Feature
 from swarmdata.specs.rules import NavigationRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair, robots_of
@@ -139,6 +140,17 @@ class CoopNav:
             f"every goal has a robot within {rules.goal_radius:g} m"
             if self._is_shared
             else f"every robot is within {rules.goal_radius:g} m of its target"
+        )
+        self.appearance = (
+            Appearance(
+                legend="Rings are goals, which any robot may cover.",
+                radius=rules.goal_radius,
+                shared=SharedTargets(n),
+            )
+            if self._is_shared
+            else Appearance(
+                legend="Rings are goals, in the color of their robot.", radius=rules.goal_radius
+            )
         )
         self._scratch = (np.zeros((n, n)), *assignment_work(n))
 

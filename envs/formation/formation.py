@@ -58,6 +58,7 @@ from swarmdata.envs.formation.slots import (
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import FormationRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
@@ -208,6 +209,12 @@ class Formation:
         self._rule = (rules.tolerance, needed)
         self._tolerance = rules.tolerance
         self.terms = _terms(rules)
+        self.appearance = Appearance(
+            legend="Crosses are the robots' slots, discs slots that are held.",
+            mark="slot",
+            radius=rules.tolerance,
+            is_linked=True,
+        )
         self.solved = (
             f"the root mean square of the robots' distances to their slots (tx, ty) was at most "
             f"{rules.tolerance:g} m in {needed} steps of the episode, consecutive or not"

@@ -56,6 +56,7 @@ from swarmdata.envs.world.spawn import check_fixed_layout
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.appearance import Appearance, Moment
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import IntersectionRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, Y, robots_of
@@ -247,6 +248,14 @@ class Intersection:
         self._headway = rules.headway
         self._rules = (rules.goal_radius, rules.headway, rules.quota, spec.control_dt)
         self.terms = _terms(rules)
+        self.appearance = Appearance(
+            legend="Rings are the gates that robots drive to, entries and exits.",
+            radius=rules.goal_radius,
+            moments=(
+                Moment("entry", "enters the crossing", "enter the crossing"),
+                Moment("crossing", "leaves the crossing", "leave the crossing"),
+            ),
+        )
         self.solved = f"the team has made {rules.quota} crossings"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from swarmdata.envs.render.targets import Drawn, drawn_task
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import OBSTACLE
-from swarmdata.specs.rules import TransportRules
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -42,6 +42,11 @@ class Scene:
     scan: Scan | None
     delivered: Bool  # [N, N] receivers, senders
     dropped: Bool  # [N, N]
+
+    @property
+    def drawn(self) -> Drawn:
+        """What its task looks like."""
+        return drawn_task(self.spec)
 
     @cached_property
     def radii(self) -> Double:
@@ -104,7 +109,7 @@ def build_scene(
 
 def n_bodies(spec: TaskSpec) -> int:
     """Returns the number of movable bodies in the task's states."""
-    return int(isinstance(spec.rules, TransportRules))
+    return len(drawn_task(spec).movables)
 
 
 def _split(spec: TaskSpec, states: Float) -> tuple[Double, Double, Double]:

@@ -65,6 +65,7 @@ from swarmdata.envs.world.spawn import (
 )
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.appearance import Appearance, Moment, SharedTargets
 from swarmdata.specs.features import (
     Feature,
     leading_to_places,
@@ -312,6 +313,20 @@ class Search:
         self._rules = (rules.sight_range, rules.goal_radius, rules.helpers)
         self._victim_radii = np.full(rules.victims, self._spawn.radii.max())
         self.terms = _terms(rules)
+        self.appearance = Appearance(
+            legend=(
+                "Rings are victims, filled once they are rescued. Dashes lead from a robot to the "
+                "victim that it knows; from afar robots see none."
+            ),
+            radius=rules.goal_radius,
+            shared=SharedTargets(rules.victims, reached=2 * rules.victims),
+            is_linked=True,
+            nowhere=(-spec.half_size[0], -spec.half_size[1]),
+            moments=(
+                Moment("sighting", "sees a victim first", "see a victim first"),
+                Moment("rescue", "rescues a victim", "rescue a victim"),
+            ),
+        )
         self.solved = "all victims are rescued"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:

@@ -70,6 +70,7 @@ from swarmdata.envs.world.spawn import SpawnPlan
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import BOX, nearest, nearest_of
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.features import Feature, numbered, telling_goals, vector
 from swarmdata.specs.rules import Payload, TransportRules
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
@@ -272,6 +273,12 @@ class Transport:
         self._shape = shape_of(rules.payload)
         # rounded, so that it does not depend on the C library's sine
         sine = ANY_ANGLE_SINE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
+        self.appearance = Appearance(
+            legend="The dashed outline is where the payload should be.",
+            mark="pose",
+            radius=rules.goal_radius,
+            direction=0 if is_posed else None,
+        )
         self._goal = (rules.goal_radius, sine)
         self._radius, self._room = radius, rules.room
 

@@ -40,6 +40,7 @@ from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.appearance import Appearance, Moment
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import Payload, WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
@@ -250,6 +251,15 @@ class Warehouse:
         self._spawn = SpawnPlan.of(spec)
         self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
         self.terms = _terms(rules, self.plan)
+        self.appearance = Appearance(
+            legend=("Rings are places and stations of the robots' orders; a small box is carried."),
+            radius=rules.goal_radius,
+            carrying=tuple(len(ROBOT_EXTRAS) * i for i in range(spec.n_agents)),
+            moments=(
+                Moment("pickup", "picks up", "pick up"),
+                Moment("delivery", "delivers", "deliver"),
+            ),
+        )
         self.solved = f"the team has made {rules.quota} deliveries"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:

@@ -27,6 +27,7 @@ from swarmdata.catalogue.result_sources import (
     ResultSource,
     committed_sources,
     own_sources,
+    with_families,
     with_keys,
 )
 from swarmdata.catalogue.site_folder import check_site, copy_assets, replaced_site
@@ -99,7 +100,8 @@ def build_catalogue(
     own = own_sources(choices.results, failures)
     entries = find_entries(names, failures, workers=choices.workers)
     failures.n_items = len(entries) + len(failures.reasons) + len(own)
-    sources = with_keys([*committed_sources(), *own])
+    committed = committed_sources()
+    sources = with_keys([*committed, *with_families(own, committed)])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)

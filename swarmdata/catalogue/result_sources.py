@@ -96,6 +96,23 @@ def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource
     return found
 
 
+def with_families(
+    own: Sequence[ResultSource], committed: Sequence[ResultSource]
+) -> list[ResultSource]:
+    """Gives one's own results the families, and so the colors, that studies give the algorithms."""
+    known = {each.label: each.family for source in committed for each in source.outcomes}
+    return [
+        replace(
+            source,
+            outcomes=tuple(
+                replace(each, family=known.get(each.family, each.family))
+                for each in source.outcomes
+            ),
+        )
+        for source in own
+    ]
+
+
 def _of_place(place: Path) -> ResultSource:
     if (place / ESTIMATES_FILE).is_file():
         return _of_study(place, str(place))

@@ -14,6 +14,7 @@ from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
+from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.budget import copies_excess
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Term
@@ -93,6 +94,9 @@ ONLINE_ALGORITHMS = ComponentTable(
 )
 
 
+_PLAIN = Appearance()
+
+
 def register_task(name: str, task: Any) -> None:
     """Makes a task known by a name: specs with `rules: {task: <name>, ...}` are then of it.
 
@@ -151,6 +155,12 @@ def make_task(spec: TaskSpec) -> Task:
     """Builds the task that `spec` describes."""
     build: Callable[[TaskSpec], Task] = resolve("task", TASKS, spec.task)
     return build(spec)
+
+
+def appearance_of(task: Task) -> Appearance:
+    """How a task is drawn; the default where it does not say."""
+    found: Appearance = getattr(task, "appearance", _PLAIN)
+    return found
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:

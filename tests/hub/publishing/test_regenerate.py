@@ -25,6 +25,7 @@ from swarmdata.hub.publishing.regenerate import (
     report,
 )
 from swarmdata.registry.published import Published, changed_versions
+from swarmdata.runtime.batches import Failures
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
