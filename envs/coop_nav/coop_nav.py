@@ -141,18 +141,17 @@ class CoopNav:
             if self._is_shared
             else f"every robot is within {rules.goal_radius:g} m of its target"
         )
-        self.appearance = (
-            Appearance(
-                legend="Rings are goals, which any robot may cover.",
-                radius=rules.goal_radius,
-                shared=SharedTargets(n),
-            )
-            if self._is_shared
-            else Appearance(
-                legend="Rings are goals, in the color of their robot.", radius=rules.goal_radius
-            )
-        )
         self._scratch = (np.zeros((n, n)), *assignment_work(n))
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, NavigationRules)
+        if rules.goals == "assigned":
+            text = "Rings are goals, in the color of their robot."
+            return Appearance(legend=text, radius=rules.goal_radius)
+        text, shared = "Rings are goals, which any robot may cover.", SharedTargets(spec.n_agents)
+        return Appearance(legend=text, radius=rules.goal_radius, shared=shared)
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         robots = robots_of(states, self.spec.n_agents)

@@ -209,15 +209,20 @@ class Formation:
         self._rule = (rules.tolerance, needed)
         self._tolerance = rules.tolerance
         self.terms = _terms(rules)
-        self.appearance = Appearance(
+        self.solved = (
+            f"the root mean square of the robots' distances to their slots (tx, ty) was at most "
+            f"{rules.tolerance:g} m in {needed} steps of the episode, consecutive or not"
+        )
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, FormationRules)
+        return Appearance(
             legend="Crosses are the robots' slots, discs slots that are held.",
             mark="slot",
             radius=rules.tolerance,
             is_linked=True,
-        )
-        self.solved = (
-            f"the root mean square of the robots' distances to their slots (tx, ty) was at most "
-            f"{rules.tolerance:g} m in {needed} steps of the episode, consecutive or not"
         )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:

@@ -248,7 +248,12 @@ class Intersection:
         self._headway = rules.headway
         self._rules = (rules.goal_radius, rules.headway, rules.quota, spec.control_dt)
         self.terms = _terms(rules)
-        self.appearance = Appearance(
+        self.solved = f"the team has made {rules.quota} crossings"
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = intersection_rules(spec)
+        return Appearance(
             legend="Rings are the gates that robots drive to, entries and exits.",
             radius=rules.goal_radius,
             moments=(
@@ -256,7 +261,6 @@ class Intersection:
                 Moment("crossing", "leaves the crossing", "leave the crossing"),
             ),
         )
-        self.solved = f"the team has made {rules.quota} crossings"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         layouts[copies] = self.junction.corners

@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from swarmdata.envs.render.targets import Drawn, drawn_task
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import OBSTACLE
+from swarmdata.registry.components import appearance_of
+from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -44,9 +45,9 @@ class Scene:
     dropped: Bool  # [N, N]
 
     @property
-    def drawn(self) -> Drawn:
-        """What its task looks like."""
-        return drawn_task(self.spec)
+    def look(self) -> Appearance:
+        """How its task is drawn."""
+        return appearance_of(self.spec)
 
     @cached_property
     def radii(self) -> Double:
@@ -109,7 +110,7 @@ def build_scene(
 
 def n_bodies(spec: TaskSpec) -> int:
     """Returns the number of movable bodies in the task's states."""
-    return len(drawn_task(spec).movables)
+    return len(appearance_of(spec).bodies)
 
 
 def _split(spec: TaskSpec, states: Float) -> tuple[Double, Double, Double]:

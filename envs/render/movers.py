@@ -42,7 +42,7 @@ def draw_trails(canvas: Canvas, scene: Scene) -> None:
 
 def draw_bodies(canvas: Canvas, scene: Scene) -> None:
     """Draws movable bodies with an arrow along their local x axis."""
-    for payload, body in zip(scene.drawn.movables, scene.bodies, strict=True):
+    for payload, body in zip(scene.look.bodies, scene.bodies, strict=True):
         place, towards = body[:2], body[4:6]
         outline = payload_outline(payload, place, towards)
         canvas.polygon(outline, PAYLOAD_COLOR)

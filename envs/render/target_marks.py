@@ -24,7 +24,7 @@ _SAME_PLACE_DISTANCE = 0.01  # m; closer targets are one place
 
 def draw_targets(canvas: Canvas, scene: Scene) -> None:
     """Draws where the robots, or their payload, should be, as the task's `Appearance` says."""
-    look = scene.drawn.look
+    look = scene.look
     targets = targets_of(look, scene.spec, scene.robots, scene.extras)
     _PAINTERS[look.mark](canvas, scene, targets)
 
@@ -44,7 +44,7 @@ def _rings(canvas: Canvas, scene: Scene, targets: list[Target]) -> None:
 
 def _links(canvas: Canvas, scene: Scene) -> None:
     """Draws dashes from each robot to its own target, where the task has them and the robot one."""
-    look = scene.drawn.look
+    look = scene.look
     if not look.is_linked:
         return
     for i, row in enumerate(scene.robots):
@@ -71,7 +71,7 @@ def _slots(canvas: Canvas, scene: Scene, targets: list[Target]) -> None:
         color, slot = robot_color(each.robot or 0), np.array([each.x, each.y])
         if each.is_reached:
             canvas.disc(each.x, each.y, each.radius, tint(color, 0.3))
-        elif scene.drawn.look.is_linked:
+        elif scene.look.is_linked:
             canvas.dashes(np.linspace(row[[X, Y]], slot, 8), ink(color, 0.5), 0.014, 0.035)
         for arm in ((0.07, 0.07), (0.07, -0.07)):
             canvas.line(np.array([slot - arm, slot + arm]), color, 0.028)
@@ -82,9 +82,9 @@ def _pose(canvas: Canvas, scene: Scene, _targets: list[Target]) -> None:
 
     If any direction will do, the outline has the payload's current direction.
     """
-    look, goal, body = scene.drawn.look, scene.robots[0, [TX, TY]], scene.bodies[0]
+    look, goal, body = scene.look, scene.robots[0, [TX, TY]], scene.bodies[0]
     radius = look.radius or 0.0
-    outline = wanted_outline(scene.drawn, scene.robots, scene.bodies, scene.extras)
+    outline = wanted_outline(scene.look, scene.robots, scene.bodies, scene.extras)
     is_reached = bool(np.hypot(*(goal - body[:2])) <= radius)
     canvas.polygon(outline, tint(PAYLOAD_EDGE_COLOR, 0.12))
     canvas.disc(goal[0], goal[1], radius, tint(PAYLOAD_EDGE_COLOR, 0.5 if is_reached else 0.22))
@@ -93,7 +93,7 @@ def _pose(canvas: Canvas, scene: Scene, _targets: list[Target]) -> None:
     canvas.dashes(dense, PAYLOAD_EDGE_COLOR, 0.028, 0.06)
     if look.direction is not None:
         towards = direction_of(look, scene.bodies, scene.extras)
-        tip = goal + towards * scene.drawn.movables[0].half_length
+        tip = goal + towards * scene.look.bodies[0].half_length
         canvas.line(np.array([goal, tip]), PAYLOAD_EDGE_COLOR, 0.02)
 
 

@@ -3,24 +3,15 @@
 `Appearance` of a task says which they are.
 """
 
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.registry.components import TASKS, appearance_of, make_task
 from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
-
-
-class Drawn(NamedTuple):
-    """What drawing a task needs of it."""
-
-    look: Appearance
-    movables: tuple[Payload, ...]
 
 
 class Target(NamedTuple):
@@ -31,18 +22,6 @@ class Target(NamedTuple):
     radius: float  # m, within which it is reached
     robot: int | None
     is_reached: bool
-
-
-def drawn_task(spec: TaskSpec) -> Drawn:
-    """What drawing the task of a spec needs of it."""
-    return _drawn(spec, TASKS.get(spec.task))
-
-
-@lru_cache(maxsize=64)
-def _drawn(spec: TaskSpec, _registered: Any) -> Drawn:
-    """Once for a spec, until another task is registered under the name."""
-    task = make_task(spec)
-    return Drawn(appearance_of(task), task.movables)
 
 
 def targets_of(look: Appearance, spec: TaskSpec, robots: Double, extras: Double) -> list[Target]:
@@ -86,14 +65,12 @@ def payload_outline(payload: Payload, place: Double, towards: Double) -> Double:
     return place + local[:, :1] * towards + local[:, 1:] * side
 
 
-def wanted_outline(drawn: Drawn, robots: Double, bodies: Double, extras: Double) -> Double:
+def wanted_outline(look: Appearance, robots: Double, bodies: Double, extras: Double) -> Double:
     """The corners of the first body at its goal, which is robot 0's target, [K, 2].
 
     Where any direction will do, it has the body's own.
     """
-    return payload_outline(
-        drawn.movables[0], robots[0, [TX, TY]], direction_of(drawn.look, bodies, extras)
-    )
+    return payload_outline(look.bodies[0], robots[0, [TX, TY]], direction_of(look, bodies, extras))
 
 
 def direction_of(look: Appearance, bodies: Double, extras: Double) -> Double:

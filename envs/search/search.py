@@ -313,7 +313,12 @@ class Search:
         self._rules = (rules.sight_range, rules.goal_radius, rules.helpers)
         self._victim_radii = np.full(rules.victims, self._spawn.radii.max())
         self.terms = _terms(rules)
-        self.appearance = Appearance(
+        self.solved = "all victims are rescued"
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = search_rules(spec)
+        return Appearance(
             legend=(
                 "Rings are victims, filled once they are rescued. Dashes lead from a robot to the "
                 "victim that it knows; from afar robots see none."
@@ -327,7 +332,6 @@ class Search:
                 Moment("rescue", "rescues a victim", "rescue a victim"),
             ),
         )
-        self.solved = "all victims are rescued"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         drawn = start_searches(

@@ -273,14 +273,20 @@ class Transport:
         self._shape = shape_of(rules.payload)
         # rounded, so that it does not depend on the C library's sine
         sine = ANY_ANGLE_SINE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
-        self.appearance = Appearance(
+        self._goal = (rules.goal_radius, sine)
+        self._radius, self._room = radius, rules.room
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, TransportRules)
+        return Appearance(
             legend="The dashed outline is where the payload should be.",
             mark="pose",
             radius=rules.goal_radius,
-            direction=0 if is_posed else None,
+            direction=None if rules.goal_angle is None else 0,
+            bodies=(rules.payload,),
         )
-        self._goal = (rules.goal_radius, sine)
-        self._radius, self._room = radius, rules.room
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         plan, radius, room = self._plan, self._radius, self._room

@@ -251,7 +251,13 @@ class Warehouse:
         self._spawn = SpawnPlan.of(spec)
         self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
         self.terms = _terms(rules, self.plan)
-        self.appearance = Appearance(
+        self.solved = f"the team has made {rules.quota} deliveries"
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, WarehouseRules)
+        return Appearance(
             legend=("Rings are places and stations of the robots' orders; a small box is carried."),
             radius=rules.goal_radius,
             carrying=tuple(len(ROBOT_EXTRAS) * i for i in range(spec.n_agents)),
@@ -260,7 +266,6 @@ class Warehouse:
                 Moment("delivery", "delivers", "deliver"),
             ),
         )
-        self.solved = f"the team has made {rules.quota} deliveries"
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         plan = self.plan

@@ -2,7 +2,7 @@
 
 import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -119,11 +119,13 @@ def build_catalogue(
 
 
 def _check_models(choices: CatalogueChoices) -> None:
-    """Raises `SpecError` or `UnknownNameError` where a model itself is malformed."""
-    if choices.observation is not None:
-        observation_model(choices.observation)
-    if choices.communication is not None:
-        communication_model(choices.communication)
+    """Raises `SpecError` or `UnknownNameError` where the text of a model is malformed."""
+    for source, read in (
+        (choices.observation, observation_model),
+        (choices.communication, communication_model),
+    ):
+        if isinstance(source, str | Path | Mapping):
+            read(source)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ distribution: the groups `swarmdata.tasks`, `swarmdata.policies`, `swarmdata.alg
 """
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from importlib import import_module
 from typing import Any, Literal, overload
 
@@ -94,9 +95,6 @@ ONLINE_ALGORITHMS = ComponentTable(
 )
 
 
-_PLAIN = Appearance()
-
-
 def register_task(name: str, task: Any) -> None:
     """Makes a task known by a name: specs with `rules: {task: <name>, ...}` are then of it.
 
@@ -157,10 +155,19 @@ def make_task(spec: TaskSpec) -> Task:
     return build(spec)
 
 
-def appearance_of(task: Task) -> Appearance:
-    """How a task is drawn; the default where it does not say."""
-    found: Appearance = getattr(task, "appearance", _PLAIN)
-    return found
+def appearance_of(spec: TaskSpec) -> Appearance:
+    """How the task of a spec is drawn; the default where it does not say.
+
+    Raises:
+        UnknownNameError: no such task.
+    """
+    return _appearance(spec, resolve("task", TASKS, spec.task))
+
+
+@lru_cache(maxsize=64)
+def _appearance(spec: TaskSpec, kind: Any) -> Appearance:
+    find: Callable[[TaskSpec], Appearance] | None = getattr(kind, "appearance", None)
+    return Appearance(bodies=kind(spec).movables) if find is None else find(spec)
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:

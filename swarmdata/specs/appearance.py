@@ -1,11 +1,13 @@
 """Appearance, what a task looks like in pictures, drawings and replays, as data.
 
-A task has it as its attribute `appearance`; what draws asks for it by `components.appearance_of`,
-which gives the default to tasks that have none.
+A task gives it by its static method `appearance(spec)`; what draws asks for it by
+`components.appearance_of`, which gives the default to tasks that have none.
 """
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
+
+from swarmdata.specs.rules import Payload
 
 
 class SharedTargets(NamedTuple):
@@ -37,6 +39,7 @@ class Appearance:
         nowhere: where the target of a robot is that has none.
         direction: the extra with the first component of a pose's direction; None: any will do.
         carrying: the extra of each robot that is positive while it carries something, if any.
+        bodies: that robots can push, as the task's `movables`.
         moments: events beside contacts; at most `MOST_MOMENTS`.
     """
 
@@ -48,6 +51,7 @@ class Appearance:
     nowhere: tuple[float, float] | None = None
     direction: int | None = None
     carrying: tuple[int, ...] = ()
+    bodies: tuple[Payload, ...] = ()
     moments: tuple[Moment, ...] = ()
 
 

@@ -33,7 +33,7 @@ from swarmdata.errors import (
     SpecError,
 )
 from swarmdata.runtime.documents import read_document
-from swarmdata.specs.origins import parse_origin
+from swarmdata.specs.origins import missing_parts, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     FORMAT_VERSION,
@@ -175,10 +175,14 @@ def repair_hint(folder: Path) -> str:
     if not is_dataset(folder):
         return f"{folder} has nothing else that only a dataset of swarmdata has."
     hint = f"{_repair(folder)} --repair`, which replaces what is broken"
+    data = None
     try:
-        origin = parse_origin(read_document(folder / RECIPE), RECIPE)
+        data = read_document(folder / RECIPE)
+        origin = parse_origin(data, RECIPE)
     except (OSError, SpecError):  # broken, absent, or of a package that is not installed
-        return f"{hint}, from a remote or as its recipe says."
+        missing = missing_parts(data)
+        first = "" if missing is None else f" To make it again, it needs {missing}."
+        return f"{hint}, from a remote or as its recipe says.{first}"
     if origin.can_rebuild:
         return f"{hint}, from a remote or made again."
     return (

@@ -60,10 +60,14 @@ def test_a_recording_is_kept(tiny: Path, tmp_path: Path) -> None:
 
 def test_a_task_of_another_package_has_its_recipe(tmp_path: Path) -> None:
     folder = make_thrifty(tmp_path / "thrifty-tiny-v0")
-    assert "as its recipe says" in advice(folder)
+    said = advice(folder)
+    assert "as its recipe says" in said
+    assert "it needs task 'thrifty', which is defined by another package: install it" in said
+    with pytest.raises(DatasetError, match=r"it needs task 'thrifty'.* \(tests\): install it"):
+        repair(folder, progress=False)
 
 
 @pytest.mark.parametrize("kind", ORIGIN_KINDS)
 def test_every_origin_says_whether_it_is_made_again(kind: str) -> None:
-    assert ORIGIN_KINDS[kind].can_rebuild is (kind in ("recipe", "edit"))
-    assert ORIGIN_KINDS[kind].missing is None
+    assert vars(ORIGIN_KINDS[kind])["can_rebuild"] == (kind in ("recipe", "edit"))
+    assert vars(ORIGIN_KINDS[kind])["missing"] is None

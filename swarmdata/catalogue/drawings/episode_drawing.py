@@ -75,17 +75,17 @@ def _obstacle(row: Float, places: Places, scale: float) -> Html:
 def _bodies(scene: Scene, places: Places) -> list[Html]:
     """Movable bodies, and where the first should be if the task wants a pose."""
     found = []
-    if scene.drawn.look.mark == "pose":
-        wanted = wanted_outline(scene.drawn, scene.robots, scene.bodies, scene.extras)
+    if scene.look.mark == "pose":
+        wanted = wanted_outline(scene.look, scene.robots, scene.bodies, scene.extras)
         found.append(svg_shapes.path(places(wanted), closed=True, class_="wanted"))
-    for payload, body in zip(scene.drawn.movables, scene.bodies, strict=True):
+    for payload, body in zip(scene.look.bodies, scene.bodies, strict=True):
         outline = payload_outline(payload, body[:2], body[4:6])
         found.append(svg_shapes.path(places(outline), closed=True, class_="payload"))
     return found
 
 
 def _targets(scene: Scene) -> list[Target]:
-    look = scene.drawn.look
+    look = scene.look
     if look.mark == "pose":
         return []
     return targets_of(look, scene.spec, scene.robots, scene.extras)
@@ -96,7 +96,7 @@ def _mark(
 ) -> Html:
     """The mark of a target, in the color of its robot, or neutral if it has none."""
     x, y = at = place(target.x, target.y)
-    if scene.drawn.look.mark == "ring":
+    if scene.look.mark == "ring":
         kind = "goal" if target.robot is not None else "goal shared"
         return svg_shapes.disc(at, target.radius * scale, class_=kind)
     arm = 0.07 * scale

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from swarmdata.catalogue.elements import Html, element, join
-from swarmdata.envs.render.targets import drawn_task
+from swarmdata.registry.components import appearance_of
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.sensing_models import Broadcast, StateModel
 from swarmdata.specs.task_spec import TaskSpec
@@ -211,9 +211,7 @@ def _reobserved(spec: TaskSpec, recorded: TaskSpec) -> list[Html]:
 
 def _legend(spec: TaskSpec) -> Html:
     """Says what the marks mean."""
-    text = (
-        f"{drawn_task(spec).look.legend} A red halo is a contact. Above the time bar: the return "
-    )
+    text = f"{appearance_of(spec).legend} A red halo is a contact. Above the time bar: the return "
     text += "so far, and a tick for each event."
     if spec.observation.kind == "lidar":
         text += (

@@ -62,7 +62,7 @@ class WorldColumns:
             MILLIMETRE, max(spec.arena.width, spec.arena.height) * MILLIMETRE / WIDEST_FINE_ARENA
         )
         task = make_task(spec)
-        self._look, self._movables = appearance_of(task), task.movables
+        self._look = appearance_of(spec)
         self._terms = [term.name for term in reward_terms(task)]
         self._moments = [
             each for each in self._look.moments[:MOST_MOMENTS] if each.term in self._terms
@@ -112,12 +112,12 @@ class WorldColumns:
 
     def _extras(self, states: Float) -> Float:
         """The task's own columns, [T, K]."""
-        return states[:, N_COLUMNS * self.spec.n_agents + len(BODY) * len(self._movables) :]
+        return states[:, N_COLUMNS * self.spec.n_agents + len(BODY) * len(self._look.bodies) :]
 
     def _bodies(self, states: Float) -> list[tuple[Group, Columns]]:
-        if not self._movables:
+        if not self._look.bodies:
             return []
-        first, n = N_COLUMNS * self.spec.n_agents, len(self._movables)
+        first, n = N_COLUMNS * self.spec.n_agents, len(self._look.bodies)
         bodies = states[:, first : first + len(BODY) * n].reshape(len(states), n, len(BODY))
         places = bodies[..., :2].reshape(len(states), -1)
         return [
@@ -127,7 +127,8 @@ class WorldColumns:
 
     def _own(self, states: Float) -> list[tuple[Group, Columns]]:
         """What robots carry, and which shared targets are reached, as flags."""
-        look, extras, found = self._look, self._extras(states), []
+        look, extras = self._look, self._extras(states)
+        found: list[tuple[Group, Columns]] = []
         if look.carrying:
             carrying = (extras[:, list(look.carrying)] > 0).astype(np.int64)
             found.append((Group("carrying", len(look.carrying), 1.0), carrying))
@@ -195,7 +196,7 @@ class WorldColumns:
             "moments": [list(moment) for moment in self._moments],
             "payloads": [
                 {"shape": each.shape, "a": each.half_length, "b": each.half_width}
-                for each in self._movables
+                for each in self._look.bodies
             ],
             "sensor": _sensor(spec),
             "radio": _radio(spec),

@@ -5,7 +5,7 @@ add a row to `ORIGIN_KINDS`. Everything else asks the protocol: the store, cards
 """
 
 from swarmdata.specs.origins.edit_origin import Edit, EpisodeNumber, Parent
-from swarmdata.specs.origins.foreign_origin import ForeignOrigin, foreign_origin
+from swarmdata.specs.origins.foreign_origin import ForeignOrigin, foreign_origin, missing_parts
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs, LogFile
 from swarmdata.specs.origins.origin_kinds import (
@@ -40,6 +40,7 @@ __all__ = [
     "Spec",
     "check_installed",
     "foreign_origin",
+    "missing_parts",
     "parse_origin",
     "task_of",
 ]

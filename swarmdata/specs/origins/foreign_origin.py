@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import yaml
@@ -110,12 +111,9 @@ def foreign_origin(
     Returns:
         The origin; None where everything that it names is known, so that it is malformed.
     """
-    found = tuple(_unknown_parts(data))
-    if not found or not isinstance(data.get("id"), str):
+    missing = missing_parts(data, packages)
+    if missing is None or not isinstance(data.get("id"), str):
         return None
-    missing = " and ".join(
-        defined_elsewhere(what, name, packages.get(f"{what} {name}", "")) for what, name in found
-    )
     tier = data.get("tier")
     return ForeignOrigin(
         text=text,
@@ -125,6 +123,20 @@ def foreign_origin(
         policies=_policies_of(data.get("policies"), labels),
         missing=missing,
     )
+
+
+def missing_parts(data: Any, packages: Mapping[str, str] = MappingProxyType({})) -> str | None:
+    """What the content of a `recipe.json` names and nothing here defines, and what to do.
+
+    Args:
+        data: the content.
+        packages: as `foreign_origin` takes them.
+    """
+    found = [
+        defined_elsewhere(what, name, packages.get(f"{what} {name}", ""))
+        for what, name in _unknown_parts(data)
+    ]
+    return " and ".join(found) or None
 
 
 def _unknown_parts(data: Any) -> Iterator[tuple[str, str]]:

@@ -1,6 +1,7 @@
 """The integers of an episode say what happened in it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.appearance import MOST_MOMENTS
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.rules import Payload
+from swarmdata.specs.rules import Payload, SearchRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, X, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Episode
@@ -146,7 +147,7 @@ def test_the_description_says_how_far_robots_sense() -> None:
 def test_every_moment_of_a_task_is_one_of_its_terms(name: str) -> None:
     spec = preset(name).with_updates(horizon=20)
     columns = WorldColumns(spec)
-    look = appearance_of(make_task(spec))
+    look = appearance_of(spec)
 
     world = columns.describe()
 
@@ -166,6 +167,7 @@ def test_rescued_victims_are_flags() -> None:
 
     _, reached = found["reached"]
     _, codes = found["event"]
+    assert isinstance(spec.rules, SearchRules)
     assert reached.shape == (len(episode) + 1, spec.rules.victims)
     assert (np.diff(reached, axis=0) >= 0).all()
     assert reached[-1].all() == episode.success
@@ -176,11 +178,8 @@ def test_rescued_victims_are_flags() -> None:
 def test_all_bodies_of_a_users_task_are_columns() -> None:
     """Two payloads, in a task that nothing here knows by its name."""
 
-    class Pair:
-        movables = (Payload(), Payload())
-
     columns = WorldColumns(preset("transport"))
-    columns._movables = Pair.movables
+    columns._look = replace(columns._look, bodies=(Payload(), Payload()))
     states = np.zeros((3, N_COLUMNS * 4 + 14), np.float32)
     states[:, N_COLUMNS * 4 + 7] = 1.5
 
