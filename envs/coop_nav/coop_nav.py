@@ -47,8 +47,8 @@ from swarmdata.envs.coop_nav.unassigned_goals import (
 from swarmdata.envs.world.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
+from swarmdata.registry.appearance import Appearance, SharedTargets
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.appearance import Appearance, SharedTargets
 from swarmdata.specs.features import Feature
 from swarmdata.specs.rules import NavigationRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair, robots_of

@@ -57,8 +57,8 @@ from swarmdata.envs.formation.slots import (
 )
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
+from swarmdata.registry.appearance import Appearance
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import FormationRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of

@@ -55,8 +55,8 @@ from swarmdata.envs.world.deadlocks import count_deadlocks
 from swarmdata.envs.world.spawn import check_fixed_layout
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
+from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.appearance import Appearance, Moment
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import IntersectionRules, Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, Y, robots_of

@@ -7,8 +7,8 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import OBSTACLE
+from swarmdata.registry.appearance import Appearance
 from swarmdata.registry.components import appearance_of
-from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec

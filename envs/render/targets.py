@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.specs.appearance import Appearance
+from swarmdata.registry.appearance import Appearance
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.specs.task_spec import TaskSpec

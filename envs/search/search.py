@@ -64,8 +64,8 @@ from swarmdata.envs.world.spawn import (
     put_at_rest,
 )
 from swarmdata.errors import SpawnError, SpecError
+from swarmdata.registry.appearance import Appearance, Moment, SharedTargets
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.appearance import Appearance, Moment, SharedTargets
 from swarmdata.specs.features import (
     Feature,
     leading_to_places,

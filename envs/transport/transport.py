@@ -69,8 +69,8 @@ from swarmdata.envs.transport.transport_spawn import draw_episodes
 from swarmdata.envs.world.spawn import SpawnPlan
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import BOX, nearest, nearest_of
+from swarmdata.registry.appearance import Appearance
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.features import Feature, numbered, telling_goals, vector
 from swarmdata.specs.rules import Payload, TransportRules
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of

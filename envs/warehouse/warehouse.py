@@ -39,8 +39,8 @@ from swarmdata.envs.world.spawn import SpawnPlan, check_fixed_layout, place_poin
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
+from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.appearance import Appearance, Moment
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import Payload, WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of

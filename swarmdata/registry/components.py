@@ -12,10 +12,10 @@ from typing import Any, Literal, overload
 
 from swarmdata.errors import INSTALL_HINT, SchemaError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy, Task, VecEnv
+from swarmdata.registry.appearance import Appearance
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
-from swarmdata.specs.appearance import Appearance
 from swarmdata.specs.budget import copies_excess
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Term

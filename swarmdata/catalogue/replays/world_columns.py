@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.reobservation import attempted_links
 from swarmdata.envs.render.colors import robot_color
+from swarmdata.registry.appearance import MOST_MOMENTS
 from swarmdata.registry.components import appearance_of, make_task, reward_terms
-from swarmdata.specs.appearance import MOST_MOMENTS
 from swarmdata.specs.sensing_models import BearingModel, Broadcast, LidarModel, OccupancyModel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, X, Y, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec

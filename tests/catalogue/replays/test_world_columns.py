@@ -8,6 +8,7 @@ import pytest
 
 from swarmdata.catalogue.replays.world_columns import TURN, Columns, Group, WorldColumns
 from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
+from swarmdata.registry.appearance import MOST_MOMENTS
 from swarmdata.registry.components import (
     TASKS,
     appearance_of,
@@ -18,7 +19,6 @@ from swarmdata.registry.components import (
 )
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.appearance import MOST_MOMENTS
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.rules import Payload, SearchRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, X, robots_of
@@ -170,9 +170,10 @@ def test_rescued_victims_are_flags() -> None:
     assert isinstance(spec.rules, SearchRules)
     assert reached.shape == (len(episode) + 1, spec.rules.victims)
     assert (np.diff(reached, axis=0) >= 0).all()
-    assert reached[-1].all() == episode.success
-    rescues = (codes >> 9 & 1).any(axis=1)
-    np.testing.assert_array_equal(rescues[1:], (np.diff(reached, axis=0) > 0).any(axis=1))
+    assert bool(reached[-1].all()) == episode.success
+    rescues = np.asarray(codes >> 9 & 1).any(axis=1)
+    rescued = (np.diff(reached, axis=0) > 0).any(axis=1)
+    np.testing.assert_array_equal(np.asarray(rescues)[1:], rescued)
 
 
 def test_all_bodies_of_a_users_task_are_columns() -> None:
