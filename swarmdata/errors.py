@@ -18,6 +18,7 @@ SwarmdataError
 ├── DivergedError (ArithmeticError)     training produced NaN or infinite values
 ├── SimulationError (ArithmeticError)   a simulator could not go on with a world
 ├── BuildError (RuntimeError)           a dataset could not be built
+│   ├── BatchError                      items of a batch failed, the others are done
 │   └── RecipeConflictError             the folder holds parts that another recipe built
 ├── StudyError (RuntimeError)           a study, or one of its cells, could not be finished
 │   └── StaleCellError                  a cell's folder holds results of another configuration
@@ -51,6 +52,9 @@ class SwarmdataError(Exception):
         """Returns the plain message, which `KeyError` would show in quotes."""
         return str(self.args[0]) if self.args else ""
 
+
+INSTALL_HINT = "If another package defines it, install that package."
+"""What to do about an unknown name of something that users can define."""
 
 MOST_NAMES = 5
 """Known names that a message lists."""
@@ -141,6 +145,10 @@ class BuildError(SwarmdataError, RuntimeError):
 
 class EngineError(BuildError):
     """An engine is unknown, or cannot be reached."""
+
+
+class BatchError(BuildError):
+    """Some items of a batch failed; the message names them, and the others are done."""
 
 
 class RecipeConflictError(BuildError):

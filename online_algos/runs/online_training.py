@@ -252,7 +252,7 @@ def _claim(folder: Path, run: OnlineRun) -> None:
     if different:
         raise BuildError(
             f"{folder} holds another run, which differs in {', '.join(different)}. Choose another "
-            "folder, or delete that one."
+            "folder, or move that one away."
         )
 
 

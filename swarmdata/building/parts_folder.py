@@ -86,7 +86,7 @@ class Parts:
             )
             raise RecipeConflictError(
                 f"{self.folder} holds parts of another recipe: {changes}. "
-                "Delete it or choose another folder."
+                "Choose another folder, or move it away."
             )
 
     @property

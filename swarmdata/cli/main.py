@@ -442,11 +442,15 @@ def references(
     Their results are the scale of the score; the package has them in cards/references.json.
     """
     from swarmdata.evaluation.results.target_evaluation import measure_references
+    from swarmdata.runtime.batches import Failures
 
+    failures = Failures(len(tasks))
     for task in tasks:
-        table = measure_references(task, episodes, backend=backend)
-        name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
-        _put_or_print(out, {name: table.model_dump(mode="json")})
+        with failures.item(task):
+            table = measure_references(task, episodes, backend=backend)
+            name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
+            _put_or_print(out, {name: table.model_dump(mode="json")})
+    failures.check("tasks")
 
 
 def _put_or_print(path: Path | None, entries: dict[str, Any]) -> None:

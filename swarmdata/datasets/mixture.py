@@ -14,7 +14,7 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
-from swarmdata.specs.origins import Spec
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Double, Episode, Int
@@ -49,6 +49,8 @@ class Part(Protocol):
     def digest(self) -> str: ...
     @property
     def view(self) -> str | None: ...
+    @property
+    def recipe(self) -> Origin: ...
     @property
     def spec(self) -> Spec: ...
     @property

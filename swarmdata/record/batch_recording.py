@@ -24,7 +24,7 @@ def check_request(path: Path | str, policies: Sequence[str | PolicySource]) -> N
         SpecError: there is not just one policy.
     """
     if Path(path).exists():
-        raise BuildError(f"{path} exists. Record to another path, or delete it.")
+        raise BuildError(f"{path} exists. Record to another path, or move it away.")
     if len(policies) != 1:
         raise SpecError(f"policies are {policies}, expected one: all copies play the same policy")
 

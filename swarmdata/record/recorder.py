@@ -93,8 +93,8 @@ class Recorder(BaseParallelWrapper):
         super().__init__(env := as_parallel(env))
         if Path(path).exists():
             raise BuildError(
-                f"{path} exists. Record to another path, or delete it; a published version never "
-                "changes, so give a changed dataset a new version."
+                f"{path} exists. Record to another path, or move it away; a published version "
+                "never changes, so give a changed dataset a new version."
             )
         seed = default_seed(id) if seed is None else seed
         self._recording = describe_recording(

@@ -6,11 +6,19 @@ distribution: the groups `swarmdata.tasks`, `swarmdata.policies`, `swarmdata.alg
 """
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from importlib import import_module
 from typing import Any, Literal, overload
 
-from swarmdata.errors import MissingExtraError, SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import (
+    INSTALL_HINT,
+    MissingExtraError,
+    SchemaError,
+    SpecError,
+    UnknownNameError,
+)
 from swarmdata.interfaces import Policy, Task, VecEnv
+from swarmdata.registry.appearance import Appearance
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
@@ -144,7 +152,7 @@ def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
         MissingExtraError: it needs torch.
     """
     if name not in table:
-        raise UnknownNameError(kind, name, table)
+        raise UnknownNameError(kind, name, table, INSTALL_HINT)
     try:
         return import_component(table[name])
     except ModuleNotFoundError as error:
@@ -157,6 +165,21 @@ def make_task(spec: TaskSpec) -> Task:
     """Builds the task that `spec` describes."""
     build: Callable[[TaskSpec], Task] = resolve("task", TASKS, spec.task)
     return build(spec)
+
+
+def appearance_of(spec: TaskSpec) -> Appearance:
+    """How the task of a spec is drawn; the default where it does not say.
+
+    Raises:
+        UnknownNameError: no such task.
+    """
+    return _appearance(spec, resolve("task", TASKS, spec.task))
+
+
+@lru_cache(maxsize=64)
+def _appearance(spec: TaskSpec, kind: Any) -> Appearance:
+    find: Callable[[TaskSpec], Appearance] | None = getattr(kind, "appearance", None)
+    return Appearance(bodies=kind(spec).movables) if find is None else find(spec)
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:

@@ -4,7 +4,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError
 from swarmdata.specs.task_spec import TaskSpec
 
 PRESETS_FOLDER = "presets"
@@ -48,7 +48,7 @@ def name_of(spec: TaskSpec) -> str:
 
 def _read(name: str) -> str:
     if name not in preset_names():
-        raise UnknownNameError("task", name, preset_names())
+        raise UnknownNameError("task", name, preset_names(), INSTALL_HINT)
     return (files("swarmdata.envs") / PRESETS_FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
 
 

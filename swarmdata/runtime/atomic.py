@@ -258,7 +258,7 @@ def _raise_if_full(error: Exception, path: Path, scratch: Path | None) -> None:
         return
     files = [path] if scratch is None else list(scratch.rglob("*"))
     written = sum(file.stat().st_size for file in files if file.is_file())
-    lack, cure = ("space", "Make room") if not lacks_inodes else ("inode", "Delete some files")
+    lack, cure = ("space", "Make room") if not lacks_inodes else ("inode", "Free some inodes")
     raise DiskFullError(
         f"no {lack} is left in {path.parent} for {path.name}: {written / 1e6:.1f} MB of it were "
         f"written, {free / 1e6:.1f} MB are free, more is needed. Nothing half-written is kept, and "

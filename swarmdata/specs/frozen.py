@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Protocol, Self, TypeVar, get_args
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from swarmdata.errors import SpecError, UnknownNameError, did_you_mean, listed
+from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, did_you_mean, listed
 from swarmdata.runtime.documents import parse_document, read_document
 
 LEAST_POSITIVE = 1e-12
@@ -44,7 +44,8 @@ class Frozen(BaseModel):
             return cls.model_validate(data)
         except ValidationError as error:
             where = f" in {source}" if source else ""
-            raise SpecError(f"invalid {cls.__name__}{where}: {_explain_all(cls, error)}") from error
+            name = cls.model_config.get("title") or cls.__name__
+            raise SpecError(f"invalid {name}{where}: {_explain_all(cls, error)}") from error
 
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no spaces, every default written out."""
@@ -131,7 +132,7 @@ def _kind_of(
             f"({', '.join(kinds)}) and the fields of that model"
         )
     if str(data["kind"]) not in kinds:
-        raise UnknownNameError(what, str(data["kind"]), kinds)
+        raise UnknownNameError(what, str(data["kind"]), kinds, INSTALL_HINT)
     return kinds[str(data["kind"])]
 
 
@@ -176,11 +177,16 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
         known = [tag.strip("'") for tag in tags.split(", ")]
         tag = str(problem["ctx"]["tag"])
         hint = did_you_mean(tag, known)
-        return f"{path}.{told}: unknown {SHORT_REPR.repr(tag)}.{hint} Known: {listed(tag, known)}"
+        text = f"{path}.{told}: unknown {SHORT_REPR.repr(tag)}.{hint} Known: {listed(tag, known)}"
+        is_users = problem["loc"][-1] in DEFINED_BY_USERS
+        return f"{text}. {INSTALL_HINT}" if is_users else text
     is_shown = path and problem["type"] not in ("missing", "value_error")
     got = f" (got {SHORT_REPR.repr(problem['input'])})" if is_shown else ""
     return f"{path or model.__name__}: {_sentence(problem)}{got}"
 
+
+DEFINED_BY_USERS = ("rules", "observation", "communication")
+"""Keys of a spec whose kinds another package, or a newer version of this one, may define."""
 
 _EXPECTED = {
     "missing": "it is missing",

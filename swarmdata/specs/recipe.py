@@ -94,6 +94,8 @@ class Recipe(Frozen):
     """
 
     kind: ClassVar[str] = "recipe"  # in no JSON: recipes are older than other origins
+    can_rebuild: ClassVar[bool] = True
+    missing: ClassVar[None] = None
     source: ClassVar[str] = "this recipe"
     source_sha256: ClassVar[None] = None
     parents: ClassVar[tuple[()]] = ()

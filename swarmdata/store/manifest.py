@@ -30,11 +30,15 @@ from swarmdata.errors import (
     ManifestError,
     MissingManifestError,
     RecipeConflictError,
+    SpecError,
 )
+from swarmdata.runtime.documents import read_document
+from swarmdata.specs.origins import missing_parts, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     FORMAT_VERSION,
     MANIFEST,
+    RECIPE,
     ArrayPlan,
     DType,
     Shard,
@@ -166,21 +170,29 @@ def _digest(blank: bytes) -> bytes:
     return hashlib.sha256(blank).hexdigest().encode()
 
 
-def rebuild_hint(folder: Path, identity: str = "ID") -> str:
-    """What to do about a dataset that cannot be used.
-
-    Never advises to delete a folder that may be something else.
-    """
+def repair_hint(folder: Path) -> str:
+    """What to do about a dataset that cannot be used; never to delete anything."""
     if not is_dataset(folder):
         return f"{folder} has nothing else that only a dataset of swarmdata has."
+    hint = f"{_repair(folder)} --repair`, which replaces what is broken"
+    data = None
+    try:
+        data = read_document(folder / RECIPE)
+        origin = parse_origin(data, RECIPE)
+    except (OSError, SpecError):  # broken, absent, or of a package that is not installed
+        missing = missing_parts(data)
+        first = "" if missing is None else f" To make it again, it needs {missing}."
+        return f"{hint}, from a remote or as its recipe says.{first}"
+    if origin.can_rebuild:
+        return f"{hint}, from a remote or made again."
     return (
-        f"{_repair(folder)} --repair`, which replaces what is broken, or delete {folder} and run "
-        f"`swarmdata generate {identity}` to rebuild it."
+        f"{hint}, from a remote. Nothing else has these files again, so keep the folder; a "
+        "copy of yours may have them."
     )
 
 
 def without_hint(message: str, folder: Path) -> str:
-    """The message of an error without its `rebuild_hint`."""
+    """The message of an error without its `repair_hint`."""
     return message.partition(_repair(folder))[0].rstrip(" .")
 
 
@@ -206,13 +218,13 @@ def read_manifest(folder: Path) -> Manifest:
             raise DatasetNotFoundError(no_dataset(folder)) from error
         raise MissingManifestError(
             f"{path} is absent, expected the list of the dataset's files: the dataset was never "
-            f"finished or the file was lost. {rebuild_hint(folder)}"
+            f"finished or the file was lost. {repair_hint(folder)}"
         ) from error
     except OSError as error:  # such as a folder of this name
         raise ManifestError(f"{path} cannot be read: {error.strerror}.") from error
     if content is None:
         raise ManifestError(
-            f"{path} has more than {MAX_MANIFEST_BYTES} bytes. {rebuild_hint(folder)}"
+            f"{path} has more than {MAX_MANIFEST_BYTES} bytes. {repair_hint(folder)}"
         )
     return parse_manifest(content, path)
 
@@ -223,7 +235,7 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
     try:
         data = json.loads(content, object_pairs_hook=_unique_keys)
     except (ValueError, RecursionError) as error:
-        raise ManifestError(f"{path} is not valid JSON: {error}. {rebuild_hint(folder)}") from error
+        raise ManifestError(f"{path} is not valid JSON: {error}. {repair_hint(folder)}") from error
     found = _CHECKSUM.findall(content)
     if len(found) == 1 and _digest(_CHECKSUM.sub(_ZEROS, content)) != found[0]:
         raise _changed(path)  # before the version, which may be what was changed
@@ -231,7 +243,7 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
     if not isinstance(version, int) or version < 1:
         raise ManifestError(
             f"{path} has format_version {version!r}, expected an integer from 1. "
-            f"{rebuild_hint(folder)}"
+            f"{repair_hint(folder)}"
         )
     if version > FORMAT_VERSION:
         raise FormatVersionError(
@@ -246,7 +258,7 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
         problems = "; ".join(
             f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5]
         )
-        raise ManifestError(f"{path} is malformed: {problems}. {rebuild_hint(folder)}") from error
+        raise ManifestError(f"{path} is malformed: {problems}. {repair_hint(folder)}") from error
 
 
 @lru_cache(maxsize=256)
@@ -268,12 +280,12 @@ def check_recipe(folder: Path, manifest: Manifest, recipe: Recipe) -> None:
         raise RecipeConflictError(
             f"{folder} holds {manifest.id} made from another recipe "
             f"({manifest.recipe_hash[:12]}, expected {expected[:12]} of {recipe.id}). "
-            "Delete it or choose another folder."
+            "Choose another folder, or move it away."
         )
 
 
 def _changed(path: Path) -> ChecksumError:
-    return ChecksumError(f"{path} was changed after it was written. {rebuild_hint(path.parent)}")
+    return ChecksumError(f"{path} was changed after it was written. {repair_hint(path.parent)}")
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def test_a_disk_without_inodes_is_one_error(tmp_path: Path) -> None:
     found = in_namespace("inodes", tmp_path)
     for each in (found["file"], found["build"]):
         assert each.startswith("DiskFullError: no inode is left in")
-        assert "Delete some files and run the same again" in each
+        assert "Free some inodes and run the same again" in each
     assert (found["again"], found["left"]) == ("none", [".d.lock", "d"])
 
 

@@ -179,7 +179,7 @@ def run_evaluations(
     Raises:
         ResultsError: a file is of another run with the same label and dataset, or a process found
             another policy than this one.
-        BuildError: an evaluation failed in another process.
+        BatchError: evaluations failed; the others are done.
         EngineError: the engine is unknown, or cannot be reached.
     """
     absent = [each for each in evaluations if each.result() is None]
@@ -193,7 +193,10 @@ def run_evaluations(
             bar.update(episodes)
 
         folder = evaluations[0].folder
-        do_jobs(jobs, EVALUATOR, engine=engine, workers=workers, folder=folder, report=report)
+        do_jobs(
+            jobs, EVALUATOR, "evaluations",
+            engine=engine, workers=workers, folder=folder, report=report,
+        )  # fmt: skip
     return len(evaluations) - len(waiting)
 
 

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from swarmdata.errors import FormatVersionError, SchemaError, SpecError
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
+from swarmdata.learn.training.run_files import CONFIG
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.runtime.atomic import write_file
@@ -61,6 +62,8 @@ Seed = Annotated[int, Field(ge=0, lt=1 << 64)]
 class _Document(Frozen):
     """The content of a file."""
 
+    model_config = ConfigDict(title="evaluation result")
+
     format: Literal["swarmdata-evaluation"]
     format_version: Literal[2]
     provenance: Provenance
@@ -73,6 +76,8 @@ class _Document(Frozen):
 
 class _DocumentOfFormat1(Frozen):
     """The content of a file of format 1."""
+
+    model_config = ConfigDict(title="evaluation result of format 1")
 
     format: Literal["swarmdata-evaluation"]
     format_version: Literal[1]
@@ -165,7 +170,9 @@ def _read(path: Path) -> _Document | _DocumentOfFormat1:
         data = read_document(path)
     except SpecError as error:
         raise SchemaError(f"{path} is not JSON: {error}. Evaluate again.") from error
-    version = data.get("format_version") if isinstance(data, dict) else None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise SchemaError(f"{path} is not an evaluation result. {_what_to_name(path.parent)}")
+    version = data.get("format_version")
     if isinstance(version, int) and version > FORMAT_VERSION:
         raise FormatVersionError(
             f"{path} has evaluation format {version}, this swarmdata reads up to {FORMAT_VERSION}. "
@@ -174,7 +181,17 @@ def _read(path: Path) -> _Document | _DocumentOfFormat1:
     try:
         return (_DocumentOfFormat1 if version == 1 else _Document).parse(data, str(path))
     except SpecError as error:
-        raise SchemaError(f"{path} is not an evaluation result: {error}") from error
+        raise SchemaError(f"{error}. Evaluate again.") from error
+
+
+def _what_to_name(folder: Path) -> str:
+    """Where results are instead, which for the folder of a run is nowhere yet."""
+    if (folder / CONFIG).is_file():
+        return (
+            f"{folder} is a training run: evaluate it with `swarmdata evaluate {folder} --out "
+            "FOLDER`, and name that folder."
+        )
+    return "Name a file or a folder that `swarmdata evaluate --out` wrote."
 
 
 def _provenance_of_format_1(document: _DocumentOfFormat1, path: Path) -> Provenance:

@@ -78,10 +78,10 @@ def train_groups(
         progress: whether to show a bar (on standard error, if that is a terminal).
 
     Raises:
-        BuildError: groups failed.
+        BatchError: groups failed; the same call resumes from their last checkpoints.
         EngineError: the engine is unknown, or cannot be reached.
     """
-    jobs, failures = [], dict[str, str]()
+    jobs = []
     for group in groups:
         folder = group_folder(out, group).resolve()
         payload = {"training": training, "seeds": list(group), "folder": str(folder)}
@@ -92,14 +92,7 @@ def train_groups(
         def report(amount: int) -> None:
             bar.update(amount)
 
-        def note(job: Job, error: BuildError) -> None:
-            failures[job.name] = str(error)
-
         do_jobs(
-            jobs, entry, engine=engine, workers=workers, folder=out, report=report, on_failure=note
-        )
-    if failures:
-        raise BuildError(
-            f"{len(failures)} of {len(jobs)} groups of seeds failed: {'; '.join(failures.values())}"
-            ". Run the same command again to resume from the last checkpoints."
-        )
+            jobs, entry, "groups of seeds",
+            engine=engine, workers=workers, folder=out, report=report,
+        )  # fmt: skip

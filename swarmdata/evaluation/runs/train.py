@@ -43,6 +43,7 @@ from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models, ranges_of
+from swarmdata.specs.origins import check_installed
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -382,11 +383,18 @@ def open_data(
         dataset_id: id or folder; several are mixed.
         weights: of several.
         view: further arguments of `load`.
+
+    Raises:
+        SpecError: another package defines a dataset's task, and is not installed.
     """
     if isinstance(dataset_id, str) and weights is None:
-        return load(dataset_id, **view)
-    several = (dataset_id,) if isinstance(dataset_id, str) else tuple(dataset_id)
-    return load(several, weights=weights, **view)
+        data: Dataset | Mixture = load(dataset_id, **view)
+    else:
+        several = (dataset_id,) if isinstance(dataset_id, str) else tuple(dataset_id)
+        data = load(several, weights=weights, **view)
+    for part in data.parts if isinstance(data, Mixture) else (data,):
+        check_installed(part.recipe, "training")
+    return data
 
 
 def _check_replay(algorithm: str) -> None:

@@ -16,6 +16,7 @@ from swarmdata.building.build import build_under_lock, is_finished, remove_parts
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
+    DatasetError,
     DatasetNotFoundError,
     DiskFullError,
     SpecError,
@@ -44,6 +45,7 @@ from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE, REFERENCES
+from swarmdata.store.manifest import without_hint
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 
@@ -383,6 +385,13 @@ def _arrive(
     try:
         open_store(arriving, "full", widths=True)
         finish(arriving)
+    except DatasetError as error:
+        remove_scratch(arriving)
+        problem = without_hint(str(error), arriving).replace(str(arriving), release.address)
+        raise type(error)(
+            f"{release.address} is no usable dataset: {problem}. Nothing of it is kept. Tell "
+            "whoever publishes there."
+        ) from error
     except BaseException:
         remove_scratch(arriving)
         raise

@@ -16,6 +16,7 @@ from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.hub.catalog.catalog import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.replaced_worlds import refuse_replaced
+from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.locking import updating
 from swarmdata.specs.recipe import Recipe
@@ -70,6 +71,7 @@ def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[st
 
 def check(
     ids: Sequence[str],
+    failures: Failures,
     *,
     cached: bool = False,
     workers: int | None = None,
@@ -80,15 +82,12 @@ def check(
 
     Args:
         ids: as `published_ids` returns them.
+        failures: of this batch; gets the datasets that cannot be made or read.
         cached: whether to take what is in the cache, after reading every byte, instead of making it
             again.
         workers: processes of the engine `local`; by default one for each core.
         engine: where parts are made, as `build` takes it; all processes see the cache.
         progress: whether to show bars.
-
-    Raises:
-        BuildError: a dataset could not be made.
-        DatasetError: a dataset in the cache cannot be used.
     """
     entries, recipes = published(), shipped_recipes()
     for key in tqdm(ids, "datasets", unit="dataset", disable=None if progress else True):
@@ -97,9 +96,12 @@ def check(
             gone = Difference(key, "recipe", entry.recipe_hash[:12], "none")
             yield Check(key, (gone,), ())
             continue
-        found = make_again(recipe, cached=cached, workers=workers, engine=engine, progress=progress)
-        versions = changed_versions(entry.made_with, found.made_with)
-        yield Check(key, differences(key, entry, found), versions)
+        with failures.item(key):
+            found = make_again(
+                recipe, cached=cached, workers=workers, engine=engine, progress=progress
+            )
+            versions = changed_versions(entry.made_with, found.made_with)
+            yield Check(key, differences(key, entry, found), versions)
 
 
 def make_again(

@@ -191,11 +191,11 @@ def stored_remotes() -> tuple[str, ...]:
     try:
         content = read_document(path)
     except (OSError, SpecError) as error:
-        raise AddressError(f"{path} is not YAML: {error}. Correct or delete it.") from error
+        raise AddressError(f"{path} is not YAML: {error}. Correct it, or move it away.") from error
     listed = content.get("remotes") if isinstance(content, dict) else None
     if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
         raise AddressError(
-            f"{path} has no list of addresses under the key 'remotes'. Correct or delete it."
+            f"{path} has no list of addresses under the key 'remotes'. Correct it, or move it away."
         )
     return tuple(_whole(each, str(path)) for each in listed)
 

@@ -236,7 +236,7 @@ def _check_same(folder: Path, incoming: Path) -> None:
     if there.is_file() and there.read_bytes() == (incoming / MANIFEST).read_bytes():
         return
     raise DatasetError(
-        f"{folder} is there already and is not this release. Delete it first, or pull elsewhere."
+        f"{folder} is there already and is not this release. Pull elsewhere, or move it away."
     )
 
 

@@ -241,7 +241,7 @@ def _claim(folder: Path, run: Run) -> None:
         raise CheckpointError(
             f"{folder} holds another run, which differs in: "
             + "; ".join(f"{name} is {theirs[name]!r}, not {ours[name]!r}" for name in different)
-            + ". Choose another folder, or delete that one."
+            + ". Choose another folder, or move that one away."
         )
 
 
@@ -357,8 +357,7 @@ class _Trainer:
         tensors, metadata = checkpoint.load_checkpoint(path)
         if metadata["run"] != self.run.hash():
             raise CheckpointError(
-                f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "
-                "again."
+                f"{path} does not belong to the {CONFIG} beside it. Train again in another folder."
             )
         state = checkpoint.part(tensors, "algorithm")
         restore(self.algorithm, state, is_compact=metadata.get(COMPACT, False))

@@ -129,5 +129,5 @@ def test_broken_config(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content:
     monkeypatch.delenv("SWARMDATA_REMOTES", raising=False)
     store_remotes(lambda there: ())
     config_file().write_text(content)
-    with pytest.raises(AddressError, match="Correct or delete it"):
+    with pytest.raises(AddressError, match="Correct it, or move it away"):
         configured_remotes()
