@@ -1,7 +1,7 @@
 """RemoteArrays: rows of a published dataset's arrays, fetched chunk by chunk, each checked."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import xxhash
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ChecksumError, HubError
 from swarmdata.hub.remotes import open_remote
-from swarmdata.hub.remotes.interface import RangeReader, Release
+from swarmdata.hub.remotes.interface import RangeReader, Release, Remote
 from swarmdata.hub.streaming.chunk_cache import ChunkCache
 from swarmdata.store import Manifest
 from swarmdata.store.integrity.damage import rows_of
@@ -36,7 +36,8 @@ class RemoteArrays:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the remote's address: connections belong to one process."""
-        return _reopened, (self.remote.address, self.release, self.manifest, self.cache)
+        remote = cast("Remote", self.remote)  # one that reads ranges as well
+        return _reopened, (remote.address, self.release, self.manifest, self.cache)
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """The dtype of an array."""
