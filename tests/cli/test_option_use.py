@@ -103,6 +103,7 @@ OPENED = {f"{CATALOG}:load": "a dataset"}
 
 CASES = (
     Case("list"),
+    Case("algorithms"),
     Case("info coop_nav-medium"),
     Case("generate coop_nav-medium", ("swarmdata.building.build:build",
                                      "swarmdata.building.shares:make_share",
