@@ -278,8 +278,11 @@ MOST_DIFFERENCES = 3
 
 
 def describe_differences(there: Dumps, here: Dumps) -> str:
-    """Returns the first fields in which two models differ, with both values; empty if none does."""
-    found = list(differences(there, here))
+    """Returns the first fields in which two models differ, in their order; empty if none does."""
+    order = list(here.model_dump(mode="json"))
+    found = sorted(
+        differences(there, here), key=lambda each: order.index(each[0].split(".")[0].split("[")[0])
+    )
     named = [
         f"{path} is {SHORT_REPR.repr(old)}, not {SHORT_REPR.repr(new)}" for path, old, new in found
     ]
