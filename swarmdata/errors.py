@@ -69,7 +69,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def listed(name: str, known: Iterable[str]) -> str:
     """Returns the known names in words: all of a few, else those nearest to `name`, sorted."""
     options = sorted(known)
-    if len(options) <= MOST_NAMES:
+    if len(options) <= MOST_NAMES + 1:  # "and 1 more" would hide a name that fits
         return ", ".join(options)
     near = sorted(options, key=lambda each: -difflib.SequenceMatcher(None, name, each).ratio())
     return f"{', '.join(sorted(near[:MOST_NAMES]))} and {len(options) - MOST_NAMES} more"

@@ -55,7 +55,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import updating
 from swarmdata.runtime.thread_limits import ThreadLimit
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Frozen, describe_differences
 from swarmdata.specs.task_spec import TaskSpec
 
 REPLAY_FOLDER = "replay"
@@ -247,12 +247,10 @@ def _claim(folder: Path, run: OnlineRun) -> None:
             )
         write_file(folder / CONFIG, run.to_json().encode())
         return
-    ours, theirs = (r.model_dump(mode="json") for r in (run, read_online_run(folder)))
-    different = [name for name in ours if ours[name] != theirs[name]]
-    if different:
+    if different := describe_differences(read_online_run(folder), run):
         raise BuildError(
-            f"{folder} holds another run, which differs in {', '.join(different)}. Choose another "
-            "folder, or move that one away."
+            f"{folder} holds another run, which differs in: {different}. Choose another folder, or "
+            "move that one away."
         )
 
 

@@ -40,9 +40,9 @@ PART_MAKER = f"{__name__}:part_maker"
 
 def build(
     recipe: Recipe,
-    out: Path,
+    out: Path | str,
     *,
-    checkpoints: Path | None = None,
+    checkpoints: Path | str | None = None,
     workers: int | None = None,
     engine: str | Executor = LOCAL,
     progress: bool = True,
@@ -74,6 +74,7 @@ def build(
         SpecError: the recipe is of an older version of the world.
     """
     out = Path(out)
+    checkpoints = None if checkpoints is None else Path(checkpoints)
     if is_finished(out, recipe):
         return out
     with locked(out, progress):

@@ -82,9 +82,14 @@ def find_entries(
     return [found[key] for key in sorted(found)]
 
 
+def is_mini_id(dataset_id: str) -> bool:
+    """Whether a dataset is called a mini, a small part of another; small ones of users are not."""
+    return without_version(dataset_id).endswith("-mini")
+
+
 def published_minis() -> list[str]:
     """Ids of all published datasets that are minis."""
-    return [info.id for info in list_datasets() if without_version(info.id).endswith("-mini")]
+    return [info.id for info in list_datasets() if is_mini_id(info.id)]
 
 
 def _cached() -> list[Path]:

@@ -65,6 +65,7 @@ SECTIONS = {
     ),
     "Worlds": ("task", "references"),
     "Learning": (
+        "algorithms",
         "study",
         "study-pages",
         "sweep",
@@ -363,6 +364,7 @@ app.command()(remote_commands.push)
 app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
+app.command()(training_commands.algorithms)
 app.command()(training_commands.learning)
 app.command()(training_commands.export_policy)
 app.command()(ranking_commands.rank)
@@ -380,7 +382,8 @@ app.command()(transfer_commands.transfer)
 def curves(
     context: typer.Context,
     files: Annotated[
-        list[Path], typer.Argument(metavar="CSV...", help="learning curves of online runs")
+        list[Path],
+        typer.Argument(metavar="RUN|CSV...", help="run folders, or copies of their curve.csv"),
     ],
     out: Annotated[Path, typer.Option(help="figure to write: .png, .svg or .pdf")],
     metric: Annotated[str, typer.Option(help="without --by: column to draw")] = "success",

@@ -8,6 +8,7 @@ distribution: the groups `swarmdata.tasks`, `swarmdata.policies`, `swarmdata.alg
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, overload
 
 from swarmdata.errors import (
@@ -19,6 +20,7 @@ from swarmdata.errors import (
 )
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.registry.appearance import Appearance
+from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
@@ -161,8 +163,9 @@ def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
         raise MissingExtraError("torch", "torch", f"{kind} {name!r}") from None
 
 
-def make_task(spec: TaskSpec) -> Task:
-    """Builds the task that `spec` describes."""
+def make_task(spec: TaskSpec | Path | str) -> Task:
+    """Builds the task that a spec describes, given as `make_env` takes it."""
+    spec = find_spec(spec)
     build: Callable[[TaskSpec], Task] = resolve("task", TASKS, spec.task)
     return build(spec)
 
@@ -190,15 +193,20 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
 
 @overload
 def make_env(
-    spec: TaskSpec, n_copies: int = 1, *, n_threads: int = 1, api: Literal["vector"] = "vector"
-) -> VecEnv: ...
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, n_threads: int = 1,
+    api: Literal["vector"] = "vector",
+) -> VecEnv: ...  # fmt: skip
 @overload
-def make_env(spec: TaskSpec, n_copies: int = 1, *, api: Literal["pettingzoo"]) -> Any: ...
-def make_env(spec: TaskSpec, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector") -> Any:
+def make_env(
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, api: Literal["pettingzoo"]
+) -> Any: ...
+def make_env(
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector"
+) -> Any:
     """Builds the world of a task.
 
     Args:
-        spec: the task.
+        spec: the task; or a preset's name, or a spec file.
         n_copies: copies stepped together, E; a PettingZoo environment has one.
         n_threads: threads that step them, each its share; at most E are started. The bits do not
             depend on it. It pays from about a hundred copies on: a step of all copies has to be
@@ -217,6 +225,7 @@ def make_env(spec: TaskSpec, n_copies: int = 1, *, n_threads: int = 1, api: str 
         raise SchemaError(f"n_threads is {n_threads}, expected at least 1")
     if api not in ("vector", "pettingzoo"):
         raise UnknownNameError("api", api, ("vector", "pettingzoo"))
+    spec = find_spec(spec)
     check_world(spec)
     if api == "pettingzoo":
         if n_copies != 1 or n_threads != 1:

@@ -5,6 +5,8 @@ this process. What was registered from a module that other processes can import 
 workers of this process, too: its place is in `REGISTERED_VARIABLE` of their environment.
 """
 
+import ast
+import inspect
 import json
 import os
 import sys
@@ -12,6 +14,8 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points, packages_distributions, version
+from importlib.util import find_spec
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -121,6 +125,17 @@ def package_of(group: str, name: str) -> str | None:
     package = place.partition(":")[0].partition(".")[0]
     found = packages_distributions().get(package)
     return f"{found[0]} {version(found[0])}" if found else package
+
+
+def summary_of(component: Any) -> str:
+    """Returns the first line of a component's docstring; of this package's, nothing is imported."""
+    if not isinstance(component, str):
+        return (inspect.getdoc(component) or "").partition("\n")[0]
+    module = find_spec(component.partition(":")[0])
+    if module is None or module.origin is None:
+        return ""
+    tree = ast.parse(Path(module.origin).read_text(encoding="utf-8"))
+    return (ast.get_docstring(tree) or "").partition("\n")[0]
 
 
 @cache

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, did_you_mean, listed
 from swarmdata.runtime.documents import parse_document, read_document
+from swarmdata.types import shortened
 
 LEAST_POSITIVE = 1e-12
 """Products and ratios of a few quantities below this leave the range of float32."""
@@ -32,6 +33,10 @@ class Frozen(BaseModel):
     """A frozen pydantic model that refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def __repr__(self) -> str:
+        """Shows the fields; of many, the first and the last."""
+        return shortened(super().__repr__())
 
     @classmethod
     def parse(cls, data: Any, source: str = "") -> Self:
@@ -277,6 +282,24 @@ class Dumps(Protocol):
 def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:
     """Yields (path, value in one, value in the other) of every field in which two models differ."""
     return _differences("", one.model_dump(mode="json"), other.model_dump(mode="json"))
+
+
+MOST_DIFFERENCES = 3
+"""Fields that a message about another model names."""
+
+
+def describe_differences(there: Dumps, here: Dumps) -> str:
+    """Returns the first fields in which two models differ, in their order; empty if none does."""
+    order = list(here.model_dump(mode="json"))
+    found = sorted(
+        differences(there, here), key=lambda each: order.index(each[0].split(".")[0].split("[")[0])
+    )
+    named = [
+        f"{path} is {SHORT_REPR.repr(old)}, not {SHORT_REPR.repr(new)}" for path, old, new in found
+    ]
+    if len(named) > MOST_DIFFERENCES + 1:  # "and 1 more" would hide one that fits
+        named[MOST_DIFFERENCES:] = [f"and {len(named) - MOST_DIFFERENCES} more"]
+    return "; ".join(named)
 
 
 def _differences(path: str, one: Any, other: Any) -> Iterator[tuple[str, Any, Any]]:

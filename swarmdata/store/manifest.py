@@ -45,6 +45,7 @@ from swarmdata.store.arrays.layout import (
     plan_arrays,
 )
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.types import shortened
 
 MAX_MANIFEST_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
@@ -70,6 +71,10 @@ class _Section(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
+
+    def __repr__(self) -> str:
+        """Shows the first and the last fields."""
+        return shortened(super().__repr__())
 
 
 class FileEntry(_Section):

@@ -47,7 +47,7 @@ from swarmdata.store.arrays.row_shapes import (
     team_row_shapes,
 )
 from swarmdata.store.arrays.scratch_arrays import ScratchMap
-from swarmdata.store.integrity.recognition import no_folder, root_attributes
+from swarmdata.store.integrity.recognition import linked_hint, no_folder, root_attributes
 from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
 from swarmdata.store.manifest import (
     Manifest,
@@ -57,12 +57,12 @@ from swarmdata.store.manifest import (
     repair_hint,
 )
 from swarmdata.store.table import SPLITS, EpisodeTable
-from swarmdata.types import END_REASONS
+from swarmdata.types import END_REASONS, shortened
 
 Verify = Literal["none", "fast", "full"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StoredDataset:
     """An open dataset: read-only memory maps and the episode table."""
 
@@ -74,8 +74,27 @@ class StoredDataset:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the path and what is in no file of it: a worker process maps the files itself."""
-        held = {name: array for name, array in self.arrays.items() if _is_computed(array)}
-        return _reopen, (self.path, self.manifest.digest, held)
+        return reopen_store, (self.path, self.manifest.digest, self.computed())
+
+    def computed(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are in no file of the dataset; an empty one costs nothing to copy."""
+        return {name: array for name, array in self.arrays.items() if _is_computed(array)}
+
+    def with_arrays(self, computed: Mapping[str, NDArray[Any]]) -> "StoredDataset":
+        """The same dataset with other arrays, and with their columns in its episode table."""
+        columns = {
+            name.split("/")[1]: array
+            for name, array in computed.items()
+            if name.startswith("episodes/")
+        }
+        arrays = {**self.arrays, **computed}
+        return replace(self, arrays=arrays, table=replace(self.table, **columns))
+
+    def __repr__(self) -> str:
+        """Shows identity and size."""
+        table = f"{len(self.table):,} episodes, {self.manifest.n_steps:,} steps"
+        arrays = f"{len(self.arrays)} arrays"
+        return shortened(f"<StoredDataset {self.manifest.id}: {table}, {arrays}, at {self.path}>")
 
 
 def open_store(
@@ -103,8 +122,8 @@ def open_store(
         raise DatasetNotFoundError(no_folder(path))
     for link in blocking_links(path):  # it could show any file of this machine as data
         raise ManifestError(
-            f"{path / link} is a symbolic link, expected a plain file or folder. "
-            f"{repair_hint(path)}"
+            f"{path / link} is a symbolic link, expected a plain file or folder."
+            f"{linked_hint(path) or f' {repair_hint(path)}'}"
         )
     manifest = read_manifest(path)
     if recipe is not None:
@@ -129,24 +148,29 @@ def open_store(
 
 
 def _is_computed(array: NDArray[Any]) -> bool:
-    """Whether an array is in no file of the dataset; an empty one costs nothing to copy."""
+    """Whether an array is in no file of the dataset."""
     mapped = mapping_of(array)
     return mapped is None or isinstance(mapped, ScratchMap)
 
 
-def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> StoredDataset:
-    """Opens a dataset that another process has verified."""
+def reopen_store(path: Path, digest: str, computed: Mapping[str, NDArray[Any]]) -> StoredDataset:
+    """Opens a dataset that another process has verified.
+
+    Args:
+        path: the folder.
+        digest: that the dataset had there.
+        computed: arrays that are in no file of it, by name.
+
+    Raises:
+        ChecksumError: another dataset is there now.
+    """
     stored = open_store(path, "none")
     if stored.manifest.digest != digest:
         raise ChecksumError(
             f"{path} has digest {stored.manifest.digest}, it had {digest} when it was pickled: it "
             "was replaced meanwhile. Load it again."
         )
-    columns = {
-        name.split("/")[1]: array for name, array in held.items() if name.startswith("episodes/")
-    }
-    table = replace(stored.table, **columns)
-    return replace(stored, arrays={**stored.arrays, **held}, table=table)
+    return stored.with_arrays(computed)
 
 
 def links_in(path: Path) -> tuple[str, ...]:

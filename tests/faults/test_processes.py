@@ -142,7 +142,7 @@ def test_a_dataset_pickles_as_a_path(dataset: Dataset) -> None:
 
 
 def test_a_pickled_view_keeps_what_was_computed(dataset: Dataset) -> None:
-    """Row 33: a reobservation is in memory only, so it is in the pickle."""
+    """Row 33: a reobservation is mapped, or computed again."""
     seen = dataset.reobserve("lidar-8", progress=False)
     again = pickle.loads(pickle.dumps(seen))
     assert again.view == seen.view

@@ -26,7 +26,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import AnySpec, Spec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, EvalResult
+from swarmdata.types import Double, EvalResult, shortened
 
 FORMAT = "swarmdata-evaluation"
 FORMAT_VERSION = 2
@@ -47,7 +47,7 @@ class Result:
     def __repr__(self) -> str:
         """Shows means and the file, on one line."""
         where = "" if self.path is None else f", {self.path}"
-        return f"Result({self.evaluation!r}{where})"
+        return shortened(f"Result({self.evaluation!r}{where})")
 
     @property
     def run_folder(self) -> Path | None:
@@ -90,7 +90,7 @@ class _DocumentOfFormat1(Frozen):
     metrics: dict[str, list[float | None]]
 
 
-def save_result(result: Result, folder: Path) -> Path:
+def save_result(result: Result, folder: Path | str) -> Path:
     """Writes a result into a folder, atomically, under the name that `file_name` gives it.
 
     The path of a run folder is stored relative to `folder`, so that both can be moved together.
@@ -101,6 +101,7 @@ def save_result(result: Result, folder: Path) -> Path:
     Raises:
         SchemaError: the result is incomplete, does not match its spec, or does not fit into JSON.
     """
+    folder = Path(folder)
     _check(result, "the result to save")
     evaluation, provenance = result.evaluation, with_relative_run(result.provenance, folder)
     document = {

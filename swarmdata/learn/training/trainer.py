@@ -44,6 +44,7 @@ from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.freed_memory import keep_freed_memory
 from swarmdata.runtime.locking import updating
 from swarmdata.runtime.thread_limits import ThreadLimit
+from swarmdata.specs.frozen import describe_differences
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -235,13 +236,10 @@ def _claim(folder: Path, run: Run) -> None:
     if not (folder / CONFIG).exists():
         write_file(folder / CONFIG, run.to_json().encode())
         return
-    ours, theirs = (other.model_dump(mode="json") for other in (run, read_run(folder)))
-    different = [name for name in ours if ours[name] != theirs[name]]
-    if different:
+    if different := describe_differences(read_run(folder), run):
         raise CheckpointError(
-            f"{folder} holds another run, which differs in: "
-            + "; ".join(f"{name} is {theirs[name]!r}, not {ours[name]!r}" for name in different)
-            + ". Choose another folder, or move that one away."
+            f"{folder} holds another run, which differs in: {different}. Choose another folder, or "
+            "move that one away."
         )
 
 
