@@ -7,6 +7,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SpecError
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream
+from swarmdata.runtime.atomic import is_vacant
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Episode
@@ -19,7 +20,7 @@ def check_request(path: Path | str, policies: Sequence[str | PolicySource]) -> N
         BuildError: `path` exists.
         SpecError: there is not just one policy.
     """
-    if Path(path).exists():
+    if not is_vacant(Path(path)):
         raise BuildError(f"{path} exists. Record to another path, or delete it.")
     if len(policies) != 1:
         raise SpecError(f"policies are {policies}, expected one: all copies play the same policy")
