@@ -27,12 +27,13 @@ from swarmdata.catalogue.result_sources import (
     own_sources,
     with_keys,
 )
-from swarmdata.catalogue.site_folder import check_site, copy_assets, replaced_site
+from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import check_messages
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.registry.replaced_worlds import is_simulated
+from swarmdata.runtime.output_folder import check_output
 from swarmdata.specs.model_choice import Source, is_same_world, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
@@ -80,11 +81,12 @@ def build_catalogue(
         The index page.
 
     Raises:
-        SchemaError: something else is at `out`, or the results are malformed.
+        OutputError: something else is at `out`.
+        SchemaError: the results are malformed.
         SpecError: a model is malformed, or does not fit a dataset.
         SwarmdataError: a dataset or a result cannot be read.
     """
-    check_site(out)
+    check_output(out, CATALOGUE)
     start = perf_counter()
     sources = with_keys([*committed_sources(), *own_sources(choices.results)])
     entries = find_entries(names, note, workers=choices.workers)

@@ -14,11 +14,13 @@ from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.conversion.user_paths import absolute_path
 from swarmdata.interop.formats import FORMATS, find_format
-from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.atomic import is_vacant, sync
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS, assemble, write_part
+from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode
 
@@ -59,13 +61,14 @@ def import_dataset(
         DatasetNotFoundError: there is nothing at `source`.
         ConversionError: the data are ambiguous or do not fit together.
         MissingExtraError: the format's library is not installed.
-        BuildError: something else is at `out`, or no episode falls into the train split.
+        OutputError: something else is at `out`.
+        BuildError: another dataset is at `out`, or no episode falls into the train split.
     """
     source, out = map(absolute_path, (source, out))
+    check_marked(out, MANIFEST, "dataset")
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     digest = source_digest(source)
-    task = id.partition("-")[0]
     found = find_format(format)
     if found.read is None:
         known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
@@ -73,7 +76,7 @@ def import_dataset(
             f"{found.title} can only be written, got format={format!r}. Formats to read: "
             f"{', '.join(known)}."
         )
-    with found.read(source, task, choices or Choices()) as incoming:
+    with found.read(source, id.partition("-")[0], choices or Choices()) as incoming:
         keeps = splits == "kept" and incoming.splits is not None
         content = {
             "id": id,
@@ -102,7 +105,7 @@ def source_digest(path: Path) -> str:
 
 
 def _store(out: Path, recording: Recording, incoming: ImportedData, keep_splits: bool) -> None:
-    if out.exists():  # either this dataset, finished before, or an error
+    if not is_vacant(out):  # either this dataset, finished before, or an error
         assemble(out, recipe=recording, parts={}, order=[])
         return
     build = scratch_folder(out, "conversion")
