@@ -23,6 +23,7 @@ SwarmdataError
 ├── StudyError (RuntimeError)           a study, or one of its cells, could not be finished
 │   └── StaleCellError                  a cell's folder holds results of another configuration
 ├── FileKindError (OSError)             a file is not a regular file, or is too large
+├── OutputError (FileExistsError)       a folder to write to has files that are not ours
 ├── DiskFullError (OSError)             the disk or the quota is full
 ├── AddressError (ValueError)           the address of a remote or the id of a dataset is malformed
 ├── GateError (ValueError)              a dataset does not meet the conditions for publication
@@ -165,6 +166,10 @@ class StaleCellError(StudyError):
 
 class FileKindError(SwarmdataError, OSError):
     """A file is not a regular file (a link, pipe or device), or is larger than allowed."""
+
+
+class OutputError(SwarmdataError, FileExistsError):
+    """A folder to write to has files in it that such a command did not write."""
 
 
 class DiskFullError(SwarmdataError, OSError):

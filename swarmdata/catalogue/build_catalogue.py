@@ -30,13 +30,14 @@ from swarmdata.catalogue.result_sources import (
     with_families,
     with_keys,
 )
-from swarmdata.catalogue.site_folder import check_site, copy_assets, replaced_site
+from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import check_messages
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.registry.replaced_worlds import is_simulated
 from swarmdata.runtime.batches import Failures
+from swarmdata.runtime.output_folder import check_output
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import Source, chosen_models, is_same_world
 from swarmdata.specs.observation_names import observation_model
@@ -88,12 +89,12 @@ def build_catalogue(
         The index page.
 
     Raises:
-        SchemaError: something else is at `out`.
+        OutputError: something else is at `out`.
         SpecError: a model is malformed.
         SwarmdataError: the only dataset or result that was named cannot be read.
         BatchError: some datasets or results cannot be shown; all others are.
     """
-    check_site(out)
+    check_output(out, CATALOGUE)
     _check_models(choices)
     start = perf_counter()
     failures = Failures(len(names) + len(choices.results), note)

@@ -342,9 +342,12 @@ def card(
     if out is None:
         refuse(context, ("pictures",), "without --out")
     from swarmdata.cards.card import card_of, write_card
-    from swarmdata.cards.publish import publish_card
+    from swarmdata.cards.publish import CARDS, publish_card
     from swarmdata.hub.catalog.catalog import find_folder
+    from swarmdata.runtime.output_folder import check_output
 
+    if out is not None:
+        check_output(out, CARDS)
     folder = find_folder(dataset)
     if out is None:
         typer.echo(card_of(folder), nl=False)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
-from swarmdata.runtime.atomic import new_folder
+from swarmdata.runtime.atomic import is_vacant, new_folder
 from swarmdata.runtime.own_components import package_of
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.recipe import PolicySource
@@ -86,7 +86,7 @@ def assemble(
         SchemaError: the parts do not hold what `order` names, or do not fit together.
         DatasetError: a part is damaged.
     """
-    if out.exists():
+    if not is_vacant(out):
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
     names = (*FIELDS, *_optional(parts, optional))
@@ -132,7 +132,7 @@ def write_dataset(
         BuildError: `out` holds something else, or no episode falls into the train split.
         SchemaError: the rows do not fit together.
     """
-    if out.exists():
+    if not is_vacant(out):
         return _existing(out, recipe)
     shards = {
         name: plan_shard(source.dtype(name), source.shape(name)) for name in sorted(source.names)
@@ -140,7 +140,7 @@ def write_dataset(
     from swarmdata.store.arrays.attributes import attributes_of  # noqa: PLC0415  (numba, for writers only)
 
     described = attributes_of(recipe, {name: shard.shape for name, shard in shards.items()})
-    with new_folder(out) as temporary:
+    with new_folder(out, last=MANIFEST) as temporary:
         create_metadata(temporary, shards, _attributes(recipe), described)
         kept = _keep(temporary, checkpoints)
         manifest = _write(temporary, recipe, source, shards, kept)

@@ -7,6 +7,7 @@ read as well; they have less about their policies.
 import json
 import math
 import os
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,13 +16,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from swarmdata.errors import FormatVersionError, SchemaError, SpecError
+from swarmdata.errors import FormatVersionError, OutputError, SchemaError, SpecError
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.learn.training.run_files import CONFIG
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.output_folder import check_vacant
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import AnySpec, Spec
@@ -30,6 +32,8 @@ from swarmdata.types import Double, EvalResult, shortened
 
 FORMAT = "swarmdata-evaluation"
 FORMAT_VERSION = 2
+
+_BEGIN = re.compile(rb'\s*\{\s*"format"\s*:\s*"swarmdata-evaluation"')
 
 REQUIRED_FOREIGN_METRICS = frozenset({"return", "length"})
 """Metrics that results in environments of other libraries always have."""
@@ -90,6 +94,24 @@ class _DocumentOfFormat1(Frozen):
     metrics: dict[str, list[float | None]]
 
 
+def check_results_folder(folder: Path) -> None:
+    """Checks that a folder is one of results, or may become one.
+
+    Raises:
+        OutputError: it has files and no result.
+    """
+    if not any(map(_is_result, folder.glob("*.json"))):
+        check_vacant(folder, "folder of results", "result of an evaluation")
+
+
+def _is_result(path: Path) -> bool:
+    """Whether a file begins as results do."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return _BEGIN.match(file.read(100)) is not None
+
+
 def save_result(result: Result, folder: Path | str) -> Path:
     """Writes a result into a folder, atomically, under the name that `file_name` gives it.
 
@@ -100,6 +122,7 @@ def save_result(result: Result, folder: Path | str) -> Path:
 
     Raises:
         SchemaError: the result is incomplete, does not match its spec, or does not fit into JSON.
+        OutputError: another file is in its place.
     """
     folder = Path(folder)
     _check(result, "the result to save")
@@ -123,6 +146,10 @@ def save_result(result: Result, folder: Path | str) -> Path:
         ) from error
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / file_name(provenance, evaluation.spec_hash)
+    if path.exists() and not _is_result(path):
+        raise OutputError(
+            f"{path} is in the way: it is no result of an evaluation, so it was left. Move it away."
+        )
     write_file(path, f"{text}\n".encode())
     return path
 

@@ -242,6 +242,7 @@ def train(
         UnknownNameError: no such algorithm, dataset or setting.
         SpecError: the task has no such frame, or an argument or setting is not of its type.
         ProgramError: `compile` found no working compiler.
+        OutputError: `out` has files and holds no run.
         CheckpointError: `out` holds another run.
         BuildError: `out` holds other groups of seeds, or training failed in another process.
     """
@@ -313,6 +314,7 @@ def train_online(
 
     Raises:
         UnknownNameError: no such algorithm, task, dataset or setting.
+        OutputError: `out` has files and holds no run.
         BuildError: a folder holds another run, `out` holds other groups of seeds, or training
             failed in another process.
         CheckpointError: `start` is no offline run for this task, or has other seeds or policies

@@ -13,12 +13,13 @@ from swarmdata.evaluation.study.cells.cells import Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
-from swarmdata.evaluation.study.pages.study_folder import write_pages
+from swarmdata.evaluation.study.pages.study_folder import STUDY, write_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.reproduction import Comparison, reproduce_cell
 from swarmdata.evaluation.study.shifts.shift_table import TASKS_FILE, TRANSFER_FILE, Shifted
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.runtime.output_folder import check_output, filled
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.study.shifts.robustness_sections import PlannedSweep
@@ -76,10 +77,12 @@ def run_study(
         Why cells failed, by name, and the files that were written, the page first.
 
     Raises:
+        OutputError: `options.out` has files that no study wrote.
         StaleCellError: the folder has results of another configuration.
         StudyError: no cell is done, so there is nothing to write.
         UnknownNameError: no such algorithm, setting, dataset or cell.
     """
+    check_output(options.out, STUDY)
     if study.tasks:
         for task in study.tasks.tasks:
             find_spec(task)  # an unknown one is refused before the training
@@ -144,10 +147,11 @@ def _write_pages(
             for sweep in planned
             if (sweep.is_ready(found.work) if measure else sweep.is_measured(found.work))
         ]
-        sections = run_sweeps(
-            ready, found.work, options.out, found.looks, engine=options.engine,
-            workers=options.workers, progress=options.progress,
-        )  # fmt: skip
+        with filled(options.out, STUDY) as folder:
+            sections = run_sweeps(
+                ready, found.work, folder, found.looks, engine=options.engine,
+                workers=options.workers, progress=options.progress,
+            )  # fmt: skip
     shifts = _used_elsewhere(found, options, measure=measure)
     return write_pages(found, options.out, command, sections, shifts)
 
@@ -209,8 +213,10 @@ def collect_study(study: Study, options: StudyOptions, command: str) -> list[Pat
     """Writes the pages of what is done, and runs nothing.
 
     Raises:
+        OutputError: `options.out` has files that no study wrote.
         StudyError: no cell is done, so there is nothing to write.
     """
+    check_output(options.out, STUDY)
     cells = all_cells(study, progress=options.progress)
     found = _collect(study, cells, options.work_of(study), {})
     return _write_pages(found, options, command, measure=False)

@@ -37,7 +37,7 @@ from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced, replaced_dataset
-from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.origins import Edit, parse_origin
@@ -82,7 +82,7 @@ class Cache:
         elif request.source == "folder":  # `open_store` says whether it is a dataset
             is_there = True
         else:
-            is_there = folder.exists() and bool(read_manifest(folder))
+            is_there = not is_vacant(folder) and bool(read_manifest(folder))
         return Found(folder, request.source) if is_there else None
 
 
@@ -136,7 +136,7 @@ class Remotes:
             DatasetError: what is at that address cannot be used.
         """
         folder = request.folder
-        if folder is None or folder.exists():
+        if folder is None or not is_vacant(folder):
             return None
         refuse = refusal(request.recipe)
         if request.release is not None:
@@ -334,7 +334,7 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
     """
     refuse_current_folder(folder)
     with locked(folder, progress):  # no other process may build or repair it meanwhile
-        if folder.exists() and any(folder.iterdir()):  # it is compared, and not changed
+        if not is_vacant(folder):  # it is compared, and not changed
             pull(remote, release, folder, refuse=refusal(), progress=progress)
         else:
             _arrive(remote, release, folder, refusal(), progress)
@@ -395,8 +395,9 @@ def _arrive(
     except BaseException:
         remove_scratch(arriving)
         raise
-    arriving.rename(folder.resolve())  # where a link leads, if it is one
+    put_in_place(arriving, folder.resolve(), MANIFEST)  # where a link leads, if it is one
     sync(arriving.parent)
+    remove_scratch(arriving)  # at a mount point, an empty folder is left of it
 
 
 def cached_ids(place: Path) -> list[str]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
 from tqdm import tqdm
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
@@ -18,7 +17,7 @@ from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.open_engine import LOCAL
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.cache import cache_folder
@@ -129,8 +128,7 @@ def make_again(
     if cached and is_finished(kept, recipe):
         return publication(open_store(kept, "full"))
     scratch = scratch_folder(cache_folder() / "checks" / recipe.id, "check")
-    scratch.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(scratch.parent / f".{recipe.id}.check.lock"):
+    with locked(scratch, progress):
         remove_scratch(scratch)  # parts of a killed check may have been made by older code
         try:
             build(recipe, scratch / recipe.id, workers=workers, engine=engine, progress=progress)
@@ -196,7 +194,7 @@ def put_entries(path: Path, entries: Mapping[str, Any]) -> None:
             f"there is no folder {path.parent} for {path.name}. Run this in the repository, or say "
             "where the file is with --out."
         )
-    with updating(path):
+    with locked(path, shown=False):
         content = {**_entries(path), **entries}
         text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
         write_file(path, f"{text}\n".encode())

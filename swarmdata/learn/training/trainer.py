@@ -42,7 +42,8 @@ from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.freed_memory import keep_freed_memory
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import check_marked
 from swarmdata.runtime.thread_limits import ThreadLimit
 from swarmdata.specs.frozen import describe_differences
 
@@ -121,6 +122,7 @@ def train_seeds(
         SchemaError: the algorithm cannot learn the actions of a recorded environment, has nothing
             to compile, or has settings of a memory that do not fit each other.
         ProgramError: `compile` found no working compiler.
+        OutputError: the folder has files and holds no run.
         CheckpointError: the folder holds another run, or a damaged one.
         DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
         DiskFullError: no space was left; the same.
@@ -140,7 +142,7 @@ def train_seeds(
         algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
     )
     path = Path(folder)
-    with updating(path / CONFIG, progress):
+    with locked(path / CONFIG, progress):
         _claim(path, run)
         statistics = Statistics.measure(dataset, config.discount)
         trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
@@ -232,7 +234,7 @@ def _describe(
 
 def _claim(folder: Path, run: Run) -> None:
     """Makes the folder this run's, or checks that it is."""
-    folder.mkdir(parents=True, exist_ok=True)
+    check_marked(folder, CONFIG, "run folder")
     if not (folder / CONFIG).exists():
         write_file(folder / CONFIG, run.to_json().encode())
         return

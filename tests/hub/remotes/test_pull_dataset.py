@@ -82,12 +82,12 @@ def test_a_pull_is_the_published_folder(root: Path, dataset: Path, tmp_path: Pat
     assert pull(remote, RELEASE, tmp_path / ID, progress=False) == tmp_path / ID
     assert same_files(tmp_path / ID, dataset)
     assert remote.reads[0] == "manifest.json"
-    assert {path.name for path in tmp_path.iterdir()} == {ID, f".{ID}.pull.lock"}
+    assert {path.name for path in tmp_path.iterdir()} == {ID}
 
     remote.reads.clear()
     pull(remote, RELEASE, tmp_path / ID, progress=False)
     assert remote.reads == ["manifest.json"]
-    assert {path.name for path in tmp_path.iterdir()} == {ID, f".{ID}.pull.lock"}
+    assert {path.name for path in tmp_path.iterdir()} == {ID}
 
 
 def test_the_bar_counts_bytes(
