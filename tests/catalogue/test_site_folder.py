@@ -62,7 +62,7 @@ def test_a_file_is_not_replaced_and_a_link_followed(tmp_path: Path) -> None:
 
 
 def test_files_of_the_user_in_a_catalogue_stay(tmp_path: Path) -> None:
-    """Row 75: a work tree of git was thrown away with the pages in it."""
+    """Row 77: a work tree of git was thrown away with the pages in it."""
     folder = tmp_path / "site"
     with replaced_site(folder) as site:
         (site / "index.html").write_text("one")

@@ -118,7 +118,7 @@ def run(name: str, out: Path, tiny: Path, shelf: str, plan: Path) -> Result:
 def test_a_folder_of_somebody_is_refused_before_any_work(
     name: str, tiny: Path, shelf: str, tmp_path: Path
 ) -> None:
-    """Row 75: reports replaced ten files by name, a training wrote its losses over others."""
+    """Row 77: reports replaced ten files by name, a training wrote its losses over others."""
     out = planted(tmp_path / "outer" / "thesis")
     result = run(name, out, tiny, shelf, tmp_path / "plan.yaml")
     assert result.exit_code == 1, result.output
@@ -132,7 +132,7 @@ def test_a_folder_of_somebody_is_refused_before_any_work(
 def test_a_folder_of_another_kind_is_refused(
     name: str, tiny: Path, shelf: str, tmp_path: Path
 ) -> None:
-    """Row 75: a list of what another command wrote, or somebody else, is no licence."""
+    """Row 77: a list of what another command wrote, or somebody else, is no licence."""
     out = tmp_path / "outer" / "other"
     out.mkdir(parents=True)
     content_of_list = {"format": "swarmdata-other", "format_version": 2, "files": ["report.md"]}

@@ -67,7 +67,7 @@ def test_what_another_user_can_have_written_is_not_run(
     cache: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture,
     monkeypatch: pytest.MonkeyPatch, kind: str, how: str,
 ) -> None:  # fmt: skip
-    """Row 76: in a cache that several users write to, each ran what any of them had put there."""
+    """Row 78: in a cache that several users write to, each ran what any of them had put there."""
     first, second = compiled_twice()
     assert first(3.0) == 1.5
     (file,) = cache.rglob(kind)

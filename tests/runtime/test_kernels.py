@@ -87,7 +87,7 @@ def test_the_cache_moves_with_that_of_datasets(
 def test_the_folder_of_kernels_is_the_users_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 76: with others in one cache, each has a folder of his own."""
+    """Row 78: with others in one cache, each has a folder of his own."""
     monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path))
     monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid or 0)
     assert cache_folder("m").parent == tmp_path / "kernels"

@@ -119,7 +119,7 @@ def test_where_nothing_can_be_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["link", "dangling link", "hard link", "file", "folder", "pipe"])
 def test_what_is_in_the_place_of_a_lock_is_left(tmp_path: Path, kind: str) -> None:
-    """Row 73: a link led to a file of somebody else, which was overwritten."""
+    """Row 75: a link led to a file of somebody else, which was overwritten."""
     place, key = tmp_path / "shared" / ".x.lock", tmp_path / "key"
     place.parent.mkdir()
     key.write_text("secret")
@@ -205,7 +205,7 @@ def test_who_waits_says_so_every_ten_seconds(
 
 @pytest.mark.usefixtures("no_locks")
 def test_without_locks_of_the_system_the_file_is_the_lock(tmp_path: Path, clock: Clock) -> None:
-    """Row 74: one such system was waited for without end, others had no lock at all."""
+    """Row 76: one such system was waited for without end, others had no lock at all."""
     with locked(tmp_path / "x"):
         with pytest.raises(BuildError, match="in use"), locked(tmp_path / "x", patience=60.0):
             pass

@@ -171,7 +171,7 @@ def test_a_kill_before_any_change_of_the_disk_loses_nothing(tmp_path: Path) -> N
 def test_a_dataset_is_built_and_pulled_to_an_empty_and_to_a_mounted_folder(
     tmp_path: Path, tiny: Path, mounted: Path
 ) -> None:
-    """Row 75: `generate` said that there is no dataset, a pull left its copy outside."""
+    """Row 77: `generate` said that there is no dataset, a pull left its copy outside."""
     (tmp_path / "empty").mkdir()
     for folder in (tmp_path / "empty", mounted):
         build(TINY, folder, progress=False)
