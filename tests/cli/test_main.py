@@ -154,7 +154,7 @@ def test_evaluate_and_report(tmp_path: Path) -> None:
     assert "already" not in run(*command, "--again")
     assert "4 episodes of coop_nav" in run("report", results, "--out", out, "--figures", "svg")
     tables = {f"table{ending}" for ending in (".md", ".csv", ".tex", ".svg")}
-    others = {"report.md", "runs.csv", "marl-eval.json", "pareto.svg"}
+    others = {"report.md", "runs.csv", "marl-eval.json", "pareto.svg", ".swarmdata-files.json"}
     assert {path.name for path in out.iterdir()} == tables | others
     assert "holds no results" in run("report", out / "no", "--out", out, code=1)
 

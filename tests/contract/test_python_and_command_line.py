@@ -102,7 +102,7 @@ PAIRS = (
         },
         absent={
             **dict.fromkeys(("policy", "spec", "name"), "named by TARGET, --task and --label"),
-            "block": "--validation", "n_copies": "changes no result",
+            "block": "--validation", "n_copies": "changes no result", "policy_threads": "changes no result",
         },
     ),
 )  # fmt: skip
