@@ -102,7 +102,8 @@ PAIRS = (
         },
         absent={
             **dict.fromkeys(("policy", "spec", "name"), "named by TARGET, --task and --label"),
-            "block": "--validation", "n_copies": "changes no result", "policy_threads": "changes no result",
+            **dict.fromkeys(("n_copies", "policy_threads"), "changes no result"),
+            "block": "--validation",
         },
     ),
 )  # fmt: skip
