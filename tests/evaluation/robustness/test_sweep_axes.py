@@ -79,12 +79,12 @@ def test_malformed_axes_show_how_to_write_them(text: str) -> None:
         ("range=3,1.5", "state+range-1.5", None),
         ("dropout=0,0.1", "state+dropout-0.1", None),
         ("delay=0,2", "state+delay-2", None),
-        ("drop=0,0.6", None, "lossy-60"),
-        ("delay=0,3", None, "lossy-30+delayed-3"),
-        ("bandwidth=2,1", None, "lossy-30+bandwidth-1"),
-        ("range=3,1.5", None, "lossy-30+range-1.5"),
-        ("bits=8,3", None, "lossy-30+bits-3"),
-        ("slots=9,4", None, "lossy-30+aloha-4"),
+        ("drop=0,0.6", None, "=lossy-60"),
+        ("delay=0,3", None, "=lossy-30+delayed-3"),
+        ("bandwidth=2,1", None, "=lossy-30+bandwidth-1"),
+        ("range=3,1.5", None, "=lossy-30+range-1.5"),
+        ("bits=8,3", None, "=lossy-30+bits-3"),
+        ("slots=9,4", None, "=lossy-30+aloha-4"),
     ],
 )
 def test_names_mean_what_they_mean_in_models(
@@ -176,7 +176,7 @@ def test_the_trained_value_is_known() -> None:
     assert trained("bursts.enter=0,0.1", "communication", TALKING) is None
     uneven = with_models(TaskSpec(), {"kind": "state", "noise": {"position": 0.1}})
     assert trained("noise=0,1", "observation", uneven) is None
-    assert trained("noise=0,1", "observation", with_models(uneven, "lidar+noise-0.1")) == 0.1
+    assert trained("noise=0,1", "observation", with_models(uneven, "=lidar+noise-0.1")) == 0.1
     lidar = with_models(TaskSpec(), "lidar-8")
     assert trained("range=2,1", "observation", lidar) == 2.0
     short = lidar.with_updates(team=(Role(robot=Robot(sensor_range=0.7)),))
