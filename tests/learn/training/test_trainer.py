@@ -284,8 +284,8 @@ def test_files_hold_the_run_its_losses_and_its_curve(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "difference"),
     [
-        ({"seeds": (5, 3)}, r"seeds is \[5, 2\], not \[5, 3\]"),
-        ({"config": config_of("bc", n_updates=44)}, "config is"),
+        ({"seeds": (5, 3)}, r"seeds\[1\] is 2, not 3"),
+        ({"config": config_of("bc", n_updates=44)}, "n_updates is 43, not 44"),
         ({"schedule": Schedule(log_every=10, checkpoint_every=10)}, "log_every is 5, not 10"),
     ],
 )
