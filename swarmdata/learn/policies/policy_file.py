@@ -114,7 +114,7 @@ def _policy(tensors: Mapping[str, Tensor], metadata: Mapping[str, Any], source: 
         )
     try:
         policy: Policy = _decoded(metadata, "", tensors, KINDS)
-    except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise CheckpointError(
             f"{source} holds a {metadata['kind']} that this version cannot read: {error!r}"
         ) from error

@@ -83,11 +83,7 @@ class TorchPolicy(Memoryless):
     frame: Frame | None = None
     uses_state: bool = False
     parameters: Parameters = "shared"
-    _folded: list[Layer] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        folded = fold(self.layers, self.observation_mean, self.observation_std, self.parameters)
-        object.__setattr__(self, "_folded", folded)
+    _folded: list[Layer] = field(default_factory=list, init=False, repr=False)  # at the first use
 
     @torch.no_grad()
     def actions(self, observations: Float) -> Float:
@@ -97,7 +93,10 @@ class TorchPolicy(Memoryless):
             SchemaError: the observations are not those the policy was trained on.
         """
         framed = observations if self.frame is None else self.frame.inputs(observations)
-        check_observations(framed, *self._folded[0].weight.shape[:2])
+        mean, std = self.observation_mean, self.observation_std
+        check_observations(self.layers[0], framed, mean, self.parameters)
+        if not self._folded:
+            self._folded.extend(fold(self.layers, mean, std, self.parameters))
         rows = torch.from_numpy(framed.astype(np.float64)).transpose(0, 1)
         outputs = mlp(self._folded, rows).transpose(0, 1)
         actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
@@ -181,20 +180,22 @@ def standard_features(
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
-    n_rows, n_inputs = first.weight.shape[:2]
-    n_known = n_inputs - n_beside - len(mean) if parameters == "shared" else n_rows
-    check_observations(framed, n_known, len(mean))
+    check_observations(first, framed, mean, parameters, n_beside)
     return standardize(torch.from_numpy(framed.astype(np.float64)), mean, std)
 
 
-def check_observations(framed: Float, n_agents: int, n_features: int) -> None:
-    """Checks that observations in the robots' frame are of this team and size.
+def check_observations(
+    first: Layer, framed: Float, mean: Tensor, parameters: Parameters, n_beside: int = 0
+) -> None:
+    """Checks that observations are those of training; takes what `standard_features` does.
 
     Raises:
         SchemaError: they are not.
     """
-    if framed.shape[1:] != (n_agents, n_features):
+    n_rows, n_inputs = first.weight.shape[:2]
+    n_agents = n_inputs - n_beside - len(mean) if parameters == "shared" else n_rows
+    if framed.shape[1:] != (n_agents, len(mean)):
         raise SchemaError(
-            f"policy got observations {framed.shape}, expected {n_features} features of {n_agents} "
+            f"policy got observations {framed.shape}, expected {len(mean)} features of {n_agents} "
             "agents. Evaluate it on the task and observation model that it was trained on."
         )

@@ -13,7 +13,7 @@ import torch
 from swarmdata.behavior_policies.simple import Idle
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.policies.policy_file import load_policy, save_policy
-from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.learn.training.checkpoint import save_checkpoint
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.model_choice import with_models
@@ -56,16 +56,5 @@ def test_what_no_file_can_hold_is_refused(tmp_path: Path) -> None:
 def test_a_file_of_another_version_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "newer.safetensors"
     save_checkpoint(path, {"x": torch.zeros(1)}, {"kind": "TorchPolicy", "color": "red"})
-    with pytest.raises(CheckpointError, match="TorchPolicy that this version cannot read"):
-        load_policy(path)
-
-
-def test_weights_that_do_not_fit_each_other_are_refused(tmp_path: Path) -> None:
-    run = MAPPO(make_env(TaskSpec(), 4), (0,), MAPPOConfig(n_copies=2, n_steps=4))
-    path = tmp_path / "policy.safetensors"
-    save_policy(path, run.policy(0))
-    tensors, metadata = load_checkpoint(path)
-    tensors["observation_std"] = tensors["observation_std"][1:]
-    save_checkpoint(path, tensors, metadata)
     with pytest.raises(CheckpointError, match="TorchPolicy that this version cannot read"):
         load_policy(path)
