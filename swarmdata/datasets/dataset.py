@@ -24,7 +24,6 @@ from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
-from swarmdata.store.arrays.column_meanings import columns_of
 from swarmdata.store.arrays.layout import CARD
 from swarmdata.store.stored_dataset import Verify
 from swarmdata.types import Column, Double, Episode, Int, shortened
@@ -359,6 +358,8 @@ class Dataset:
             SpecError: the dataset is of another environment, which names none; `spec.agents` has
                 the spaces.
         """
+        from swarmdata.store.arrays.column_meanings import columns_of  # noqa: PLC0415  (numba)
+
         return columns_of(make_task(self.task), array, agent)
 
     def transitions(self) -> dict[str, NDArray[Any]]:
@@ -413,13 +414,9 @@ class Dataset:
         )  # fmt: skip
 
     def to_torch(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
+        self, batch_size: int = 256, *, horizon: int | None = None, burn_in: int | None = None,
         seed: int = 0,
-    ) -> Any:
+    ) -> Any:  # fmt: skip
         """Returns the batches of `sampler` as a torch `IterableDataset`, for a `DataLoader`.
 
             >>> loader = DataLoader(dataset.to_torch(256), batch_size=None, num_workers=2)
@@ -435,12 +432,9 @@ class Dataset:
         )
 
     def replay_buffer(
-        self,
-        batch_size: int | None = 256,
-        *,
-        slice_length: int | None = None,
+        self, batch_size: int | None = 256, *, slice_length: int | None = None,
         keys: Sequence[tuple[str, ...] | str] | None = None,
-    ) -> Any:
+    ) -> Any:  # fmt: skip
         """Returns a TorchRL replay buffer of this view's transitions, in memory.
 
         Keys are those of TorchRL's multi-agent environments, such as ("agents", "observation") and
@@ -490,9 +484,7 @@ class Dataset:
             SchemaError: several copies or threads of a PettingZoo environment.
         """
         spec = with_models(self.task, backend=backend, randomization=randomization)
-        return make_env(  # type: ignore[call-overload]
-            spec, n_copies, n_threads=n_threads, api=api
-        )
+        return make_env(spec, n_copies, n_threads=n_threads, api=api)  # type: ignore[call-overload]
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.
