@@ -47,7 +47,7 @@ from swarmdata.store.arrays.row_shapes import (
     team_row_shapes,
 )
 from swarmdata.store.arrays.scratch_arrays import ScratchMap
-from swarmdata.store.integrity.recognition import linked_hint, no_folder, root_attributes
+from swarmdata.store.integrity.recognition import linked_hint, links_in, no_folder, root_attributes
 from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
 from swarmdata.store.manifest import (
     Manifest,
@@ -171,24 +171,6 @@ def reopen_store(path: Path, digest: str, computed: Mapping[str, NDArray[Any]]) 
             "was replaced meanwhile. Load it again."
         )
     return stored.with_arrays(computed)
-
-
-def links_in(path: Path) -> tuple[str, ...]:
-    """Every symbolic link below a folder, relative to it and sorted; links are not followed.
-
-    With `os.scandir`, whose entries know what they are: this is part of every `load`.
-    """
-    found, waiting = [], [""]
-    while waiting:
-        inside = waiting.pop()
-        with os.scandir(os.path.join(path, inside)) as entries:  # noqa: PTH118
-            for entry in entries:
-                name = f"{inside}/{entry.name}" if inside else entry.name
-                if entry.is_symlink():
-                    found.append(name)
-                elif entry.is_dir(follow_symlinks=False):
-                    waiting.append(name)
-    return tuple(sorted(found))
 
 
 def blocking_links(path: Path) -> tuple[str, ...]:
