@@ -54,8 +54,8 @@ from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.runtime.output_folder import check_marked
-from swarmdata.runtime.thread_limits import ThreadLimit
 from swarmdata.specs.frozen import Frozen, describe_differences
 from swarmdata.specs.task_spec import TaskSpec
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.runtime.thread_limits import ThreadLimit
+from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.types import (
     END_REASONS,
     STATE_FIELDS,

@@ -34,7 +34,7 @@ from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
-from swarmdata.runtime.freed_memory import keep_freed_memory
+from swarmdata.runtime.native_libraries import keep_freed_memory
 from swarmdata.types import Batch
 from tests.benchmarks.measuring import Rate, table, write_section
 from tests.benchmarks.og_marl import SYSTEMS, og_marl

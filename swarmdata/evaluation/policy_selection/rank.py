@@ -44,7 +44,7 @@ from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algor
 from swarmdata.learn.training.setup import check_device
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
-from swarmdata.runtime.thread_limits import ThreadLimit
+from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.types import Double
 
 RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")

@@ -41,10 +41,9 @@ from swarmdata.learn.training.training_data import Data, Sampler, Selective
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
-from swarmdata.runtime.freed_memory import keep_freed_memory
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.native_libraries import ThreadLimit, keep_freed_memory
 from swarmdata.runtime.output_folder import check_marked
-from swarmdata.runtime.thread_limits import ThreadLimit
 from swarmdata.specs.frozen import describe_differences
 
 Evaluate = Callable[[Policy], Mapping[str, float]]

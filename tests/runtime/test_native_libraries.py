@@ -1,12 +1,40 @@
-"""Thread limits hold where policies act, whatever the environment asks for."""
+"""Policies act on one thread, whatever the environment asks for; freed memory is used again."""
 
 import json
+import platform
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 
-pytest.importorskip("torch", reason="the threads of torch are what this is about")
+COUNT = """
+import resource
+from swarmdata.runtime.native_libraries import keep_freed_memory
+
+def count():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(4):
+        [b"x" * (20 << 20) for _ in range(4)]
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+if {keeps}:
+    assert keep_freed_memory()
+count()
+print(count())
+"""
+
+
+def new_pages(*, keeps: bool) -> int:
+    """New pages of a process that takes and frees 80 MiB four times, after it did so before."""
+    command = [sys.executable, "-c", COUNT.format(keeps=keeps)]
+    return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="it is about glibc's allocator")
+def test_freed_memory_is_used_again_without_new_pages() -> None:
+    assert new_pages(keeps=True) < new_pages(keeps=False) / 10
+
 
 PROGRAM = """
 import json
@@ -16,7 +44,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.function_policy import FunctionPolicy
-from swarmdata.runtime.thread_limits import ThreadLimit
+from swarmdata.runtime.native_libraries import ThreadLimit
 from threadpoolctl import threadpool_info
 
 seen = {}
@@ -39,6 +67,7 @@ print(json.dumps(seen))
 """
 
 
+@pytest.mark.skipif(find_spec("torch") is None, reason="it is about the threads of torch")
 def test_policies_act_on_one_thread_and_the_numbers_are_given_back() -> None:
     """In a process of its own, which the settings of the tests do not reach."""
     command = [sys.executable, "-c", PROGRAM]
