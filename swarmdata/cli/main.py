@@ -48,7 +48,7 @@ from swarmdata.cli.shared_options import (
     Task,
 )
 from swarmdata.cli.task_commands import task_app
-from swarmdata.errors import SwarmdataError
+from swarmdata.errors import SwarmdataError, printable
 
 SECTIONS = {
     "First": ("list", "info", "train", "evaluate", "report", "render", "generate"),
@@ -174,7 +174,7 @@ class _Messages(logging.Handler):
         self._shown: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        text = record.getMessage()
+        text = printable(record.getMessage())
         if text not in self._shown:
             self._shown.add(text)
             typer.echo(text, err=True)
@@ -219,7 +219,7 @@ def _format_warning(
     line: str | None = None,
 ) -> str:
     """A warning without the line of code that raised it, which says nothing to users."""
-    return f"{category.__name__}: {message}\n"
+    return f"{category.__name__}: {printable(str(message))}\n"
 
 
 def _is_output_closed() -> bool:
@@ -254,10 +254,10 @@ def _reword(error: typer.BadParameter) -> None:
 def _describe(error: OSError) -> str:
     """The system's message and the file; very long names are shortened."""
     if error.strerror is None:
-        return str(error)
+        return printable(str(error))
     name = "" if error.filename is None else f": {str(error.filename)!r}"
     cut = f"{name[:120]}… ({len(str(error.filename))} characters)" if len(name) > 300 else name
-    return f"{error.strerror}{cut}"
+    return printable(f"{error.strerror}{cut}")
 
 
 def _show_version(wanted: bool) -> None:

@@ -8,7 +8,7 @@ import json
 import re
 from typing import Any
 
-from swarmdata.errors import AbsentFileError, ConflictError, HubError
+from swarmdata.errors import AbsentFileError, ConflictError, HubError, quoted
 from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS, TransientError, seconds
 
 HTTP_LIBRARIES = ("requests", "urllib3", "httpx", "httpx2", "httpcore", "httpcore2", "hf_xet")
@@ -86,7 +86,7 @@ def _words(error: BaseException) -> str:
     cause = error.__cause__
     if cause is not None and str(cause) not in text:
         text += f" ({type(cause).__name__}: {cause})"
-    return scrub(" ".join(text.split()))
+    return quoted(scrub(text))
 
 
 def scrub(text: str) -> str:

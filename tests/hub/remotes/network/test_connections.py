@@ -14,7 +14,7 @@ from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.connections import Network, is_private
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, same_files
+from tests.hub.remotes.conftest import ID, is_pulled
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.static_host import StaticHost
 
@@ -109,7 +109,7 @@ def test_a_public_remote_may_redirect_to_a_public_one(
     release = found.find(ID)
     assert release == Release(ID, f"http://data.example/{ID}")
     assert names.dialled == [PUBLIC, OTHER_PUBLIC]
-    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
 
 
 @pytest.mark.parametrize(
