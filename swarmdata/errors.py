@@ -77,7 +77,7 @@ class SwarmdataError(Exception):
     """Base class of every error that this library raises."""
 
     def __str__(self) -> str:
-        """Returns the message, `printable`, without the quotes in which `KeyError` would show it."""
+        """Returns the `printable` message, without the quotes in which `KeyError` shows it."""
         return printable(str(self.args[0])) if self.args else ""
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.results.policy_names import find_target
-from swarmdata.evaluation.runs.provenance import Provenance
+from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.extras import require_extra
@@ -41,13 +41,7 @@ def export_policy(name: str, path: Path, seed: int = 0) -> Path:
         robots=target.spec.agent_names,
         features=[feature.name for feature in features_of(make_task(target.spec))],
         about={
-            "provenance": _public(target.provenances[k]).model_dump(mode="json"),
+            "provenance": without_places(target.provenances[k].model_dump(mode="json")),
             "spec": target.spec.model_dump(mode="json"),
         },
     )
-
-
-def _public(provenance: Provenance) -> Provenance:
-    """With the name of the run folder, not its place on this machine."""
-    run = provenance.run
-    return provenance.model_copy(update={"run": None if run is None else Path(run).name})

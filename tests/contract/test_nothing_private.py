@@ -17,7 +17,9 @@ from typer.testing import CliRunner
 import swarmdata
 from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
+from swarmdata.evaluation.study.plan import Study
 from tests.catalogue.conftest import one_study
+from tests.evaluation.study.conftest import here  # noqa: F401  # a fixture
 from tests.support.tiny import TINY, make_tiny
 
 USER, HOST = "ursula_canary", "host-canary"
@@ -112,3 +114,18 @@ def test_an_exported_policy(home: Path, data: Path, tmp_path: Path) -> None:
     (tmp_path / "robot").mkdir()
     run("export-policy", home / "runs" / "bc", tmp_path / "robot" / "policy.onnx")
     assert given_away(tmp_path / "robot") == []
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("here")
+def test_a_study(home: Path, data: Path, tmp_path: Path) -> None:
+    for package in ("torch", "matplotlib"):
+        pytest.importorskip(package, reason="runs a study with figures")
+    cell = {"algorithm": "bc", "family": "cloning", "updates": 4}
+    plan = {"name": "tiny", "datasets": [str(data)], "algorithms": {"bc": cell}, "seeds": [0, 1],
+            "hidden": [8], "episodes": 4}  # fmt: skip
+    file = home / "study.yaml"
+    file.write_text(Study.parse(plan, "the test's study").to_yaml())
+    run("study", file, "--out", tmp_path / "study", "--work", home / "work")
+    assert given_away(tmp_path / "study") == []
+    run("study", tmp_path / "study")  # the pages once more, from what was published

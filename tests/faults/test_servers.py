@@ -26,8 +26,8 @@ from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
     dataset,
     hub,
     impatient,
-    remote,
     is_pulled,
+    remote,
     successor,
 )
 from tests.hub.remotes.faults import Fault, FaultyServer

@@ -147,10 +147,14 @@ class WebRemote:
             if isinstance(error.reason, HubError):
                 raise error.reason from error
             if isinstance(error.reason, ssl.SSLCertVerificationError):
-                raise HubError(f"{url} has no valid certificate: {quoted(error.reason)}.") from error
+                raise HubError(
+                    f"{url} has no valid certificate: {quoted(error.reason)}."
+                ) from error
             raise TransientError(f"no connection to {url}: {quoted(error.reason)}") from error
         except (TimeoutError, ConnectionError, ssl.SSLError, http.client.HTTPException) as error:
-            raise TransientError(f"the connection to {url} was lost: {quoted(repr(error))}") from error
+            raise TransientError(
+                f"the connection to {url} was lost: {quoted(repr(error))}"
+            ) from error
 
 
 class _UnsatisfiableRangeError(Exception):
