@@ -303,13 +303,15 @@ def info(dataset: IdOrPath) -> None:
     """
     from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
     from swarmdata.hub.catalog.catalog import dataset_folder, find_folder, list_datasets
-    from swarmdata.hub.catalog.identity import judge
+    from swarmdata.hub.catalog.identity import judge, misnamed
     from swarmdata.hub.remotes.outside_names import is_folder
     from swarmdata.store import open_store
 
     if is_folder(dataset) or not is_dataset(dataset):
         stored = open_store(find_folder(dataset), "none")
         typer.echo(f"folder: {stored.path}\ndigest: {stored.manifest.digest}")
+        if (sentence := misnamed(stored.path, stored.manifest)) is not None:
+            typer.echo(f"{sentence}.", err=True)
         typer.echo(f"{judge(stored.manifest).sentence}\n{stored.recipe.to_yaml()}", nl=False)
         return
     recipe = find_recipe(dataset)

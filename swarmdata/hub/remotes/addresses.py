@@ -85,7 +85,7 @@ def parse_address(text: str) -> Address:
         raise UnknownNameError("kind of remote", scheme, REMOTES)
     place = _IP_LITERAL.sub("", rest) if scheme in WEB_SCHEMES else rest
     if re.search(r"[\s\\?#\[\]]|[^\x20-\x7e]", place) or "://" in place or "::" in place:
-        raise _malformed(scheme, "it has a space, a query, a bracket or a character outside of ASCII")
+        raise _malformed(scheme, "it has a space, a query, brackets or characters outside of ASCII")
     is_hub = scheme in HUB_SCHEMES  # whose addresses have a revision after the @, and no port
     if ":" in rest.rpartition("@")[0] if is_hub else "@" in rest.partition("/")[0]:
         raise _malformed(

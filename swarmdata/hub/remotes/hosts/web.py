@@ -170,7 +170,8 @@ def _explained(error: HTTPError, url: str) -> Exception:
     problem = f"{url} answered HTTP {error.code} {error.msg}"
     if error.code in TRANSIENT_STATUS:
         return TransientError(problem, seconds(error.headers.get("Retry-After")))
-    return HubError(f"{problem}. Look whether the address is right and open to you.")
+    more = "; buckets without a public list answer so for what they lack" * (error.code == 403)
+    return HubError(f"{problem}. Look whether the address is right and open to you{more}.")
 
 
 def _starts_at(response: Response, offset: int) -> bool:
