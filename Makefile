@@ -85,7 +85,7 @@ quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata train bc coop_nav-medium-mini --seeds 3 --updates 3000 --curve-every 500 --out quickstart/bc
 	$(BIN)/swarmdata train maddpg_bc coop_nav-medium-mini --seeds 3 --updates 4000 --curve-every 500 --out quickstart/maddpg_bc
 	$(BIN)/swarmdata evaluate random coop_nav-medium expert quickstart/bc quickstart/maddpg_bc --out quickstart/results
-	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart
+	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart/report
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 
 clips: $(STAMPS)/package

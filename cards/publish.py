@@ -5,8 +5,9 @@ from pathlib import Path
 from swarmdata.cards.card import card_of
 from swarmdata.cards.pictures.sheet import draw_card
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.runtime.atomic import staged
-from swarmdata.store import write_file
+from swarmdata.runtime.output_folder import OutputKind, filled
+
+CARDS = OutputKind("folder of cards")
 
 
 def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path]:
@@ -19,15 +20,16 @@ def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path
 
     Raises:
         DatasetError: the dataset cannot be used.
+        OutputError: `out` has files that are no cards of this package.
         MissingExtraError: pictures need matplotlib or Pillow, which is not installed.
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
     dataset = Dataset.open(folder, verify="none")
     text, picture = out / f"{dataset.id}.md", out / f"{dataset.id}.png"
-    out.mkdir(parents=True, exist_ok=True)
-    if pictures:
-        with staged(picture) as target:
-            draw_card(dataset, target)
-    write_file(text, card_of(folder, picture.name if pictures else None).encode())
+    with filled(out, CARDS) as written:
+        if pictures:
+            draw_card(dataset, written / picture.name)
+        card = card_of(folder, picture.name if pictures else None)
+        (written / text.name).write_text(card, encoding="utf-8")
     return [text, picture] if pictures else [text]

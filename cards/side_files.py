@@ -23,11 +23,11 @@ def finish(folder: Path) -> None:
         SchemaError: a check that the card reports did not pass.
         SpecError: something stored has no description.
     """
-    if not (folder / CARD).exists():
+    origin = open_store(folder, verify="none").recipe
+    content = reference_bytes(origin.spec)
+    if not (folder / CARD).exists() and origin.missing is None:
         write_card(folder)
-        return
-    content = reference_bytes(open_store(folder, verify="none").recipe.spec)
-    if content is not None and not (folder / REFERENCES).exists():
+    elif content is not None and not (folder / REFERENCES).exists():
         write_file(folder / REFERENCES, content)
 
 
@@ -40,7 +40,10 @@ def damage_of(folder: Path) -> tuple[Damage, ...]:
     Raises:
         DatasetError: the dataset cannot be used.
     """
-    world = open_store(folder, verify="none").recipe.spec.world
+    origin = open_store(folder, verify="none").recipe
+    if origin.missing is not None:  # the package that defines it makes the card
+        return ()
+    world = origin.spec.world
     if world is not None and not is_simulated(world) and _is_plain_file(folder / CARD):
         return ()
     try:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from swarmdata.evaluation.results.result_files import Result, save_result
     from swarmdata.evaluation.results.result_set import read_results
     from swarmdata.evaluation.runs.generated_dataset import generate
+    from swarmdata.evaluation.runs.named_policies import make_policy
     from swarmdata.evaluation.runs.provenance import Provenance
     from swarmdata.evaluation.runs.train import train, train_online
     from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets, load
@@ -40,16 +41,17 @@ if TYPE_CHECKING:
     from swarmdata.record.vmas import record_vmas
     from swarmdata.registry.components import (
         make_env,
-        make_policy,
         make_task,
         register_algorithm,
         register_policy,
         register_task,
     )
     from swarmdata.registry.presets import preset, preset_names
+    from swarmdata.registry.published import Reference
     from swarmdata.rollouts.evaluate import evaluate
     from swarmdata.rollouts.function_policy import FunctionPolicy
     from swarmdata.rollouts.rollout import rollout
+    from swarmdata.rollouts.task_frame import frame_of
     from swarmdata.specs.origins import RecordedSpec
     from swarmdata.specs.recipe import Recipe
     from swarmdata.specs.task_spec import TaskSpec
@@ -75,6 +77,7 @@ __all__ = [
     "Recipe",
     "RecordedSpec",
     "Recorder",
+    "Reference",
     "Result",
     "Step",
     "Stream",
@@ -96,6 +99,7 @@ __all__ = [
     "export_policy",
     "filter_dataset",
     "foreign_evaluation_seeds",
+    "frame_of",
     "generate",
     "import_dataset",
     "import_logs",
@@ -135,6 +139,7 @@ _HOMES = {
     "Recipe": "swarmdata.specs.recipe",
     "RecordedSpec": "swarmdata.specs.origins",
     "Recorder": "swarmdata.record.recorder",
+    "Reference": "swarmdata.registry.published",
     "Result": "swarmdata.evaluation.results.result_files",
     "Step": "swarmdata.types",
     "Stream": "swarmdata.hub.streaming.streamed_dataset",
@@ -155,6 +160,7 @@ _HOMES = {
     "export_dataset": "swarmdata.interop.export",
     "filter_dataset": "swarmdata.building.edit",
     "foreign_evaluation_seeds": "swarmdata.record.reset_seeds",
+    "frame_of": "swarmdata.rollouts.task_frame",
     "generate": "swarmdata.evaluation.runs.generated_dataset",
     "import_dataset": "swarmdata.interop.convert",
     "export_policy": "swarmdata.interop.exported_policies",
@@ -162,7 +168,7 @@ _HOMES = {
     "list_datasets": "swarmdata.hub.catalog.catalog",
     "load": "swarmdata.hub.catalog.catalog",
     "make_env": "swarmdata.registry.components",
-    "make_policy": "swarmdata.registry.components",
+    "make_policy": "swarmdata.evaluation.runs.named_policies",
     "make_task": "swarmdata.registry.components",
     "make_torchrl_env": "swarmdata.interop.torchrl.torchrl_source",
     "preset": "swarmdata.registry.presets",

@@ -18,10 +18,12 @@ SwarmdataError
 ├── DivergedError (ArithmeticError)     training produced NaN or infinite values
 ├── SimulationError (ArithmeticError)   a simulator could not go on with a world
 ├── BuildError (RuntimeError)           a dataset could not be built
+│   ├── BatchError                      items of a batch failed, the others are done
 │   └── RecipeConflictError             the folder holds parts that another recipe built
 ├── StudyError (RuntimeError)           a study, or one of its cells, could not be finished
 │   └── StaleCellError                  a cell's folder holds results of another configuration
 ├── FileKindError (OSError)             a file is not a regular file, or is too large
+├── OutputError (FileExistsError)       a folder to write to has files that are not ours
 ├── DiskFullError (OSError)             the disk or the quota is full
 ├── AddressError (ValueError)           the address of a remote or the id of a dataset is malformed
 ├── GateError (ValueError)              a dataset does not meet the conditions for publication
@@ -81,6 +83,9 @@ class SwarmdataError(Exception):
         return printable(str(self.args[0])) if self.args else ""
 
 
+INSTALL_HINT = "If another package defines it, install that package."
+"""What to do about an unknown name of something that users can define."""
+
 MOST_NAMES = 5
 """Known names that a message lists."""
 
@@ -94,7 +99,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def listed(name: str, known: Iterable[str]) -> str:
     """Returns the known names in words: all of a few, else those nearest to `name`, sorted."""
     options = sorted(known)
-    if len(options) <= MOST_NAMES:
+    if len(options) <= MOST_NAMES + 1:  # "and 1 more" would hide a name that fits
         return ", ".join(options)
     near = sorted(options, key=lambda each: -difflib.SequenceMatcher(None, name, each).ratio())
     return f"{', '.join(sorted(near[:MOST_NAMES]))} and {len(options) - MOST_NAMES} more"
@@ -172,6 +177,10 @@ class EngineError(BuildError):
     """An engine is unknown, or cannot be reached."""
 
 
+class BatchError(BuildError):
+    """Some items of a batch failed; the message names them, and the others are done."""
+
+
 class RecipeConflictError(BuildError):
     """The build folder holds parts that were built from another recipe."""
 
@@ -186,6 +195,10 @@ class StaleCellError(StudyError):
 
 class FileKindError(SwarmdataError, OSError):
     """A file is not a regular file (a link, pipe or device), or is larger than allowed."""
+
+
+class OutputError(SwarmdataError, FileExistsError):
+    """A folder to write to has files in it that such a command did not write."""
 
 
 class DiskFullError(SwarmdataError, OSError):

@@ -28,6 +28,9 @@ from swarmdata.types import (
 class Task(Protocol):
     """A task with the constants of one spec: pure functions over arrays, without physics.
 
+    A static method `appearance(spec)`, which is optional, says how the task is drawn, by a
+    `registry.appearance.Appearance`.
+
     Built as `Task(spec)`. `state_layout` describes a row of the states: robots, movable bodies, and
     then the task's own numbers, whose columns are `extras`. Everything that these functions write
     depends only on an episode's states, layout, seed and times, so that it can be computed again

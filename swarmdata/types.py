@@ -29,6 +29,18 @@ FloatOrByte = NDArray[np.float32 | np.uint8]
 """Observations and states: uint8 where images of bytes were recorded, else float32."""
 
 
+REPR_CHARACTERS = 300
+"""Most characters of the `repr` of a public object, so that a notebook shows one in a few lines."""
+
+
+def shortened(text: str) -> str:
+    """Returns a `repr` of at most `REPR_CHARACTERS`: of a longer one, its beginning and end."""
+    if len(text) <= REPR_CHARACTERS:
+        return text
+    n_last = REPR_CHARACTERS // 4
+    return f"{text[: REPR_CHARACTERS - n_last - 3]}...{text[-n_last:]}"
+
+
 class Column(NamedTuple):
     """The meaning of one number in the rows of an array."""
 
@@ -137,6 +149,10 @@ class Step(NamedTuple):
     delivered: Bool  # [E, N, N] whether a message of sender (last axis) arrived in this step
     ages: Counts  # [E, N, N] age of the newest message of a sender, steps, or NEVER_RECEIVED
 
+    def __repr__(self) -> str:
+        """Returns the shapes instead of the values."""
+        return shortened(f"Step({_shapes(self._asdict())})")
+
     @property
     def ended(self) -> Bool:
         """Whether each copy has ended and needs a reset, [E]."""
@@ -154,6 +170,12 @@ OPTIONAL_STATE_FIELDS = ("alive", "action_masks")
 
 OPTIONAL_STEP_FIELDS = ("reward_terms", "agent_terminations", "agent_truncations")
 """More fields with T rows: of our tasks, and of recordings where agents leave."""
+
+
+def _shapes(arrays: Mapping[str, Any]) -> str:
+    """Names and shapes of those that are arrays or tensors."""
+    shaped = {name: array.shape for name, array in arrays.items() if hasattr(array, "shape")}
+    return ", ".join(f"{name}={tuple(shape)}" for name, shape in shaped.items())
 
 
 def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
@@ -227,9 +249,9 @@ class Episode:
 
     def __repr__(self) -> str:
         """Returns the shapes instead of the values."""
-        arrays = [f for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)]
-        shapes = ", ".join(f"{f.name}={getattr(self, f.name).shape}" for f in arrays)
-        return f"Episode({shapes}, seed={self.seed}, end_reason={END_REASONS[self.end_reason]!r})"
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        end = f"seed={self.seed}, end_reason={END_REASONS[self.end_reason]!r}"
+        return shortened(f"Episode({_shapes(arrays)}, {end})")
 
     @property
     def success(self) -> bool:
@@ -279,9 +301,7 @@ class Batch:
 
     def __repr__(self) -> str:
         """Returns the shapes instead of the values, on one line."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        shapes = (f"{k}={tuple(v.shape)}" for k, v in arrays.items() if v is not None)
-        return f"Batch({', '.join(shapes)})"
+        return shortened(f"Batch({_shapes({f.name: getattr(self, f.name) for f in fields(self)})})")
 
     def to_torch(self, device: "torch.device | str" = "cpu") -> "Batch":
         """Returns the batch as tensors on `device`; on the CPU they share the arrays' memory."""
@@ -316,4 +336,6 @@ class EvalResult:
         """Returns means instead of the values, on one line."""
         means = {k: self.metrics[k].mean() for k in ("return", "success") if k in self.metrics}
         shown = ", ".join(f"mean {name} {mean:.4g}" for name, mean in means.items())
-        return f"EvalResult({self.policy} in {self.task}: {len(self.seeds)} episodes, {shown})"
+        return shortened(
+            f"EvalResult({self.policy} in {self.task}: {len(self.seeds)} episodes, {shown})"
+        )

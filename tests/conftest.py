@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
@@ -103,3 +104,18 @@ def record() -> Callable[..., Path]:
         return out
 
     return write
+
+
+@pytest.fixture(params=["tmpfs", "bind"])
+def mounted(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
+    """An empty folder at which a file system is mounted, or another folder, as by `docker -v`."""
+    folder, elsewhere = tmp_path / "outer" / "mounted", tmp_path / "elsewhere"
+    folder.mkdir(parents=True)
+    elsewhere.mkdir()
+    kinds = {"tmpfs": ["-t", "tmpfs", "none"], "bind": ["--bind", str(elsewhere)]}
+    if subprocess.run(["mount", *kinds[request.param], str(folder)], check=False).returncode:
+        pytest.skip("mounting needs the rights of root")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import yaml
 
 from swarmdata.drawing import markdown
+from swarmdata.registry.published import license_of
 from swarmdata.specs.origins import Origin
 from swarmdata.store import Manifest
 
@@ -25,7 +26,7 @@ def front_matter(manifest: Manifest, origin: Origin) -> str:
     size = next((name for below, name in HUB_SIZES if manifest.n_steps < below), "1M<n<10M")
     content = {
         "pretty_name": origin.id,
-        "license": origin.license,
+        "license": license_of(origin),
         "task_categories": ["reinforcement-learning", "robotics"],
         "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", origin.spec.task, origin.tier],
         "size_categories": [size],

@@ -8,6 +8,7 @@ import numpy as np
 from swarmdata.cards.sections.front_matter import PROPERTIES
 from swarmdata.cards.sections.wording import TIER_DESCRIPTIONS, UNKNOWN_TIER_DESCRIPTION
 from swarmdata.drawing import markdown
+from swarmdata.registry.published import license_of
 from swarmdata.specs.origins import Origin, Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
@@ -26,9 +27,10 @@ def tier_section(origin: Origin) -> str:
 
 def about_section(origin: Origin) -> str:
     """What the author states, and what is missing; empty where no author is asked."""
-    if origin.metadata is None:
+    if origin.metadata is None or (origin.recipe is not None and not origin.metadata):
         return ""
-    given = {} if origin.license == "unknown" else {"license": origin.license}
+    license = license_of(origin)
+    given = {} if license == "unknown" else {"license": license}
     stated = {**given, **origin.metadata}
     rows = [(key, stated.get(key) or "not given") for key in EXPECTED_METADATA]
     rows += [(key, text) for key, text in sorted(stated.items()) if key not in EXPECTED_METADATA]

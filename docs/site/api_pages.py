@@ -12,13 +12,13 @@ from swarmdata.specs.frozen import Frozen
 GROUPS = {
     "data": (
         "Datasets",
-        ("load", "list_datasets", "Dataset", "DatasetInfo", "Batch", "Episode", "Stream",
-         "StreamedDataset"),
+        ("load", "list_datasets", "Dataset", "DatasetInfo", "Batch", "Episode", "Reference",
+         "Stream", "StreamedDataset"),
     ),
     "worlds": (
         "Worlds and policies",
         ("preset", "preset_names", "TaskSpec", "make_task", "make_env", "Step", "Policy",
-         "make_policy", "FunctionPolicy", "rollout", "drawn_values"),
+         "make_policy", "FunctionPolicy", "frame_of", "rollout", "drawn_values"),
     ),
     "learning": (
         "Training and evaluation",

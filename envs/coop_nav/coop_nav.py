@@ -47,6 +47,7 @@ from swarmdata.envs.coop_nav.unassigned_goals import (
 from swarmdata.envs.world.spawn import SpawnPlan, spawn_random
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
+from swarmdata.registry.appearance import Appearance, SharedTargets
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
 from swarmdata.specs.rules import NavigationRules, Payload
@@ -141,6 +142,16 @@ class CoopNav:
             else f"every robot is within {rules.goal_radius:g} m of its target"
         )
         self._scratch = (np.zeros((n, n)), *assignment_work(n))
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, NavigationRules)
+        if rules.goals == "assigned":
+            text = "Rings are goals, in the color of their robot."
+            return Appearance(legend=text, radius=rules.goal_radius)
+        text, shared = "Rings are goals, which any robot may cover.", SharedTargets(spec.n_agents)
+        return Appearance(legend=text, radius=rules.goal_radius, shared=shared)
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         robots = robots_of(states, self.spec.n_agents)

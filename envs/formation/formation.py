@@ -57,6 +57,7 @@ from swarmdata.envs.formation.slots import (
 )
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
+from swarmdata.registry.appearance import Appearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import FormationRules, Payload
@@ -211,6 +212,17 @@ class Formation:
         self.solved = (
             f"the root mean square of the robots' distances to their slots (tx, ty) was at most "
             f"{rules.tolerance:g} m in {needed} steps of the episode, consecutive or not"
+        )
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, FormationRules)
+        return Appearance(
+            legend="Crosses are the robots' slots, discs slots that are held.",
+            mark="slot",
+            radius=rules.tolerance,
+            is_linked=True,
         )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:

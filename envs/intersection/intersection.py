@@ -55,6 +55,7 @@ from swarmdata.envs.world.deadlocks import count_deadlocks
 from swarmdata.envs.world.spawn import check_fixed_layout
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
+from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import IntersectionRules, Payload
@@ -248,6 +249,18 @@ class Intersection:
         self._rules = (rules.goal_radius, rules.headway, rules.quota, spec.control_dt)
         self.terms = _terms(rules)
         self.solved = f"the team has made {rules.quota} crossings"
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = intersection_rules(spec)
+        return Appearance(
+            legend="Rings are the gates that robots drive to, entries and exits.",
+            radius=rules.goal_radius,
+            moments=(
+                Moment("entry", "enters the crossing", "enter the crossing"),
+                Moment("crossing", "leaves the crossing", "leave the crossing"),
+            ),
+        )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         layouts[copies] = self.junction.corners

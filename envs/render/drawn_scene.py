@@ -7,7 +7,8 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import OBSTACLE
-from swarmdata.specs.rules import TransportRules
+from swarmdata.registry.appearance import Appearance
+from swarmdata.registry.components import appearance_of
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -42,6 +43,11 @@ class Scene:
     scan: Scan | None
     delivered: Bool  # [N, N] receivers, senders
     dropped: Bool  # [N, N]
+
+    @property
+    def look(self) -> Appearance:
+        """How its task is drawn."""
+        return appearance_of(self.spec)
 
     @cached_property
     def radii(self) -> Double:
@@ -104,7 +110,7 @@ def build_scene(
 
 def n_bodies(spec: TaskSpec) -> int:
     """Returns the number of movable bodies in the task's states."""
-    return int(isinstance(spec.rules, TransportRules))
+    return len(appearance_of(spec).bodies)
 
 
 def _split(spec: TaskSpec, states: Float) -> tuple[Double, Double, Double]:

@@ -13,8 +13,7 @@ from swarmdata.envs.render.colors import (
     tint,
 )
 from swarmdata.envs.render.drawn_scene import Scene
-from swarmdata.envs.render.target_marks import payload_outline
-from swarmdata.specs.rules import TransportRules
+from swarmdata.envs.render.targets import payload_outline
 from swarmdata.specs.state_layout import X, Y
 from swarmdata.types import Double
 
@@ -42,16 +41,13 @@ def draw_trails(canvas: Canvas, scene: Scene) -> None:
 
 
 def draw_bodies(canvas: Canvas, scene: Scene) -> None:
-    """Draws payloads with an arrow along their local x axis."""
-    rules = scene.spec.rules
-    if not isinstance(rules, TransportRules):
-        return
-    for body in scene.bodies:
+    """Draws movable bodies with an arrow along their local x axis."""
+    for payload, body in zip(scene.look.bodies, scene.bodies, strict=True):
         place, towards = body[:2], body[4:6]
-        outline = payload_outline(rules.payload, place, towards)
+        outline = payload_outline(payload, place, towards)
         canvas.polygon(outline, PAYLOAD_COLOR)
         canvas.loop(outline, PAYLOAD_EDGE_COLOR, 0.03)
-        length = 0.7 * rules.payload.half_length
+        length = 0.7 * payload.half_length
         shaft = np.array([place - 0.6 * length * towards, place + 0.7 * length * towards])
         canvas.line(shaft, PAYLOAD_EDGE_COLOR, 0.03)
         head = np.array([(1.0, 0.0), (0.5, 0.28), (0.5, -0.28)]) * length

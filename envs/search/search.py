@@ -64,6 +64,7 @@ from swarmdata.envs.world.spawn import (
     put_at_rest,
 )
 from swarmdata.errors import SpawnError, SpecError
+from swarmdata.registry.appearance import Appearance, Moment, SharedTargets
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import (
     Feature,
@@ -313,6 +314,24 @@ class Search:
         self._victim_radii = np.full(rules.victims, self._spawn.radii.max())
         self.terms = _terms(rules)
         self.solved = "all victims are rescued"
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = search_rules(spec)
+        return Appearance(
+            legend=(
+                "Rings are victims, filled once they are rescued. Dashes lead from a robot to the "
+                "victim that it knows; from afar robots see none."
+            ),
+            radius=rules.goal_radius,
+            shared=SharedTargets(rules.victims, reached=2 * rules.victims),
+            is_linked=True,
+            nowhere=(-spec.half_size[0], -spec.half_size[1]),
+            moments=(
+                Moment("sighting", "sees a victim first", "see a victim first"),
+                Moment("rescue", "rescues a victim", "rescue a victim"),
+            ),
+        )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         drawn = start_searches(

@@ -69,6 +69,7 @@ from swarmdata.envs.transport.transport_spawn import draw_episodes
 from swarmdata.envs.world.spawn import SpawnPlan
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import BOX, nearest, nearest_of
+from swarmdata.registry.appearance import Appearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, telling_goals, vector
 from swarmdata.specs.rules import Payload, TransportRules
@@ -274,6 +275,18 @@ class Transport:
         sine = ANY_ANGLE_SINE if rules.goal_angle is None else round(math.sin(rules.goal_angle), 9)
         self._goal = (rules.goal_radius, sine)
         self._radius, self._room = radius, rules.room
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, TransportRules)
+        return Appearance(
+            legend="The dashed outline is where the payload should be.",
+            mark="pose",
+            radius=rules.goal_radius,
+            direction=None if rules.goal_angle is None else 0,
+            bodies=(rules.payload,),
+        )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         plan, radius, room = self._plan, self._radius, self._room

@@ -39,6 +39,7 @@ from swarmdata.envs.world.spawn import SpawnPlan, check_fixed_layout, place_poin
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
+from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import Payload, WarehouseRules
@@ -251,6 +252,20 @@ class Warehouse:
         self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
         self.terms = _terms(rules, self.plan)
         self.solved = f"the team has made {rules.quota} deliveries"
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        rules = spec.rules
+        assert isinstance(rules, WarehouseRules)
+        return Appearance(
+            legend=("Rings are places and stations of the robots' orders; a small box is carried."),
+            radius=rules.goal_radius,
+            carrying=tuple(len(ROBOT_EXTRAS) * i for i in range(spec.n_agents)),
+            moments=(
+                Moment("pickup", "picks up", "pick up"),
+                Moment("delivery", "delivers", "deliver"),
+            ),
+        )
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         plan = self.plan

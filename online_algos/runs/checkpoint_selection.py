@@ -12,8 +12,10 @@ another team size than the datasets; their policies are used without further tra
 
 import hashlib
 import json
+import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -22,14 +24,18 @@ import numpy as np
 
 from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
-from swarmdata.errors import BuildError
+from swarmdata.errors import BuildError, OutputError
 from swarmdata.learn.training.run_files import CONFIG, CURVE, read_table, run_folders
 from swarmdata.online_algos.runs.export_policy import exact_error, export
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
 from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path, saved_frames
 from swarmdata.runtime.atomic import write_file
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.task_spec import TaskSpec
+
+INDEX = "index.json"
+"""File that lists the checkpoints of a folder."""
 
 N_REPLAY_POLICIES = 5
 """Policies of one seed in medium-replay."""
@@ -175,10 +181,11 @@ def ship(
         The preset's entry of the index.
 
     Raises:
+        OutputError: the folder has files that the index does not list, in the place of new ones.
         BuildError: no seed has a medium, an expert's run is not finished, or a policy cannot be run
             exactly.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    check_marked(folder, INDEX, "folder of checkpoints")
     with TemporaryDirectory(prefix="swarmdata-ship-") as scratch:
         work = Path(scratch)
         chosen = []
@@ -197,22 +204,35 @@ def ship(
         for number, seed in enumerate(conventions):
             kept = last_of(seed, spec, work)
             chosen.append(kept._replace(tier="mixed-conventions", policy=number))
-        index = folder / "index.json"
-        with updating(index):
-            entry = _install(chosen, name, folder)
+        index = folder / INDEX
+        with locked(index, shown=False):
             table = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
+            known = {
+                file["file"] for each in table.values() for tier in each.values() for file in tier
+            }
+            entry = _install(chosen, name, folder, known)
             tiers = table.get(name, {}) | entry
             text = json.dumps(table | {name: tiers}, indent=1, sort_keys=True)
             write_file(index, f"{text}\n".encode())
     return entry
 
 
-def _install(chosen: Sequence[Chosen], name: str, folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Copies files under their names in the package; returns their entries by tier."""
-    entry: dict[str, list[dict[str, Any]]] = {}
+def _install(
+    chosen: Sequence[Chosen], name: str, folder: Path, known: Collection[str]
+) -> dict[str, list[dict[str, Any]]]:
+    """Copies files under their names in the package, over `known` ones; returns their entries."""
+    numbers, targets = Counter[str](), list[Path]()
     for each in chosen:
+        targets.append(folder / f"{name}-{each.tier}-{numbers[each.tier]}.safetensors")
+        numbers[each.tier] += 1
+    for target in targets:
+        if os.path.lexists(target) and target.name not in known:
+            raise OutputError(
+                f"{target} is in the way: {INDEX} does not list it, so it was left. Move it away."
+            )
+    entry: dict[str, list[dict[str, Any]]] = {}
+    for each, target in zip(chosen, targets, strict=True):
         tier = entry.setdefault(each.tier, [])
-        target = folder / f"{name}-{each.tier}-{len(tier)}.safetensors"
         shutil.copyfile(each.file, target)
         about = {
             "file": target.name,

@@ -53,9 +53,10 @@ from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import write_file
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import check_marked
 from swarmdata.runtime.thread_limits import ThreadLimit
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Frozen, describe_differences
 from swarmdata.specs.task_spec import TaskSpec
 
 REPLAY_FOLDER = "replay"
@@ -185,6 +186,7 @@ def train_run(
         report: is told after every update how many joint steps each seed has made since the last.
 
     Raises:
+        OutputError: the folder has files and holds no run.
         BuildError: the folder holds another run.
         CheckpointError: the offline run to start from does not fit, or is not the one described.
         DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
@@ -195,7 +197,7 @@ def train_run(
     _check_lengths(run)
     if run.recorded is not None:
         run.recorded.check(data)
-    with ThreadLimit(), updating(folder / CONFIG, progress):
+    with ThreadLimit(), locked(folder / CONFIG, progress):
         _claim(folder, run)
         path = folder / CHECKPOINT
         if not path.exists() or load_checkpoint(path)[1]["frames"] < run.n_steps:
@@ -238,21 +240,14 @@ def _check_lengths(run: OnlineRun) -> None:
 
 def _claim(folder: Path, run: OnlineRun) -> None:
     """Writes the run's description into its folder, or checks that it is there."""
-    folder.mkdir(parents=True, exist_ok=True)
+    check_marked(folder, CONFIG, "run folder")
     if not (folder / CONFIG).exists():
-        if (folder / REPLAY_FOLDER).exists():  # it would be removed when this run ends
-            raise BuildError(
-                f"{folder / REPLAY_FOLDER} exists, but {folder} holds no run that it belongs to. "
-                "Choose another folder, or move it away."
-            )
         write_file(folder / CONFIG, run.to_json().encode())
         return
-    ours, theirs = (r.model_dump(mode="json") for r in (run, read_online_run(folder)))
-    different = [name for name in ours if ours[name] != theirs[name]]
-    if different:
+    if different := describe_differences(read_online_run(folder), run):
         raise BuildError(
-            f"{folder} holds another run, which differs in {', '.join(different)}. Choose another "
-            "folder, or delete that one."
+            f"{folder} holds another run, which differs in: {different}. Choose another folder, or "
+            "move that one away."
         )
 
 

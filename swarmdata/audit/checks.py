@@ -16,6 +16,7 @@ from swarmdata.audit import (
 from swarmdata.audit.findings import Audit, Finding, Remarks
 from swarmdata.audit.replay_checks import replay
 from swarmdata.audit.subject import Subject
+from swarmdata.specs.origins import check_installed
 from swarmdata.store import open_store
 
 
@@ -73,8 +74,10 @@ def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit
 
     Raises:
         DatasetError: a subclass that names the file that cannot be read.
+        SpecError: another package defines what was recorded, and is not installed.
     """
     subject = Subject(open_store(Path(path), "none"), sample, progress)
+    check_installed(subject.origin, "an audit")
     findings = tuple(_findings(subject, CHECKS))
     return Audit(subject.manifest.id, subject.manifest.digest, tuple(CHECKS), findings)
 

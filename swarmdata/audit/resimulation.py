@@ -16,6 +16,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.origins import check_installed
 from swarmdata.store.assembly import provenance
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Int
 
@@ -50,6 +51,7 @@ def replay(dataset: Dataset, n_episodes: int, seed: int = 0) -> tuple[Drift, ...
         UnknownNameError: the recipe names a policy or task that this package does not have.
         CheckpointError: a checkpoint of the recipe has changed.
     """
+    check_installed(dataset.recipe, "simulating again")
     chosen = _choose(len(dataset), n_episodes, seed)
     versions = changed_versions(dataset.stored.manifest.provenance, provenance(dataset.spec.world))
     drifts = []

@@ -18,6 +18,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
 from swarmdata.runtime.locking import locked
@@ -40,9 +41,9 @@ PART_MAKER = f"{__name__}:part_maker"
 
 def build(
     recipe: Recipe,
-    out: Path,
+    out: Path | str,
     *,
-    checkpoints: Path | None = None,
+    checkpoints: Path | str | None = None,
     workers: int | None = None,
     engine: str | Executor = LOCAL,
     progress: bool = True,
@@ -74,6 +75,7 @@ def build(
         SpecError: the recipe is of an older version of the world.
     """
     out = Path(out)
+    checkpoints = None if checkpoints is None else Path(checkpoints)
     if is_finished(out, recipe):
         return out
     with locked(out, progress):
@@ -97,7 +99,7 @@ def build_under_lock(
         return  # another process built it while this one waited for the lock
     remove_leftovers(out.parent, out.name)
     remove_leftovers(out, MANIFEST, REFERENCES, CARD)
-    if not out.exists():
+    if is_vacant(out):
         check_world(recipe.spec)  # before the folder of parts is made
         parts = Parts(recipe, build_folder(out))
         parts.open(checkpoints)
@@ -180,9 +182,9 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
 
     Raises:
         RecipeConflictError: `out` holds a dataset of another recipe.
-        DatasetError: `out` is there and has no readable manifest.
+        DatasetError: `out` has content and no readable manifest.
     """
-    if not out.exists():
+    if is_vacant(out):
         return False
     check_recipe(out, read_manifest(out), recipe)
     return (out / CARD).exists()

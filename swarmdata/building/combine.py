@@ -12,7 +12,7 @@ from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import Edit, Parent
+from swarmdata.specs.origins import Edit, Parent, check_installed
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource
 from swarmdata.store import SPLITS, Piece, Selection, write_dataset
 from swarmdata.store.arrays.layout import CARD, CHECKPOINTS
@@ -23,7 +23,8 @@ def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> 
     """The origin of the dataset of all views' episodes.
 
     Raises:
-        SpecError: the specs differ, a view was reobserved or reweighted, or the id is malformed.
+        SpecError: the specs differ, another package defines the task, a view was reobserved or
+            reweighted, or the id is malformed.
         SchemaError: two episodes have the same seed, or there are too many policies.
         BuildError: a view is empty, or no episode is in the train split.
     """
@@ -46,6 +47,7 @@ def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> 
 def _check_specs(views: Sequence[Dataset]) -> None:
     first = views[0]
     for view in views:
+        check_installed(view.recipe, "an edit")
         if view.reobservation is not None:
             raise SpecError(
                 f"{view!r} is a reobservation, which is in no file. Edit the dataset as it was "

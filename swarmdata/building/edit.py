@@ -18,6 +18,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import Edit
+from swarmdata.store.cache import cache_folder
 
 DEFAULT_TIER = "edited"
 """Tier of what was not given another: figures of an edit are in no tier's band."""
@@ -25,7 +26,7 @@ DEFAULT_TIER = "edited"
 
 def filter_dataset(
     source: Dataset,
-    out: Path | str,
+    out: Path | str | None = None,
     *,
     id: str,
     tier: str = DEFAULT_TIER,
@@ -41,7 +42,8 @@ def filter_dataset(
 
     Args:
         source: a dataset or a view of it, such as `dataset.split("train")`.
-        out: folder of the new dataset. Where the same edit is there already, it is kept.
+        out: folder of the new dataset; None: in the cache. Where the same edit is there already, it
+            is kept.
         id: of the new dataset, such as `coop_nav-solved-v0`.
         tier: of the new dataset.
         success: whether the task was solved.
@@ -68,12 +70,12 @@ def filter_dataset(
             column = view.episodes.seeds if name == "seeds" else view.selection
             view = replace(view, selection=view.selection[np.isin(column, wanted)])
             asked[name] = f"{len(wanted)} listed"
-    return _edit([view], Path(out), id, tier, _words("filter", asked))
+    return _edit([view], out, id, tier, _words("filter", asked))
 
 
 def combine_datasets(
     sources: Sequence[Dataset],
-    out: Path | str,
+    out: Path | str | None = None,
     *,
     id: str,
     tier: str = DEFAULT_TIER,
@@ -85,7 +87,8 @@ def combine_datasets(
 
     Args:
         sources: datasets or views of the same spec, without a common episode.
-        out: folder of the new dataset. Where the same edit is there already, it is kept.
+        out: folder of the new dataset; None: in the cache. Where the same edit is there already, it
+            is kept.
         id: of the new dataset.
         tier: of the new dataset.
 
@@ -96,12 +99,12 @@ def combine_datasets(
     """
     if not sources:
         raise SchemaError("combine got no datasets, expected at least 1")
-    return _edit(list(sources), Path(out), id, tier, "combine()")
+    return _edit(list(sources), out, id, tier, "combine()")
 
 
 def subsample_dataset(
     source: Dataset,
-    out: Path | str,
+    out: Path | str | None = None,
     *,
     id: str,
     tier: str = DEFAULT_TIER,
@@ -116,7 +119,8 @@ def subsample_dataset(
 
     Args:
         source: a dataset or a view of it.
-        out: folder of the new dataset. Where the same edit is there already, it is kept.
+        out: folder of the new dataset; None: in the cache. Where the same edit is there already, it
+            is kept.
         id: of the new dataset.
         tier: of the new dataset.
         n_steps: least joint steps; whole episodes are taken, at random. Splits and policies keep
@@ -148,7 +152,7 @@ def subsample_dataset(
     else:
         chosen = np.arange(len(view))
     view = replace(view, selection=view.selection[chosen])
-    return _edit([view], Path(out), id, tier, _words("subsample", asked))
+    return _edit([view], out, id, tier, _words("subsample", asked))
 
 
 def rebuild_edit(edit: Edit, parents: Sequence[Dataset], out: Path | str) -> Dataset:
@@ -196,6 +200,9 @@ def _all_there(there: Any, wanted: Collection[int], what: str) -> Any:
     return np.array(list(wanted), dtype=there.dtype)
 
 
-def _edit(views: list[Dataset], out: Path, name: str, tier: str, operation: str) -> Dataset:
+def _edit(
+    views: list[Dataset], out: Path | str | None, name: str, tier: str, operation: str
+) -> Dataset:
+    folder = cache_folder() / "datasets" / name if out is None else Path(out)
     views = [replace(view, selection=np.unique(view.selection)) for view in views]
-    return write_edit(describe(views, name, tier, operation), views, out)
+    return write_edit(describe(views, name, tier, operation), views, folder)

@@ -12,6 +12,7 @@ from pathlib import Path
 from swarmdata.behavior_policies.learned import own_checkpoints
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.runtime.engines.jobs import Job
+from swarmdata.runtime.locking import beside
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import (
@@ -35,7 +36,7 @@ _PART = re.compile(r"policy-\d+-part-\d{5,}")
 def build_folder(out: Path) -> Path:
     """Where the parts of an unfinished dataset are."""
     whole = out.resolve()  # `.` has no name
-    return whole.parent / f"{whole.name}.build"
+    return beside(whole) / f"{whole.name}.build"
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Parts:
             )
             raise RecipeConflictError(
                 f"{self.folder} holds parts of another recipe: {changes}. "
-                "Delete it or choose another folder."
+                "Choose another folder, or move it away."
             )
 
     @property

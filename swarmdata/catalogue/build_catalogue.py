@@ -1,8 +1,9 @@
 """Builds a catalogue: entries, data files, drawings and pages, in one new folder."""
 
+import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from time import perf_counter
@@ -22,18 +23,24 @@ from swarmdata.catalogue.replays.data_files import write_data
 from swarmdata.catalogue.replays.episode_choice import choose_episodes
 from swarmdata.catalogue.replays.measured_files import play_again, write_measured
 from swarmdata.catalogue.result_sources import (
+    Outcome,
     ResultSource,
     committed_sources,
     own_sources,
+    with_families,
     with_keys,
 )
-from swarmdata.catalogue.site_folder import check_site, copy_assets, replaced_site
+from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reobservation import check_messages
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.registry.replaced_worlds import is_simulated
+from swarmdata.runtime.batches import Failures
+from swarmdata.runtime.output_folder import check_output
+from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import Source, chosen_models, is_same_world
+from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -69,6 +76,8 @@ def build_catalogue(
 ) -> Path:
     """Writes a catalogue; an earlier one at the same place is replaced when this one is complete.
 
+    A dataset or a result that cannot be shown does not keep the others from it.
+
     Args:
         names: ids, addresses or folders of datasets whose episodes are shown; without any, those
             in the cache.
@@ -80,37 +89,90 @@ def build_catalogue(
         The index page.
 
     Raises:
-        SchemaError: something else is at `out`, or the results are malformed.
-        SpecError: a model is malformed, or does not fit a dataset.
-        SwarmdataError: a dataset or a result cannot be read.
+        OutputError: something else is at `out`.
+        SpecError: a model is malformed.
+        SwarmdataError: the only dataset or result that was named cannot be read.
+        BatchError: some datasets or results cannot be shown; all others are.
     """
-    check_site(out)
+    check_output(out, CATALOGUE)
+    _check_models(choices)
     start = perf_counter()
-    sources = with_keys([*committed_sources(), *own_sources(choices.results)])
-    entries = find_entries(names, note, workers=choices.workers)
-    specs = {entry.id: _shown_spec(entry, choices) for entry in entries}
-    known = frozenset(entry.id for entry in entries)
+    failures = Failures(len(names) + len(choices.results), note)
+    own = own_sources(choices.results, failures)
+    entries = find_entries(names, failures, workers=choices.workers)
+    failures.n_items = len(entries) + len(failures.reasons) + len(own)
+    committed = committed_sources()
+    sources = with_keys([*committed, *with_families(own, committed)])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
-        drawings = _Drawings()
-        pictures = {entry.id: drawings.draw(entry) for entry in entries}
-        _write(site, index_page(entries, pictures))
+        shown = _write_episodes(site, entries, choices, failures)
+        known = frozenset(each.entry.id for each in shown)
+        sources = _write_results(site, sources, known, failures)
+        shown = [each for each in shown if _write_page(site, each, shown, sources, failures)]
+        pictures = {each.entry.id: each.picture for each in shown}
+        _write(site, index_page([each.entry for each in shown], pictures))
         _write(site, results_page(sources, known))
-        for entry in entries:
-            n_shown, began = 0, perf_counter()
-            if entry.dataset is not None:
-                shown = choose_episodes(entry.dataset.episodes, choices.episodes)
-                write_data(entry.dataset, specs[entry.id], shown, site / "data" / entry.key)
-                n_shown = len(shown)
-                size, spent = _size(site / "data" / entry.key), perf_counter() - began
-                note(f"{entry.id}: {n_shown:,} episodes, {size}, {spent:.1f} s")
-            peers = _peers(entry, entries)
-            _write(site, dataset_page(entry, specs[entry.id], n_shown, peers, sources))
-        _write_results(site, sources, known, note)
         n_pages = sum(1 for _ in site.rglob("*.html"))
         note(f"{n_pages} pages, {_size(site)}, {perf_counter() - start:.0f} s")
+    failures.check("datasets and results", f"The others are in {out / 'index.html'}.")
     return out / "index.html"
+
+
+def _check_models(choices: CatalogueChoices) -> None:
+    """Raises `SpecError` or `UnknownNameError` where the text of a model is malformed."""
+    for source, read in (
+        (choices.observation, observation_model),
+        (choices.communication, communication_model),
+    ):
+        if isinstance(source, str | Path | Mapping):
+            read(source)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """A dataset whose picture and data files are there."""
+
+    entry: Entry
+    spec: Spec  # with the models through which its episodes are shown
+    picture: Html
+    n_episodes: int
+
+
+def _write_episodes(
+    site: Path, entries: Sequence[Entry], choices: CatalogueChoices, failures: Failures
+) -> list[_Shown]:
+    """Draws each dataset and writes its data files; those that fail are left out."""
+    drawings, found = _Drawings(), []
+    for entry in entries:
+        folder, n_shown, began = site / "data" / entry.key, 0, perf_counter()
+        with failures.item(entry.id):
+            spec, picture = _shown_spec(entry, choices), drawings.draw(entry)
+            if entry.dataset is not None:
+                episodes = choose_episodes(entry.dataset.episodes, choices.episodes)
+                n_shown = len(episodes)
+                write_data(entry.dataset, spec, episodes, folder)
+                spent = perf_counter() - began
+                failures.tell(f"{entry.id}: {n_shown:,} episodes, {_size(folder)}, {spent:.1f} s")
+            found.append(_Shown(entry, spec, picture, n_shown))
+            continue
+        shutil.rmtree(folder, ignore_errors=True)
+    return found
+
+
+def _write_page(
+    site: Path,
+    one: _Shown,
+    shown: Sequence[_Shown],
+    sources: Sequence[ResultSource],
+    failures: Failures,
+) -> bool:
+    """Writes the page of a dataset, and says whether that went well."""
+    with failures.item(one.entry.id):
+        peers = _peers(one.entry, [each.entry for each in shown])
+        _write(site, dataset_page(one.entry, one.spec, one.n_episodes, peers, sources))
+        return True
+    return False
 
 
 def _shown_spec(entry: Entry, choices: CatalogueChoices) -> Spec:
@@ -125,19 +187,36 @@ def _shown_spec(entry: Entry, choices: CatalogueChoices) -> Spec:
 
 
 def _write_results(
+    site: Path, sources: Sequence[ResultSource], known: frozenset[str], failures: Failures
+) -> list[ResultSource]:
+    """Writes a page with the runs and episodes of each outcome; one that fails has none."""
+    return [
+        replace(
+            source,
+            outcomes=tuple(
+                _with_page(site, source, each, known, failures) for each in source.outcomes
+            ),
+        )
+        for source in sources
+    ]
+
+
+def _with_page(
     site: Path,
-    sources: Sequence[ResultSource],
+    source: ResultSource,
+    outcome: Outcome,
     known: frozenset[str],
-    note: Callable[[str], None],
-) -> None:
-    """Writes a page with the runs and episodes of each outcome."""
-    for source in sources:
-        for outcome in source.outcomes:
-            if outcome.key:
-                played = play_again(outcome.results, note)
-                folder = site / "data" / outcome.key
-                write_measured(outcome.results, played, folder)
-                _write(site, measured_page(source, outcome, len(played), known))
+    failures: Failures,
+) -> Outcome:
+    if not outcome.key:
+        return outcome
+    with failures.item(f"{outcome.label} on {outcome.dataset} of {source.place}"):
+        played = play_again(outcome.results, failures.tell)
+        write_measured(outcome.results, played, site / "data" / outcome.key)
+        _write(site, measured_page(source, outcome, len(played), known))
+        return outcome
+    shutil.rmtree(site / "data" / outcome.key, ignore_errors=True)
+    return replace(outcome, key="")
 
 
 def _peers(entry: Entry, entries: Sequence[Entry]) -> list[str]:

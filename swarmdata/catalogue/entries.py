@@ -4,16 +4,18 @@ A published dataset whose files are not at hand is shown by its published figure
 dataset that was named, or is in the cache, also has its episodes.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
 from typing import Literal
 
 from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import MissingFileError, SpecError, SwarmdataError
+from swarmdata.errors import MissingFileError, SpecError
 from swarmdata.hub.catalog.catalog import known_references, list_datasets, load
 from swarmdata.registry.published import normalized_score, published
+from swarmdata.runtime.batches import Failures
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.plain_names import without_version
 from swarmdata.store.cache import cache_folder
@@ -48,22 +50,23 @@ class Entry:
 
 
 def find_entries(
-    names: Iterable[str], note: Callable[[str], None], *, workers: int | None = None
+    names: Sequence[str], failures: Failures, *, workers: int | None = None
 ) -> list[Entry]:
     """Returns the entries of a catalogue, in the order of their ids.
 
     Args:
         names: ids, addresses or folders whose episodes are shown; they are fetched or built where
             they are absent. Without any, those in the cache.
-        note: is told which datasets in the cache cannot be shown, and why.
+        failures: of the batch; gets the datasets that cannot be opened.
         workers: processes that build.
 
     Raises:
         SpecError: two of the names are different datasets with the same id.
-        SwarmdataError: a named dataset cannot be opened; see `load`.
     """
-    wanted = list(names)
-    opened = [load(name, workers=workers) for name in wanted] if wanted else _cached(note)
+    opened = []
+    for name in names or _cached():
+        with failures.item(str(name)):
+            opened.append(load(name, workers=workers))
     found: dict[str, Entry] = {}
     for dataset in opened:
         earlier = found.get(dataset.id)
@@ -79,23 +82,19 @@ def find_entries(
     return [found[key] for key in sorted(found)]
 
 
+def is_mini_id(dataset_id: str) -> bool:
+    """Whether a dataset is called a mini, a small part of another; small ones of users are not."""
+    return without_version(dataset_id).endswith("-mini")
+
+
 def published_minis() -> list[str]:
     """Ids of all published datasets that are minis."""
-    return [info.id for info in list_datasets() if without_version(info.id).endswith("-mini")]
+    return [info.id for info in list_datasets() if is_mini_id(info.id)]
 
 
-def _cached(note: Callable[[str], None]) -> list[Dataset]:
-    """Opens the finished datasets in the cache; those that cannot be used are noted."""
-    place, found = cache_folder() / "datasets", []
-    if not place.is_dir():
-        return []
-    for folder in sorted(place.iterdir()):
-        if (folder / "manifest.json").is_file():
-            try:
-                found.append(load(folder))
-            except SwarmdataError as error:
-                note(f"left out {folder}: {error}")
-    return found
+def _cached() -> list[Path]:
+    """The folders of the finished datasets in the cache."""
+    return sorted(file.parent for file in (cache_folder() / "datasets").glob("*/manifest.json"))
 
 
 def _of_dataset(dataset: Dataset) -> Entry:

@@ -9,7 +9,7 @@ import csv
 import math
 import re
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -23,6 +23,7 @@ from swarmdata.evaluation.results.result_tables import estimate, quantities_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.documents import read_document
 
 Rows = Sequence[Mapping[str, str]]
@@ -83,18 +84,35 @@ def committed_sources() -> list[ResultSource]:
         ]
 
 
-def own_sources(places: Iterable[Path]) -> list[ResultSource]:
+def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:
     """Reads results of one's own.
 
     Args:
         places: folders of studies, folders that `swarmdata evaluate --out` wrote, or result files.
-
-    Raises:
-        DatasetNotFoundError: a place holds no results.
-        SchemaError: a file is not a result, or malformed.
-        ResultsError: results are stale, or cannot be compared.
+        failures: of the batch; gets places without results, and those that cannot be read.
     """
-    return [_of_place(Path(place)) for place in places]
+    found = []
+    for place in places:
+        with failures.item(str(place)):
+            found.append(_of_place(Path(place)))
+    return found
+
+
+def with_families(
+    own: Sequence[ResultSource], committed: Sequence[ResultSource]
+) -> list[ResultSource]:
+    """Gives one's own results the families, and so the colors, that studies give the algorithms."""
+    known = {each.label: each.family for source in committed for each in source.outcomes}
+    return [
+        replace(
+            source,
+            outcomes=tuple(
+                replace(each, family=known.get(each.family, each.family))
+                for each in source.outcomes
+            ),
+        )
+        for source in own
+    ]
 
 
 def _of_place(place: Path) -> ResultSource:

@@ -1,69 +1,38 @@
 """The folder of a catalogue: complete or absent, and never in the place of something else."""
 
-import contextlib
 import json
 import shutil
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
-from swarmdata.errors import SchemaError
-from swarmdata.runtime.atomic import staged
+from swarmdata.runtime.output_folder import OutputKind, filled
 
-MARKER = "catalogue.json"
-"""File that tells a catalogue's folder from others."""
-
-FORMAT = "swarmdata-catalogue"
+CATALOGUE = OutputKind("catalogue", "catalogue.json")
 
 
-@contextlib.contextmanager
-def replaced_site(folder: Path) -> Iterator[Path]:
+def replaced_site(folder: Path) -> AbstractContextManager[Path]:
     """Yields a new folder that takes the place of a catalogue when the block ends well.
 
-    Until then an earlier catalogue stays as it is; an interrupted build leaves nothing. Between two
-    renames at the end there is neither, so whoever reads meanwhile has to try again.
+    Until then an earlier catalogue stays as it is; an interrupted build leaves nothing. Files that
+    are not of the catalogue, such as those of git, stay where they are.
 
     Args:
         folder: absent, empty, or a catalogue.
 
     Raises:
-        SchemaError: something else is there.
+        OutputError: something else is there.
         DiskFullError: no space was left.
     """
-    check_site(folder)
-    with staged(folder) as target:
-        target.mkdir()
-        yield target
-        content = json.dumps({"format": FORMAT, "format_version": 1})
-        (target / MARKER).write_text(content + "\n", encoding="utf-8")
-        check_site(folder)
-        if folder.is_dir():
-            folder.rename(target.parent / "earlier")  # deleted with the temporary folder
-
-
-def check_site(folder: Path) -> None:
-    """Checks that a folder may be replaced by a catalogue.
-
-    Raises:
-        SchemaError: it is no folder, or has content and is no catalogue.
-    """
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise SchemaError(
-            f"--out is {folder}, which is not a folder. Name a new folder, or a catalogue's."
-        )
-    if folder.is_dir() and any(folder.iterdir()) and not is_site(folder):
-        raise SchemaError(
-            f"{folder} has files in it and is no catalogue (it has no {MARKER}), so it is not "
-            "replaced. Name a new folder, or empty this one."
-        )
+    return filled(folder, CATALOGUE, whole=True)
 
 
 def is_site(folder: Path) -> bool:
     """Whether a folder is a catalogue."""
     try:
-        content = json.loads((folder / MARKER).read_text(encoding="utf-8"))
+        content = json.loads((folder / CATALOGUE.list_file).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return isinstance(content, dict) and content.get("format") == FORMAT
+    return isinstance(content, dict) and content.get("format") == CATALOGUE.format
 
 
 def copy_assets(assets: Path, site: Path) -> None:

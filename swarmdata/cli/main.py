@@ -65,6 +65,7 @@ SECTIONS = {
     ),
     "Worlds": ("task", "references"),
     "Learning": (
+        "algorithms",
         "study",
         "study-pages",
         "sweep",
@@ -343,9 +344,12 @@ def card(
     if out is None:
         refuse(context, ("pictures",), "without --out")
     from swarmdata.cards.card import card_of, write_card
-    from swarmdata.cards.publish import publish_card
+    from swarmdata.cards.publish import CARDS, publish_card
     from swarmdata.hub.catalog.catalog import find_folder
+    from swarmdata.runtime.output_folder import check_output
 
+    if out is not None:
+        check_output(out, CARDS)
     folder = find_folder(dataset)
     if out is None:
         typer.echo(card_of(folder), nl=False)
@@ -365,6 +369,7 @@ app.command()(remote_commands.push)
 app.command()(remote_commands.pull)
 app.command()(training_commands.train)
 app.command()(training_commands.ship)
+app.command()(training_commands.algorithms)
 app.command()(training_commands.learning)
 app.command()(training_commands.export_policy)
 app.command()(ranking_commands.rank)
@@ -382,7 +387,8 @@ app.command()(transfer_commands.transfer)
 def curves(
     context: typer.Context,
     files: Annotated[
-        list[Path], typer.Argument(metavar="CSV...", help="learning curves of online runs")
+        list[Path],
+        typer.Argument(metavar="RUN|CSV...", help="run folders, or copies of their curve.csv"),
     ],
     out: Annotated[Path, typer.Option(help="figure to write: .png, .svg or .pdf")],
     metric: Annotated[str, typer.Option(help="without --by: column to draw")] = "success",
@@ -444,11 +450,15 @@ def references(
     Their results are the scale of the score; the package has them in cards/references.json.
     """
     from swarmdata.evaluation.results.target_evaluation import measure_references
+    from swarmdata.runtime.batches import Failures
 
+    failures = Failures(len(tasks))
     for task in tasks:
-        table = measure_references(task, episodes, backend=backend)
-        name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
-        _put_or_print(out, {name: table.model_dump(mode="json")})
+        with failures.item(task):
+            table = measure_references(task, episodes, backend=backend)
+            name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
+            _put_or_print(out, {name: table.model_dump(mode="json")})
+    failures.check("tasks")
 
 
 def _put_or_print(path: Path | None, entries: dict[str, Any]) -> None:

@@ -49,8 +49,9 @@ def rank(
     agrees with simulated scores.
     """
     from swarmdata.errors import UnknownNameError
-    from swarmdata.evaluation.policy_selection.ranking_record import CRITERIA
+    from swarmdata.evaluation.policy_selection.ranking_record import CRITERIA, RANKING
     from swarmdata.runtime.extras import require_extra
+    from swarmdata.runtime.output_folder import check_output
 
     require_extra("torch", "torch", "ranking policies")
     from swarmdata.evaluation.policy_selection import rank
@@ -60,6 +61,8 @@ def rank(
     criterion = next((name for name in CRITERIA if name == by), None)
     if criterion is None:
         raise UnknownNameError("criterion", by, CRITERIA)
+    if out is not None:
+        check_output(out, RANKING)
     ranking = rank.rank(
         runs,
         dataset_id=dataset,

@@ -69,19 +69,22 @@ def check(
     """Rebuild published datasets and report all differences.
 
     Datasets are built one at a time, outside the cache, and deleted after the comparison. The exit
-    code is 1 if any of them differs. After an interruption, pass the remaining ids with --id.
+    code is 1 if any of them differs or cannot be made. After an interruption, pass the remaining
+    ids with --id.
     """
     refuse_workers(context, engine)
     from swarmdata.hub.publishing.regenerate import check as check_all
     from swarmdata.hub.publishing.regenerate import published_ids, report
+    from swarmdata.runtime.batches import Failures
 
     chosen = published_ids(ids or (), minis=minis)
-    checks = []
-    for each in check_all(chosen, cached=cached, workers=workers, engine=engine):
+    checks, failures = [], Failures(len(chosen))
+    for each in check_all(chosen, failures, cached=cached, workers=workers, engine=engine):
         checks.append(each)
         n = len(each.differences)
         typer.echo(f"{each.dataset}: {f'{n} differences' if n else 'as published'}")
     typer.echo(report(checks), nl=False)
+    failures.check("datasets")
     if any(each.differences for each in checks):
         raise typer.Exit(1)
 
@@ -103,8 +106,12 @@ def update(
     refuse_workers(context, engine)
     from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.hub.publishing.regenerate import make_again, put_entries
+    from swarmdata.runtime.batches import Failures
 
+    failures = Failures(len(ids))
     for recipe in [find_recipe(name) for name in ids]:
-        entry = make_again(recipe, cached=cached, workers=workers, engine=engine)
-        put_entries(out, {recipe.id: entry.model_dump(mode="json")})
-        typer.echo(f"{recipe.id}: {entry.n_steps:,} joint steps, digest {entry.digest}")
+        with failures.item(recipe.id):
+            entry = make_again(recipe, cached=cached, workers=workers, engine=engine)
+            put_entries(out, {recipe.id: entry.model_dump(mode="json")})
+            typer.echo(f"{recipe.id}: {entry.n_steps:,} joint steps, digest {entry.digest}")
+    failures.check("datasets")

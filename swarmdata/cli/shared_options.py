@@ -38,6 +38,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="change a setting; may be repeated"),
 ]
+Notes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--note",
+        metavar="KEY=TEXT",
+        help="information for readers of the card, such as license=mit; may be repeated",
+    ),
+]
 Observation = Annotated[
     str | None,
     typer.Option(
@@ -103,7 +111,7 @@ def parse_settings(texts: list[str] | None, option: str = "--set") -> dict[str, 
     for text in texts or []:
         key, equals, value = text.partition("=")
         if not equals:
-            raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint=option)
+            raise typer.BadParameter(f"got {text!r}, expected KEY=VALUE", param_hint=option)
         settings[key] = value
     return settings
 

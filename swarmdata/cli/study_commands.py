@@ -112,12 +112,19 @@ def _list_cells(plan: "Study", options: "StudyOptions", *, as_json: bool) -> Non
     import json
 
     from swarmdata.evaluation.study.cells.cell_folder import cell_folder, is_done
-    from swarmdata.evaluation.study.run_study import all_cells
+    from swarmdata.evaluation.study.run_study import list_cells
 
-    for cell in all_cells(plan):
+    found = list_cells(plan, options)
+    for label in found.open_sweeps:
+        typer.echo(
+            f"the cells of sweep {label} are chosen once those on {plan.sweeps[label].dataset} are "
+            "done",
+            err=True,
+        )
+    for cell in found.cells:
         done = is_done(cell, cell_folder(options.work_of(plan), cell))
-        found = {"cell": cell.name, "done": done, "updates": cell.n_updates, "key": cell.key}
-        typer.echo(json.dumps(found) if as_json else f"{'done' if done else 'open'}  {cell.name}")
+        line = {"cell": cell.name, "done": done, "updates": cell.n_updates, "key": cell.key}
+        typer.echo(json.dumps(line) if as_json else f"{'done' if done else 'open'}  {cell.name}")
 
 
 def _run_one(plan: "Study", name: str, options: "StudyOptions") -> None:

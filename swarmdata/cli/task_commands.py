@@ -74,11 +74,11 @@ def table(
     """Write the pages of reference results in all presets (docs/worlds)."""
     from swarmdata.cards.worlds_page import worlds_pages
     from swarmdata.registry.published import references
-    from swarmdata.store import write_file
+    from swarmdata.runtime.output_folder import OutputKind, filled
 
-    out.mkdir(parents=True, exist_ok=True)
-    for name, text in worlds_pages(references()).items():
-        write_file(out / name, text.encode())
+    with filled(out, OutputKind("table of worlds")) as folder:
+        for name, text in worlds_pages(references()).items():
+            (folder / name).write_text(text, encoding="utf-8")
     typer.echo(out)
 
 

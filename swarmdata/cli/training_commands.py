@@ -239,6 +239,17 @@ def _changes(
     return (read_settings(config) if config else {}) | changes | parse_settings(settings)
 
 
+def algorithms() -> None:
+    """List the algorithms, offline and online."""
+    from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS
+    from swarmdata.runtime.own_components import summary_of
+
+    tables = (("offline", OFFLINE_ALGORITHMS), ("online", ONLINE_ALGORITHMS))
+    for where, table in tables:
+        for name in table:
+            typer.echo(f"{name:12} {where:8} {summary_of(table[name])}")
+
+
 def learning(
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN...", help="online runs, one per algorithm and task")

@@ -5,42 +5,29 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.datasets.normalization import Moments, Statistics
+from swarmdata.datasets.pickled_views import pickled
 from swarmdata.datasets.sampling import Sampler, copy_transitions
-from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
-from swarmdata.errors import MissingFileError, SchemaError
+from swarmdata.datasets.views import chosen, read_episode, stored_number, torch_batches
+from swarmdata.errors import MissingFileError
 from swarmdata.interfaces import VecEnv
-from swarmdata.registry.components import make_env
-from swarmdata.registry.published import Reference, normalized_score
-from swarmdata.specs.model_choice import (
-    Ranges,
-    Source,
-    chosen_models,
-    describe,
-    models_of,
-    with_models,
-)
+from swarmdata.registry.components import make_env, make_task
+from swarmdata.registry.published import Reference, score_in
+from swarmdata.specs.model_choice import Ranges, Source, chosen_models, models_of, with_models
 from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset, open_store
+from swarmdata.store.arrays.column_meanings import columns_of
 from swarmdata.store.arrays.layout import CARD
 from swarmdata.store.stored_dataset import Verify
-from swarmdata.types import (
-    OPTIONAL_STATE_FIELDS,
-    OPTIONAL_STEP_FIELDS,
-    STATE_FIELDS,
-    STEP_FIELDS,
-    Double,
-    Episode,
-    Int,
-)
+from swarmdata.types import Column, Double, Episode, Int, shortened
 
 if TYPE_CHECKING:
     from swarmdata.datasets.reobservation import Reobservation
@@ -174,17 +161,14 @@ class Dataset:
     @property
     def moments(self) -> Moments:
         """Exact moments of the train split, from which algorithms of this library learn."""
-        entry = self.stored.manifest.statistics
-        recorded = np.array(entry.observation_mean), np.array(entry.observation_std)
-        mean, std = recorded if self.reobservation is None else self.reobservation.moments
-        rewards = entry.reward_mean, entry.reward_std
-        reward_mean, reward_std = rewards if self.reweighting is None else self.reweighting.moments
-        return Moments(
-            observation_mean=mean,
-            observation_std=std,
-            reward_mean=reward_mean,
-            reward_std=reward_std,
-        )
+        moments = Moments.of(self.stored.manifest.statistics)
+        if self.reobservation is not None:
+            mean, std = self.reobservation.moments
+            moments = replace(moments, observation_mean=mean, observation_std=std)
+        if self.reweighting is not None:
+            reward_mean, reward_std = self.reweighting.moments
+            moments = replace(moments, reward_mean=reward_mean, reward_std=reward_std)
+        return moments
 
     @property
     def episodes(self) -> EpisodeTable:
@@ -205,48 +189,44 @@ class Dataset:
         """Number of episodes."""
         return len(self.selection)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the folder and the selection; other processes map the files themselves."""
+        if self.reobservation is None and self.reweighting is None:
+            return Dataset, (self.stored, self.selection, self.references, self.source)
+        return pickled(self)
+
     def __repr__(self) -> str:
         """Shows identity and size, the models of a reobservation, and changed weights."""
         whole = len(self.stored.table)
         part = "" if len(self) == whole else f" of {whole:,}"
-        models = ""
-        if self.reobservation is not None:
-            acted = describe(self.reobservation.recorded_task)
-            models = f" seen with {describe(self.reobservation.spec)}; acted on {acted};"
-        if self.reweighting is not None:
-            weights = (f"{name} {value:g}" for name, value in self.reweighting.changes.items())
-            models += f" rewards with {', '.join(weights)};"
-        return (
-            f"<Dataset {self.id}:{models} {len(self):,}{part} episodes, {self.n_steps:,} steps, "
-            f"{self.spec.n_agents} agents, digest {self.digest[:12]}, at {self.path}>"
-        )
+        views = (self.reobservation, self.reweighting)
+        models = "".join(f" {each.summary};" for each in views if each is not None)
+        sizes = f"{len(self):,}{part} episodes, {self.n_steps:,} steps, {self.spec.n_agents} agents"
+        last = f"digest {self.digest[:12]}, at {self.path}"
+        return shortened(f"<Dataset {self.id}:{models} {sizes}, {last}>")
 
-    def __getitem__(self, index: int) -> Episode:
-        """Returns one episode of this view as views of the memory map.
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Episode: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Dataset": ...
+    def __getitem__(self, index: SupportsIndex | slice) -> "Episode | Dataset":
+        """Returns one episode as views of the memory map, or the view of a slice of episodes.
 
         Raises:
             IndexError: there is no such episode.
+            SchemaError: the index is neither a whole number nor a slice.
         """
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"episode {index} of {len(self)} in {self!r}")
-        stored = int(self.selection[index])
-        table, arrays = self.stored.table, self.stored.arrays
-        first = int(table.starts[stored])
-        last = first + int(table.lengths[stored])
-        steps, states = slice(first, last), slice(first + stored, last + stored + 1)
-        return Episode(
-            **{name: arrays[name][states] for name in STATE_FIELDS},
-            **{name: arrays[name][steps] for name in STEP_FIELDS},
-            **{name: arrays[name][states] for name in OPTIONAL_STATE_FIELDS if name in arrays},
-            **{name: arrays[name][steps] for name in OPTIONAL_STEP_FIELDS if name in arrays},
-            layout=arrays["episodes/layouts"][stored],
-            seed=int(table.seeds[stored]),
-            policy=int(table.policy[stored]),
-            end_reason=int(table.end_reason[stored]),
-        )
+        if isinstance(index, slice):
+            return replace(self, selection=self.selection[index])
+        return read_episode(self.stored, stored_number(self, index))
+
+    def __getitems__(self, indices: Sequence[int]) -> list[Episode]:
+        """Returns some episodes, as a torch `DataLoader` asks for them."""
+        import_module("swarmdata.datasets.torch_batches").explain_stacking()
+        return [self[index] for index in indices]
 
     def __iter__(self) -> Iterator[Episode]:
-        """Yields the episodes of this view in stored order."""
+        """Yields the episodes in stored order."""
         return (self[index] for index in range(len(self)))
 
     def split(self, name: Literal["train", "validation", "test"]) -> "Dataset":
@@ -277,13 +257,12 @@ class Dataset:
 
         Raises:
             UnknownNameError: no such policy or split.
+            SchemaError: a return is no number, or `success` no truth value.
         """
-        table = self.episodes
-        mask = outcome_mask(table, success=success, min_return=min_return, max_return=max_return)
-        if policy is not None:
-            mask &= policy_mask(table, self.recipe, policy)
-        if split is not None:
-            mask &= split_mask(table, split)
+        mask = chosen(
+            self.episodes, self.recipe, success=success, min_return=min_return,
+            max_return=max_return, policy=policy, split=split,
+        )  # fmt: skip
         return replace(self, selection=self.selection[mask])
 
     def reobserve(
@@ -300,9 +279,9 @@ class Dataset:
         actions and the digest stay those of the recording; the policies that chose the actions had
         other inputs, as `card` notes. `statistics`, `spec` and `make_env` follow the new models.
 
-        The new arrays have 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a channel only),
+        The new arrays have 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a channel only):
         1.1 GB for a million states of four robots with 16 lidar rays. More than 256 MiB are in
-        files without a name in the folder of the cache, which go with the last view of them.
+        nameless files in the folder of the cache, which go with the last view of them.
 
         Args:
             observation: the new model: its fields, a file, or a name such as `lidar`,
@@ -333,8 +312,7 @@ class Dataset:
     def _rewarded(self, stored: StoredDataset) -> StoredDataset:
         """Other files with the rewards and returns of this view."""
         names = ("rewards", "episodes/team_return")
-        rewards = {name: self.stored.arrays[name] for name in names}
-        return replace(stored, arrays={**stored.arrays, **rewards}, table=self.stored.table)
+        return stored.with_arrays({name: self.stored.arrays[name] for name in names})
 
     def with_rewards(self, **weights: float | str) -> "Dataset":
         """Returns the same episodes with the rewards that other weights of their terms give.
@@ -365,6 +343,24 @@ class Dataset:
         found = reweight(self.stored, changed_weights(now, weights))
         return replace(self, stored=found.stored, reweighting=found if found.changes else None)
 
+    def columns(self, array: str, agent: int = 0) -> tuple[Column, ...]:
+        """Returns what each number in a row of an array means: name, meaning, unit, bounds.
+
+            >>> [column.name for column in dataset.columns("states")]
+
+        Args:
+            array: `observations`, `states`, `actions`, `reward_terms`, `events`, `sent` or
+                `layout`; those of a reobservation are of its models.
+            agent: whose actions; only teams of different robots need it.
+
+        Raises:
+            UnknownNameError: no such array has columns.
+            SchemaError: there is no such agent.
+            SpecError: the dataset is of another environment, which names none; `spec.agents` has
+                the spaces.
+        """
+        return columns_of(make_task(self.task), array, agent)
+
     def transitions(self) -> dict[str, NDArray[Any]]:
         """Copies every transition of this view into memory, row-aligned.
 
@@ -376,8 +372,7 @@ class Dataset:
 
         Returns:
             observations, next_observations [n, N, O]; states, next_states [n, S]; actions
-            [n, N, A]; log_probs of the actions under the policies that made them (`density`),
-            rewards [n, N]; terminations, truncations [n]; episodes [n].
+            [n, N, A]; log_probs, rewards [n, N]; terminations, truncations, episodes [n].
         """
         lengths = self.stored.table.lengths[self.selection]
         copied = copy_transitions(self.stored.arrays, self.stored.table, self.selection)
@@ -413,14 +408,30 @@ class Dataset:
         spec = self.spec
         scale = action_scale(spec) if spec.action_kind == "continuous" else None
         return Sampler(
-            self.stored.arrays,
-            self.stored.table,
-            self.selection,
-            batch_size=batch_size,
-            horizon=horizon,
-            burn_in=burn_in,
-            seed=seed,
-            scale=scale,
+            self.stored.arrays, self.stored.table, self.selection, batch_size=batch_size,
+            horizon=horizon, burn_in=burn_in, seed=seed, scale=scale, view=self,
+        )  # fmt: skip
+
+    def to_torch(
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
+    ) -> Any:
+        """Returns the batches of `sampler` as a torch `IterableDataset`, for a `DataLoader`.
+
+            >>> loader = DataLoader(dataset.to_torch(256), batch_size=None, num_workers=2)
+
+        Its workers take turns: whatever their number, the loader yields the batches of `sampler`
+        in order, as tensors, without end. Arguments and errors are those of `sampler`.
+
+        Raises:
+            MissingExtraError: torch is not installed.
+        """
+        return torch_batches(
+            self, batch_size=batch_size, horizon=horizon, burn_in=burn_in, seed=seed
         )
 
     def replay_buffer(
@@ -492,9 +503,4 @@ class Dataset:
         Raises:
             SchemaError: the references of this dataset's task are not known, or not in order.
         """
-        if self.references is None:
-            raise SchemaError(
-                f"{self.id} was opened without references, so no score can be computed. "
-                "Pass Dataset.open(path, references=Reference(no_skill=..., expert=...))."
-            )
-        return normalized_score(np.asarray(returns, dtype=np.float64), self.references)
+        return score_in(self.id, returns, self.references)

@@ -10,14 +10,15 @@ import numpy as np
 
 from swarmdata.datasets.normalization import Moments
 from swarmdata.datasets.sampling import batches_drawn
+from swarmdata.datasets.views import torch_batches
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
-from swarmdata.specs.origins import Spec
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
-from swarmdata.types import Batch, Double, Episode, Int
+from swarmdata.types import Batch, Double, Episode, Int, shortened
 
 LONGEST_ID = 96
 """Characters of a mixture's id, which is part of the names of result files."""
@@ -49,6 +50,8 @@ class Part(Protocol):
     def digest(self) -> str: ...
     @property
     def view(self) -> str | None: ...
+    @property
+    def recipe(self) -> Origin: ...
     @property
     def spec(self) -> Spec: ...
     @property
@@ -178,8 +181,12 @@ class Mixture:
 
     def __repr__(self) -> str:
         """Shows the parts with their weights."""
-        named = zip(self.weights, self.parts, strict=True)
-        return f"<Mixture of {', '.join(f'{weight:.3g} {part!r}' for weight, part in named)}>"
+        parts = zip(self.weights, self.parts, strict=True)
+        named = ", ".join(f"{weight:.3g} {part.id}" for weight, part in parts)
+        return shortened(
+            f"<Mixture of {named}: {len(self):,} episodes, {self.n_steps:,} steps, "
+            f"{self.spec.n_agents} agents>"
+        )
 
     def step_weights(self) -> Double:
         """Returns how much a step of each episode counts, [n]: on average 1."""
@@ -235,6 +242,19 @@ class Mixture:
             for part in self.parts
         ]
         return MixtureSampler(samplers, self.weights)
+
+    def to_torch(
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
+    ) -> Any:
+        """Returns the batches of `sampler` for a torch `DataLoader`, as `Dataset.to_torch` does."""
+        return torch_batches(
+            self, batch_size=batch_size, horizon=horizon, burn_in=burn_in, seed=seed
+        )
 
     def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv:
         """Builds copies of the world that was recorded, as `Dataset.make_env` does."""

@@ -4,13 +4,14 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from swarmdata.store.manifest import StatisticsEntry
 from swarmdata.types import Bool, Double, Float
 
 CONSTANT_DEVIATION = 1e-3
 """Below it, a feature of observations counts as constant; networks have the same limit."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Moments:
     """Mean and standard deviation over the train split of the whole dataset, agents and time.
 
@@ -21,6 +22,23 @@ class Moments:
     observation_std: Double  # [O]
     reward_mean: float
     reward_std: float
+
+    @classmethod
+    def of(cls, entry: StatisticsEntry) -> "Moments":
+        """Those of a manifest."""
+        return cls(
+            observation_mean=np.array(entry.observation_mean),
+            observation_std=np.array(entry.observation_std),
+            reward_mean=entry.reward_mean,
+            reward_std=entry.reward_std,
+        )
+
+    def __repr__(self) -> str:
+        """Shows how many features there are and the moments of rewards."""
+        return (
+            f"Moments({len(self.observation_mean)} features; rewards {self.reward_mean:.4g} "
+            f"± {self.reward_std:.4g}; fields {', '.join(field.name for field in fields(self))})"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

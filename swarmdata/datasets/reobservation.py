@@ -25,7 +25,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.scratch_arrays import new_arrays
-from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step
+from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step, shortened
 
 N_OBSERVED_COPIES = 256
 """Episodes observed together: enough to make a call cheap, few enough to stay in the cache."""
@@ -52,7 +52,7 @@ class RecordedEpisodes:
     layouts: Float  # [n, M, 8]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reobservation:
     """The episodes of a dataset, observed through other models.
 
@@ -65,6 +65,15 @@ class Reobservation:
     recorded: StoredDataset
     spec: TaskSpec
     arrays: Mapping[str, NDArray[Any]]
+
+    def __repr__(self) -> str:
+        """Shows the dataset and what is new."""
+        return shortened(f"<Reobservation of {self.recorded!r}: {self.summary}>")
+
+    @property
+    def summary(self) -> str:
+        """The new models and those that the policies acted on, a few words."""
+        return f"seen with {describe(self.spec)}; acted on {describe(self.recorded_task)}"
 
     @property
     def recorded_task(self) -> TaskSpec:

@@ -15,13 +15,13 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.scratch_arrays import new_arrays
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, shortened
 
 BLOCK_ROWS = 1 << 16
 """Steps whose rewards are computed together."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reweighting:
     """The episodes of a dataset with rewards of other weights.
 
@@ -34,6 +34,16 @@ class Reweighting:
     stored: StoredDataset
     recorded: Rewards
     weights: Rewards
+
+    def __repr__(self) -> str:
+        """Shows the dataset and what is new."""
+        return shortened(f"<Reweighting of {self.stored!r}: {self.summary}>")
+
+    @property
+    def summary(self) -> str:
+        """The weights that differ from the recorded ones, a few words."""
+        changes = (f"{name} {value:g}" for name, value in self.changes.items())
+        return f"rewards with {', '.join(changes)}"
 
     @property
     def changes(self) -> dict[str, float]:

@@ -5,7 +5,7 @@ A batch is a pure function of the seed and its number in the stream, so a sample
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +181,19 @@ def _gather(
     )
 
 
+class SampledView(Protocol):
+    """What a pickled sampler, or a torch `DataLoader`, needs of the dataset that is sampled."""
+
+    def sampler(
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
+    ) -> Any: ...  # with `draw` and `gather`
+
+
 class Sampler:
     """Draws batches uniformly, with replacement, over the transitions of some episodes.
 
@@ -197,6 +210,7 @@ class Sampler:
         seed: of the stream of batches, 0 to 2**64 - 1.
         scale: of the actions; None gives them as they are stored.
         rows: where the episodes lie; None: one after the other, as in a stored dataset.
+        view: the dataset whose `sampler` this is; a pickle has it instead of the arrays.
 
     Raises:
         SchemaError: nothing to draw from, or a size below 1.
@@ -214,6 +228,7 @@ class Sampler:
         seed: int = 0,
         scale: ActionScale | None = None,
         rows: Rows | None = None,
+        view: "SampledView | None" = None,
     ) -> None:
         if len(selection) == 0:
             raise SchemaError("there are no episodes to sample from; widen the filter")
@@ -235,9 +250,25 @@ class Sampler:
         self.rows = Rows.locate(table, selection) if rows is None else rows
         self._arrays = arrays
         self._scale = scale
+        self._view = view
         self._n_drawn = 0
         self._first_ahead = 0
         self._ahead = np.empty((0, batch_size), dtype=np.int64)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns what is pickled: the view and the place in its stream; without a view, all."""
+        if self._view is None:
+            return self.__dict__
+        names = ("batch_size", "horizon", "burn_in", "seed", "_view", "_n_drawn")
+        return {name: getattr(self, name) for name in names}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Samples the view in this process."""
+        if (view := state["_view"]) is not None:
+            names = ("batch_size", "horizon", "burn_in", "seed")
+            fresh = view.sampler(**{name: state[name] for name in names})
+            state = {**fresh.__dict__, **state}
+        self.__dict__.update(state)
 
     def __iter__(self) -> "Sampler":
         """Returns the sampler itself; it never ends."""

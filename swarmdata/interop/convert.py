@@ -17,11 +17,13 @@ from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.conversion.user_paths import absolute_path
 from swarmdata.interop.formats import FORMATS, Reader, find_format
-from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.atomic import is_vacant, sync
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS, assemble, write_part
+from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode
 
@@ -65,9 +67,11 @@ def import_dataset(
             files.
         SchemaError: a number is not finite or would be rounded, or a value is not in its space.
         MissingExtraError: the format's library is not installed.
-        BuildError: something else is at `out`, or no episode falls into the train split.
+        OutputError: something else is at `out`.
+        BuildError: another dataset is at `out`, or no episode falls into the train split.
     """
     source, out = map(absolute_path, (source, out))
+    check_marked(out, MANIFEST, "dataset")
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     check_plain(source)
@@ -116,7 +120,7 @@ def source_digest(path: Path) -> str:
 def _store(
     source: Path, out: Path, recording: Recording, incoming: ImportedData, keep_splits: bool
 ) -> None:
-    if out.exists():  # either this dataset, finished before, or an error
+    if not is_vacant(out):  # either this dataset, finished before, or an error
         assemble(out, recipe=recording, parts={}, order=[])
         finish(out)
         return

@@ -41,7 +41,7 @@ def export_dataset(
     path, found = absolute_path(path), find_format(format)
     remove_leftovers(path.parent, path.name)
     if path.exists():
-        raise ConversionError(f"{path} exists already. Delete it or choose another path.")
+        raise ConversionError(f"{path} exists already. Choose another path, or move it away.")
     if not len(dataset):
         raise ConversionError(f"{dataset!r} has no episodes, so there is nothing to convert")
     turned = in_frame(dataset, frame)

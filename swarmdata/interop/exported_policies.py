@@ -10,7 +10,7 @@ from swarmdata.registry.components import make_task
 from swarmdata.runtime.extras import require_extra
 
 
-def export_policy(name: str, path: Path, seed: int = 0) -> Path:
+def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     """Writes the policy of one training seed as a file of ONNX (`learn.deployment`).
 
     The file's metadata have the names of robots and features, the spec of the task and the
@@ -30,14 +30,14 @@ def export_policy(name: str, path: Path, seed: int = 0) -> Path:
     require_extra("torch", "torch", "reading a policy")
     from swarmdata.learn.deployment.onnx_file import export_onnx  # noqa: PLC0415  (torch)
 
-    target = find_target(name)
+    target = find_target(str(name))
     seeds = [each.seed for each in target.provenances]
     if seed not in seeds:
         raise SpecError(f"{name} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
     k = seeds.index(seed)
     return export_onnx(
         target.policies[k],
-        path,
+        Path(path),
         robots=target.spec.agent_names,
         features=[feature.name for feature in features_of(make_task(target.spec))],
         about={

@@ -18,14 +18,14 @@ The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the sam
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
-from swarmdata.types import Double, Float, Int
+from swarmdata.types import Batch, Double, Float, Int
 
 HEARING_RANGE = 1.25
 """Distance (m) between the centres of robots at and beyond which the nearness of a sender is 0."""
@@ -146,6 +146,22 @@ class Frame:
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
         out[..., 0], out[..., 1] = ux * x + uy * y, ux * y - uy * x
         return out
+
+    def turned(self, batch: Batch) -> Batch:
+        """Returns a batch in this frame, as robots see and act: `inputs`, and `recorded` actions.
+
+        States and rewards stay as they are.
+        """
+        next_actions = batch.next_actions
+        if next_actions is not None:
+            next_actions = self.recorded(batch.next_observations, next_actions)
+        return replace(
+            batch,
+            observations=self.inputs(batch.observations),
+            next_observations=self.inputs(batch.next_observations),
+            actions=self.recorded(batch.observations, batch.actions),
+            next_actions=next_actions,
+        )
 
     def recorded(self, observations: Float, actions: Float) -> Float:
         """Returns recorded actions in this frame, float32 [..., N, A], within [-1, 1].

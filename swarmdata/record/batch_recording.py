@@ -9,6 +9,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream
+from swarmdata.runtime.atomic import is_vacant
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import limits_of
@@ -23,8 +24,8 @@ def check_request(path: Path | str, policies: Sequence[str | PolicySource]) -> N
         BuildError: `path` exists.
         SpecError: there is not just one policy.
     """
-    if Path(path).exists():
-        raise BuildError(f"{path} exists. Record to another path, or delete it.")
+    if not is_vacant(Path(path)):
+        raise BuildError(f"{path} exists. Record to another path, or move it away.")
     if len(policies) != 1:
         raise SpecError(f"policies are {policies}, expected one: all copies play the same policy")
 

@@ -20,6 +20,7 @@ from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import describe_recording, is_own_task, state_source
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream, default_seed
+from swarmdata.runtime.atomic import is_vacant
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.types import Bool, Float
 
@@ -91,10 +92,10 @@ class Recorder(BaseParallelWrapper):
         limits: Limits | None = None,
     ) -> None:
         super().__init__(env := as_parallel(env))
-        if Path(path).exists():
+        if not is_vacant(Path(path)):
             raise BuildError(
-                f"{path} exists. Record to another path, or delete it; a published version never "
-                "changes, so give a changed dataset a new version."
+                f"{path} exists. Record to another path, or move it away; a published version "
+                "never changes, so give a changed dataset a new version."
             )
         seed = default_seed(id) if seed is None else seed
         self._recording = describe_recording(

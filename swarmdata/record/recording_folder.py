@@ -7,17 +7,19 @@ process that is killed loses only the episodes that were not yet in a part.
 import re
 import shutil
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from filelock import FileLock, Timeout
 
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, DatasetNotFoundError, RecipeConflictError
 from swarmdata.record.episode_buffer import episode_bytes
+from swarmdata.runtime.atomic import is_vacant
+from swarmdata.runtime.locking import beside, locked
 from swarmdata.specs.frozen import Frozen, differences
 from swarmdata.specs.origins import Recording
 from swarmdata.specs.recipe import Splits
@@ -73,20 +75,14 @@ class RecordingFolder:
     def __init__(self, path: Path, limits: Limits | None = None) -> None:
         self.path, self.limits = path, limits or Limits()
         self.folder = unfinished_folder(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._lock = FileLock(path.resolve().parent / f".{path.resolve().name}.lock")
-        try:
-            self._lock.acquire(timeout=0)
-        except Timeout as error:
-            raise BuildError(
-                f"another process is recording to {path}. Wait for it, or choose another path."
-            ) from error
+        self._lock = ExitStack()
+        self._lock.enter_context(locked(path, patience=0.0))
         if self.folder.exists():
             remove_leftovers(self.folder, SESSION_FILE, _PART_NAME)
         self._unwritten: dict[int, list[Episode]] = {}
         parts = self.parts()
         self._next_part = max((number for number, _ in parts), default=-1) + 1
-        is_published = path.exists()  # then a killed process may have removed half of a part
+        is_published = not is_vacant(path)  # then a killed process may have removed half of a part
         tables = [] if is_published else [read_part_table(part) for part in parts.values()]
         self._n_episodes = sum(map(len, tables))
         self._n_bytes, self._since = 0, time.monotonic()
@@ -166,7 +162,7 @@ class RecordingFolder:
             DatasetError: a part is damaged.
         """
         session = self.session()
-        is_published = self.path.exists()  # by a process that was killed before it cleaned up
+        is_published = not is_vacant(self.path)  # by a process that was killed before it cleaned up
         if session is None or not (self._unwritten or self.parts() or is_published):
             raise BuildError(f"nothing was recorded to {self.path}: no episode was finished.")
         if not is_published:
@@ -195,13 +191,13 @@ class RecordingFolder:
 
     def release(self) -> None:
         """Unlocks the recording for other processes; unwritten episodes are lost."""
-        self._lock.release()
+        self._lock.close()
 
 
 def unfinished_folder(path: Path) -> Path:
     """The folder with the parts of an unfinished recording."""
     resolved = path.resolve()  # `.` has no name
-    return resolved.parent / f"{resolved.name}.recording"
+    return beside(resolved) / f"{resolved.name}.recording"
 
 
 def recover(path: Path | str) -> Dataset:
@@ -259,7 +255,7 @@ def _dataset_path(path: Path) -> Path:
     if not (folder / SESSION_FILE).exists():
         raise DatasetNotFoundError(
             f"there is no unfinished recording {folder}"
-            + (f"; {path} is finished already." if path.exists() else ".")
+            + (f"; {path} is finished already." if not is_vacant(path) else ".")
         )
     return path
 

@@ -6,11 +6,21 @@ distribution: the groups `swarmdata.tasks`, `swarmdata.policies`, `swarmdata.alg
 """
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, overload
 
-from swarmdata.errors import MissingExtraError, SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import (
+    INSTALL_HINT,
+    MissingExtraError,
+    SchemaError,
+    SpecError,
+    UnknownNameError,
+)
 from swarmdata.interfaces import Policy, Task, VecEnv
+from swarmdata.registry.appearance import Appearance
+from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
@@ -144,7 +154,7 @@ def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
         MissingExtraError: it needs torch.
     """
     if name not in table:
-        raise UnknownNameError(kind, name, table)
+        raise UnknownNameError(kind, name, table, INSTALL_HINT)
     try:
         return import_component(table[name])
     except ModuleNotFoundError as error:
@@ -153,10 +163,26 @@ def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
         raise MissingExtraError("torch", "torch", f"{kind} {name!r}") from None
 
 
-def make_task(spec: TaskSpec) -> Task:
-    """Builds the task that `spec` describes."""
+def make_task(spec: TaskSpec | Path | str) -> Task:
+    """Builds the task that a spec describes, given as `make_env` takes it."""
+    spec = find_spec(spec)
     build: Callable[[TaskSpec], Task] = resolve("task", TASKS, spec.task)
     return build(spec)
+
+
+def appearance_of(spec: TaskSpec) -> Appearance:
+    """How the task of a spec is drawn; the default where it does not say.
+
+    Raises:
+        UnknownNameError: no such task.
+    """
+    return _appearance(spec, resolve("task", TASKS, spec.task))
+
+
+@lru_cache(maxsize=64)
+def _appearance(spec: TaskSpec, kind: Any) -> Appearance:
+    find: Callable[[TaskSpec], Appearance] | None = getattr(kind, "appearance", None)
+    return Appearance(bodies=kind(spec).movables) if find is None else find(spec)
 
 
 def reward_terms(task: Task) -> tuple[Term, ...]:
@@ -167,15 +193,20 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
 
 @overload
 def make_env(
-    spec: TaskSpec, n_copies: int = 1, *, n_threads: int = 1, api: Literal["vector"] = "vector"
-) -> VecEnv: ...
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, n_threads: int = 1,
+    api: Literal["vector"] = "vector",
+) -> VecEnv: ...  # fmt: skip
 @overload
-def make_env(spec: TaskSpec, n_copies: int = 1, *, api: Literal["pettingzoo"]) -> Any: ...
-def make_env(spec: TaskSpec, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector") -> Any:
+def make_env(
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, api: Literal["pettingzoo"]
+) -> Any: ...
+def make_env(
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector"
+) -> Any:
     """Builds the world of a task.
 
     Args:
-        spec: the task.
+        spec: the task; or a preset's name, or a spec file.
         n_copies: copies stepped together, E; a PettingZoo environment has one.
         n_threads: threads that step them, each its share; at most E are started. The bits do not
             depend on it. It pays from about a hundred copies on: a step of all copies has to be
@@ -194,6 +225,7 @@ def make_env(spec: TaskSpec, n_copies: int = 1, *, n_threads: int = 1, api: str 
         raise SchemaError(f"n_threads is {n_threads}, expected at least 1")
     if api not in ("vector", "pettingzoo"):
         raise UnknownNameError("api", api, ("vector", "pettingzoo"))
+    spec = find_spec(spec)
     check_world(spec)
     if api == "pettingzoo":
         if n_copies != 1 or n_threads != 1:

@@ -4,7 +4,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError
 from swarmdata.specs.task_spec import TaskSpec
 
 PRESETS_FOLDER = "presets"
@@ -48,20 +48,22 @@ def name_of(spec: TaskSpec) -> str:
 
 def _read(name: str) -> str:
     if name not in preset_names():
-        raise UnknownNameError("task", name, preset_names())
+        raise UnknownNameError("task", name, preset_names(), INSTALL_HINT)
     return (files("swarmdata.envs") / PRESETS_FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
 
 
-def find_spec(name_or_path: str) -> TaskSpec:
-    """A preset by name, or the spec in a `.yaml` or `.json` file.
+def find_spec(task: str | Path | TaskSpec) -> TaskSpec:
+    """A preset by name, the spec in a `.yaml` or `.json` file, or a spec itself.
 
     Raises:
         UnknownNameError: no such preset.
         SpecError: the file cannot be read, or is not a spec.
     """
-    path = Path(name_or_path)
+    if isinstance(task, TaskSpec):
+        return task
+    path = Path(task)
     if path.suffix not in SPEC_SUFFIXES:
-        return preset(name_or_path)
+        return preset(str(task))
     try:
         return TaskSpec.from_file(path)
     except (OSError, UnicodeDecodeError) as error:

@@ -11,7 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from swarmdata.errors import SchemaError
+from swarmdata.registry.replaced_worlds import REPLACED_IDS
 from swarmdata.specs.frozen import Frozen, Probability
+from swarmdata.specs.origins import Origin
 from swarmdata.types import Double
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -39,6 +41,20 @@ def normalized_score(returns: Double | float, reference: Reference) -> Double:
             "the expert's must be the larger. Measure both on the evaluation seeds of one spec."
         )
     return np.asarray(100.0 * (np.asarray(returns, np.float64) - reference.no_skill) / span)
+
+
+def score_in(dataset_id: str, returns: object, references: Reference | None) -> Double:
+    """Returns the normalized scores of returns in a dataset's task, same shape.
+
+    Raises:
+        SchemaError: the references are not known, or not in order.
+    """
+    if references is None:
+        raise SchemaError(
+            f"{dataset_id} was opened without references, so no score can be computed. Pass "
+            "Dataset.open(path, references=swarmdata.Reference(no_skill=..., expert=...))."
+        )
+    return normalized_score(np.asarray(returns, dtype=np.float64), references)
 
 
 class Figures(Frozen):
@@ -106,6 +122,16 @@ class TaskReferences(Frozen):
         """The normalized score of a team return, None where a reference was not measured."""
         reference = self.reference
         return None if reference is None else float(normalized_score(team_return, reference))
+
+
+PACKAGE_LICENSE = "cc-by-4.0"
+"""Of the datasets that the package publishes, whose recipes name none."""
+
+
+def license_of(origin: Origin) -> str:
+    """The Hub's name of a dataset's license: its author's, or the package's; else `unknown`."""
+    is_published = origin.id in published() or origin.id in REPLACED_IDS
+    return PACKAGE_LICENSE if is_published and origin.license == "unknown" else origin.license
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:

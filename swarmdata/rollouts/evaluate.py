@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -10,6 +11,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.metrics import episode_metrics, metrics_of
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
@@ -18,9 +20,9 @@ from swarmdata.types import EvalResult
 
 def evaluate(
     policy: Policy,
-    spec: TaskSpec,
+    spec: TaskSpec | Path | str,
     *,
-    name: str,
+    name: str = "policy",
     n_episodes: int = 1000,
     block: SeedBlock = "evaluation",
     n_copies: int = 64,
@@ -36,7 +38,7 @@ def evaluate(
 
     Args:
         policy: acts in every copy.
-        spec: the problem to solve.
+        spec: the problem to solve; or a preset's name, or a spec file.
         name: the policy's name in tables.
         n_episodes: number of seeds to use.
         block: the reserved `evaluation` seeds, or the `validation` seeds, on which settings are
@@ -52,6 +54,7 @@ def evaluate(
     """
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
+    spec = find_spec(spec)
     seeds = block_seeds(block, n_episodes)
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
     env = make_env(spec, min(n_copies, n_episodes), n_threads=n_threads)

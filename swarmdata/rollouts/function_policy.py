@@ -40,11 +40,13 @@ class FunctionPolicy:
         """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
+        """Returns the function's actions, [E, N, A]."""
         means = self._means(step)
         self._last.keep(step, means)
         return means.astype(np.float32)
 
     def log_probs(self, step: Step, actions: Float) -> Float:
+        """Returns 0 for the function's own actions, -inf for others, [E, N]."""
         means = self._last.recall(step)  # right after `act`: the function need not run again
         return noisy_log_probs(self._means(step) if means is None else means, actions, 0.0)
 

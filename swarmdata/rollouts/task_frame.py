@@ -8,7 +8,11 @@ from swarmdata.specs.origins import Spec
 
 
 def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
-    """Returns the frame of an anchor in a task; None for the world frame.
+    """Returns the frame in which robots see and act; None for the world's, as data are recorded.
+
+        >>> frame = swarmdata.frame_of(dataset.spec)
+        >>> batch = frame.turned(next(dataset.sampler(256)))
+        >>> policy = swarmdata.FunctionPolicy(act, frame=frame)
 
     Args:
         spec: of a dataset. Recorded environments have only the world frame.

@@ -1,32 +1,34 @@
 """Crash-safe publishing: a folder beside the target, fsync, rename, fsync of the parent folder.
 
 Readers see the old state or the new one, whatever is killed and whenever. What is not published yet
-lies in a temporary folder with a marker, which its writer keeps locked: the operating system frees
-the lock of a process that dies, so a leftover of ours is told from a folder of the user's and from
-the work of a living process, and whoever writes there next removes it.
+lies in a temporary folder with a marker, which is a lock of its writer (`locking`): a leftover of
+ours is told from a folder of the user's and from the work of a living process, and whoever writes
+there next removes it.
 """
 
 import contextlib
 import errno
-import fcntl
+import json
 import os
 import re
 import shutil
-import socket
+import stat
 import sys
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
 
-from swarmdata.errors import DiskFullError, ProgramError, SwarmdataError
+from swarmdata.errors import BuildError, DiskFullError, ProgramError, SwarmdataError
+from swarmdata.runtime.locking import Lock, beside
 
 TEMPORARY_PREFIX = ".tmp-"
 """Prefix of what is not published yet."""
 
-_LEFTOVER = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
+LEFTOVER = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
 """Names of temporary folders, with the name of what was written."""
 
 MARKER_FILE = ".swarmdata-temporary"
@@ -41,8 +43,79 @@ LOW_SPACE_BYTES = 1 << 20
 """With fewer bytes free, a failed write is blamed on the disk."""
 
 
+UNFINISHED = ".swarmdata-unfinished.json"
+"""File at a mount point that lists what is being moved there."""
+
+
+def own_files(folder: Path) -> set[str]:
+    """Names in a folder that are of our work on it, at a mount point: elsewhere that is beside it.
+
+    `lost+found` is there too, which a new file system has.
+    """
+    if beside(folder) != folder:
+        return set()
+    name = folder.name
+    known = {"lost+found", f".{name}.lock", f"{name}.build", f"{name}.recording"}
+    known |= {UNFINISHED, *_unfinished(folder)} if _unfinished(folder) else set()
+    scratch = re.compile(rf"\.?\.swarmdata-{re.escape(name)}\..*")
+    return {
+        each.name
+        for each in folder.iterdir()
+        if each.name in known or LEFTOVER.fullmatch(each.name) or scratch.fullmatch(each.name)
+    }
+
+
+def _unfinished(folder: Path) -> list[str]:
+    """Names of what was being moved into a mount point; none by the word of another user."""
+    note = folder / UNFINISHED
+    try:
+        status = note.lstat()
+        if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
+            return []
+        names = json.loads(note.read_bytes())
+    except (OSError, ValueError):
+        return []
+    is_list = isinstance(names, list) and all(isinstance(each, str) for each in names)
+    return [each for each in names if Path(each).name == each] if is_list else []
+
+
+def is_vacant(folder: Path) -> bool:
+    """Whether a new folder may be made here: nothing is there, or a folder without content."""
+    if not os.path.lexists(folder):
+        return True
+    return folder.is_dir() and {each.name for each in folder.iterdir()} <= own_files(folder)
+
+
+def put_in_place(source: Path, path: Path, last: str = "") -> None:
+    """Makes a finished file or folder visible: in one rename, where nothing is mounted at `path`.
+
+    A mount point cannot be renamed, so the content of `source` is moved into it piece by piece.
+    Where that is interrupted, the folder still `is_vacant`.
+
+    Args:
+        source: what is finished, in the same file system.
+        path: where it belongs; a file is replaced, a folder only if it `is_vacant`.
+        last: name of what is moved last, which makes the folder complete.
+    """
+    if beside(path) != path:
+        source.rename(path)
+        return
+    note = path / UNFINISHED
+    for piece in (path / name for name in _unfinished(path)):
+        if piece.is_dir() and not piece.is_symlink():
+            shutil.rmtree(piece)
+        else:
+            piece.unlink(missing_ok=True)
+    names = sorted((each.name for each in source.iterdir()), key=lambda name: (name == last, name))
+    write_file(note, json.dumps(names).encode())
+    for name in names:
+        (source / name).rename(path / name)
+    sync(path)
+    note.unlink()
+
+
 @contextlib.contextmanager
-def staged(path: Path) -> Iterator[Path]:
+def staged(path: Path, install: Callable[[Path, Path], None] = put_in_place) -> Iterator[Path]:
     """Yields where to write a file or folder, which becomes `path` if the block ends well.
 
     The yielded path has the same name, in a temporary folder beside `path`, so that the final
@@ -51,6 +124,7 @@ def staged(path: Path) -> Iterator[Path]:
 
     Args:
         path: of the file or folder; its parents are made.
+        install: puts what was written in its place.
 
     Raises:
         DiskFullError: no space, or no inode, was left.
@@ -58,15 +132,14 @@ def staged(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(path.parent, path.name)
+    remove_leftovers(beside(path), path.name)
     scratch: Path | None = None
     try:
         scratch, lock = _marked(path)
-        os.write(lock, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
         target = scratch / path.name
         yield target
         sync_tree(target) if target.is_dir() else sync(target)
-        target.rename(path)
+        install(target, path)
     except (OSError, RuntimeError, ValueError) as error:
         _raise_if_full(error, path, scratch)
         if scratch is None and isinstance(error, OSError):  # of a name that the caller never gave
@@ -75,8 +148,8 @@ def staged(path: Path) -> Iterator[Path]:
     finally:
         if scratch is not None:
             _remove(scratch)
-            os.close(lock)
-    sync(path.parent)
+            lock.release()
+    sync(beside(path))
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -90,17 +163,21 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 @contextlib.contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
+def new_folder(path: Path, last: str = "") -> Iterator[Path]:
     """Yields a new folder that becomes `path` when the block ends without an error.
 
     Where another process has published `path` first, this copy is discarded: folders are
     immutable, so the first one stands.
 
+    Args:
+        path: of the folder.
+        last: as `put_in_place` takes it.
+
     Raises:
         DiskFullError: no space was left.
     """
     try:
-        with staged(path) as target:
+        with staged(path, partial(put_in_place, last=last)) as target:
             target.mkdir()
             yield target
     except OSError as error:
@@ -188,53 +265,43 @@ def remove_leftovers(folder: Path, *names: str | re.Pattern[str]) -> None:
     if not folder.is_dir():
         return
     for each in sorted(folder.iterdir()):
-        match = _LEFTOVER.fullmatch(each.name)
+        match = LEFTOVER.fullmatch(each.name)
         if match is None or (names and not any(_is_named(match[1], name) for name in names)):
             continue
-        with _taken_over(each) as is_ours:
-            if is_ours:
-                shutil.rmtree(each)
-                tqdm.write(f"removed {each}, which a killed process left", file=sys.stderr)
+        _remove_if_abandoned(each)
 
 
 def _is_named(found: str, name: str | re.Pattern[str]) -> bool:
     return found == name if isinstance(name, str) else name.fullmatch(found) is not None
 
 
-def _marked(path: Path) -> tuple[Path, int]:
-    """Makes a temporary folder with a locked marker; returns it and what holds the lock."""
+def _marked(path: Path) -> tuple[Path, Lock]:
+    """Makes a temporary folder with a marker, and returns it and the lock that the marker is."""
     while True:
-        scratch = path.parent / f"{TEMPORARY_PREFIX}{path.name}-{uuid.uuid4().hex}"
+        scratch = beside(path) / f"{TEMPORARY_PREFIX}{path.name}-{uuid.uuid4().hex}"
         scratch.mkdir()
+        lock = Lock(scratch / MARKER_FILE, scratch)
         try:
-            lock = os.open(scratch / MARKER_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            if lock.acquire(0.0):
+                return scratch, lock
+        except FileNotFoundError:
+            pass  # somebody took it for a leftover, before it was locked
         except BaseException:
             scratch.rmdir()
             raise
-        with contextlib.suppress(OSError):  # without locks here, leftovers stay: nobody can tell
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        if os.fstat(lock).st_nlink:
-            return scratch, lock
-        os.close(lock)  # somebody took it for a leftover, before it was locked
 
 
-@contextlib.contextmanager
-def _taken_over(leftover: Path) -> Iterator[bool]:
-    """Whether a folder is a temporary one of ours whose writer is dead; it is locked meanwhile."""
+def _remove_if_abandoned(folder: Path) -> None:
+    """Removes a temporary folder of ours whose writer is dead, and says so."""
+    lock = Lock(folder / MARKER_FILE, folder)
     try:
-        lock = os.open(leftover / MARKER_FILE, os.O_RDWR | os.O_NOFOLLOW)
-    except OSError:  # no marker, no folder, or not ours to write in
-        yield False
+        if folder.is_symlink() or not lock.acquire(0.0, create=False):
+            return
+    except (OSError, BuildError):  # no marker, no folder, or not ours to write in
         return
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        is_free = os.fstat(lock).st_nlink > 0 and not leftover.is_symlink()
-    except OSError:
-        is_free = False
-    try:
-        yield is_free
-    finally:
-        os.close(lock)
+    shutil.rmtree(folder)
+    lock.release()
+    tqdm.write(f"removed {folder}, which a killed process left", file=sys.stderr)
 
 
 def _is_published(error: OSError, path: Path) -> bool:
@@ -258,7 +325,7 @@ def _raise_if_full(error: Exception, path: Path, scratch: Path | None) -> None:
         return
     files = [path] if scratch is None else list(scratch.rglob("*"))
     written = sum(file.stat().st_size for file in files if file.is_file())
-    lack, cure = ("space", "Make room") if not lacks_inodes else ("inode", "Delete some files")
+    lack, cure = ("space", "Make room") if not lacks_inodes else ("inode", "Free some inodes")
     raise DiskFullError(
         f"no {lack} is left in {path.parent} for {path.name}: {written / 1e6:.1f} MB of it were "
         f"written, {free / 1e6:.1f} MB are free, more is needed. Nothing half-written is kept, and "

@@ -1,29 +1,29 @@
 """numba's cache of a compiled function, with checked files, a pack behind it, and one compiler.
 
-A kernel is looked for in the user's cache, then in the pack of the wheel (`kernel_pack`), and then
-compiled. A file that is damaged is not believed: numba would crash, or run other code. Where
-several processes need one kernel, such as the workers of a build, one compiles it and the others
-wait for its file.
+A kernel is looked for in the user's cache, in that of the administrator where they share one, then
+in the pack of the wheel (`kernel_pack`), and then compiled. Reading a kernel runs code, so a file
+is not believed that another user could have written, or that is damaged. Where several processes
+need one kernel, such as the workers of a build, one compiles it and the others wait for its file.
 """
 
 import contextlib
-import errno
-import fcntl
 import hashlib
 import logging
 import os
 import pickle
-import time
-from collections.abc import Callable
+import stat
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from llvmlite import binding
 from numba.core import config, event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
+from swarmdata.errors import BuildError
 from swarmdata.runtime.kernel_progress import PROGRESS
+from swarmdata.runtime.locking import Lock
 
 PACK_CPU = "x86-64-v3"
 """The CPU, in LLVM's words, that packs are compiled for: every x86-64 with AVX2."""
@@ -33,8 +33,6 @@ PACK_FEATURES = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "
 
 MAX_WAIT = 120.0
 """Seconds to wait for another process that compiles the same kernel; it may have been stopped."""
-
-_POLL = 0.05  # s
 
 _LOG = logging.getLogger("swarmdata")
 
@@ -46,19 +44,29 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
         function: in Python.
         root: folder of the caches of all kernels; the lock that processes share is in it.
         pack: folder with kernels that were compiled beforehand from the same source; it need not
-            exist.
+            exist, and is trusted as the package is.
+        shared: folder like `root` that is only read, if there is one.
     """
 
-    def __init__(self, function: Callable[..., Any], root: Path, pack: Path) -> None:
+    def __init__(
+        self, function: Callable[..., Any], root: Path, pack: Path, shared: Path | None = None
+    ) -> None:
         super().__init__(function)
         name, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFiles(self._cache_path, name, stamp)
-        self._pack = _CheckedFiles(str(pack), name, stamp)
+        self._pack = _CheckedFiles(str(pack), name, stamp, is_shipped=True)
+        self._shared: _CheckedFiles | None = None
+        if shared is not None:
+            place = shared / Path(self._cache_path).relative_to(root)
+            self._shared = _CheckedFiles(str(place), name, stamp)
         self._root = root
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled code of a signature, None if this process has to compile it."""
         found = self._kept(sig, target_context)
+        if found is None and self._shared is not None:
+            key = self._index_key(sig, target_context.codegen())
+            found = self._read(self._shared, key, target_context)
         if found is None:
             found = self._packed(sig, target_context)
         if found is None and _wait_for_turn(self._root, self._turn(sig)):
@@ -72,14 +80,14 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
         """Keeps the compiled code, if it can be kept."""
         try:
             super().save_overload(sig, data)
-        except OSError as error:
-            _warn_unkept(str(self._cache_path), str(error.strerror or error))
+        except (OSError, _UntrustedError) as error:
+            _warn_unkept(str(self._cache_path), getattr(error, "strerror", None) or str(error))
         finally:
             self.end_turn(sig)
 
     def end_turn(self, sig: Any) -> None:
         """Lets other processes compile a signature, or load what this one has compiled."""
-        _end_turn(self._root, self._turn(sig))
+        _end_turn(self._turn(sig))
 
     def _kept(self, sig: Any, target_context: Any) -> Any:
         """The code in the user's cache, None if there is none that can be believed."""
@@ -96,19 +104,38 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
         if not runs_pack():
             return None
         _, (triple, _, _), code = self._index_key(sig, target_context.codegen())
+        return self._read(self._pack, (sig, (triple, PACK_CPU, ""), code), target_context)
+
+    def _read(self, files: "_CheckedFiles", key: Any, target_context: Any) -> Any:
+        """The code in files that are not this user's, None if there is none to be believed."""
         try:
-            data = self._pack.load((sig, (triple, PACK_CPU, ""), code))
+            data = files.load(key)
             return None if data is None else self._impl.rebuild(target_context, data)
         except Exception as error:  # the same
-            _warn_damaged(self._pack.folder, f"{type(error).__name__}: {error}")
+            _warn_damaged(files.folder, f"{type(error).__name__}: {error}")
             return None
 
     def _turn(self, sig: Any) -> str:
         return f"{self._cache_path}/{self._impl.filename_base} {sig}"
 
 
+class _UntrustedError(ValueError):
+    """A file is not read, for another user can have written it."""
+
+
 class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyped
-    """The files of a cache, each with the SHA-256 of its content."""
+    """The files of a cache, each with the SHA-256 of its content.
+
+    Args:
+        path: of their folder.
+        name: that they begin with.
+        stamp: of the source.
+        is_shipped: whether they are part of the package, whoever owns it.
+    """
+
+    def __init__(self, path: str, name: str, stamp: Any, *, is_shipped: bool = False) -> None:
+        super().__init__(path, name, stamp)
+        self._is_shipped = is_shipped
 
     @property
     def folder(self) -> str:
@@ -120,7 +147,7 @@ class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyp
 
     def _load_index(self) -> Any:
         try:
-            file = Path(self._index_path).open("rb")  # noqa: SIM115  (closed below)
+            file = self._open(self._index_path)
         except FileNotFoundError:
             return {}
         with file:
@@ -132,7 +159,29 @@ class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyp
 
     def _load_data(self, name: str) -> Any:
         path = self._data_path(name)
-        return pickle.loads(_checked(Path(path).read_bytes(), path))
+        with self._open(path) as file:
+            return pickle.loads(_checked(file.read(), path))
+
+    def _open(self, path: str) -> BinaryIO:
+        """Opens a file, if nobody but this user and root can have written it.
+
+        Raises:
+            _UntrustedError: somebody else can have.
+        """
+        file = Path(path).open("rb")  # noqa: SIM115  (the caller closes it)
+        status = os.fstat(file.fileno())
+        is_ours = status.st_uid in (os.geteuid(), 0)
+        is_shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        if not self._is_shipped and (is_shared or not is_ours):
+            file.close()
+            raise _UntrustedError(f"{path} can have been written by another user")
+        return file
+
+    @contextlib.contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[BinaryIO]:
+        with super()._open_for_write(filepath) as file:
+            os.fchmod(file.fileno(), 0o644)  # whatever the umask is, or it would not be believed
+            yield file
 
 
 def _checked(content: bytes, path: str) -> bytes:
@@ -160,43 +209,30 @@ def runs_pack() -> bool:
     return all(has.get(feature) for feature in PACK_FEATURES)
 
 
-@cache
-def _lock_file(root: Path) -> int:
-    """Descriptor of the file whose bytes are the locks of kernels; open while the process runs.
-
-    POSIX locks of a process are lost when it closes any descriptor of the file.
-    """
-    root.mkdir(parents=True, exist_ok=True)
-    return os.open(root / "compiling.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-
-
-def _byte_of(turn: str) -> int:
-    return int.from_bytes(hashlib.sha256(turn.encode()).digest()[:4], "big") >> 1
+_turns: dict[str, Lock] = {}
+"""Kernels that this process compiles."""
 
 
 def _wait_for_turn(root: Path, turn: str) -> bool:
-    """Waits until no other process compiles a kernel; whether one did so meanwhile.
-
-    Without locks, as on some network file systems, every process compiles for itself.
-    """
-    end = time.monotonic() + MAX_WAIT
-    has_waited = False
-    while time.monotonic() < end:
-        try:
-            fcntl.lockf(_lock_file(root), fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _byte_of(turn))
-        except OSError as error:
-            if error.errno not in (errno.EACCES, errno.EAGAIN):
-                return has_waited
-            has_waited = True
-            time.sleep(_POLL)
-        else:
-            break
+    """Waits until no other process compiles a kernel; whether one did so meanwhile."""
+    if turn in _turns:
+        return False
+    name = hashlib.sha256(turn.encode()).hexdigest()[:16]
+    lock = Lock(root / f".{name}.lock", f"the compiler of {turn.rpartition('/')[2]}")
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        has_waited = not lock.acquire(0.0)
+        is_held = not has_waited or lock.acquire(MAX_WAIT, shown=False)
+    except (OSError, BuildError):  # no lock can be made here: every process compiles for itself
+        return False
+    if is_held:
+        _turns[turn] = lock
     return has_waited
 
 
-def _end_turn(root: Path, turn: str) -> None:
-    with contextlib.suppress(OSError):  # there are no locks here, so none is held
-        fcntl.lockf(_lock_file(root), fcntl.LOCK_UN, 1, _byte_of(turn))
+def _end_turn(turn: str) -> None:
+    if turn in _turns:
+        _turns.pop(turn).release()
 
 
 class _Compilations(event.Listener):  # type: ignore[misc]  # numba is untyped
@@ -224,7 +260,8 @@ def _warn_damaged(folder: str, problem: str) -> None:
     if "damaged" not in _said:
         _said.add("damaged")
         _LOG.warning(
-            "a compiled kernel in %s is damaged (%s): it is compiled again, and the file replaced",
+            "a compiled kernel in %s cannot be trusted or is damaged (%s): it was not run, and is "
+            "compiled again",
             folder,
             problem,
         )

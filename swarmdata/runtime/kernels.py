@@ -6,10 +6,12 @@ would go on running. Here the key is a digest of the module and of every module 
 it imports, directly or not. `kernel_cache` says where compiled code is looked for.
 """
 
+import contextlib
 import hashlib
 import logging
 import os
 import re
+import stat
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -51,7 +53,8 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     folder = cache_folder(function.__module__, before)
     config.CACHE_DIR = str(folder)
     try:  # what `cache=True` does, with ours
-        dispatcher._cache = KernelCache(function, folder.parent, PACK_FOLDER / folder.name)
+        pack, shared = PACK_FOLDER / folder.name, shared_folder(before)
+        dispatcher._cache = KernelCache(function, folder.parent, pack, shared)
     except RuntimeError as error:
         if "no locator available" not in str(error):  # numba's words for: nowhere may I write
             raise
@@ -76,12 +79,50 @@ def cache_folder(module: str, base: str = "") -> Path:
     Args:
         module: dotted name.
         base: `NUMBA_CACHE_DIR` if it is set; by default `kernels` in `SWARMDATA_CACHE`, or in the
-            user's cache folder.
+            user's cache folder. Where somebody else has made that, `kernels-UID` beside it.
     """
+    return (Path(base) if base else _own_folder(_common_folder())) / digest_of(module)
+
+
+def shared_folder(base: str = "") -> Path | None:
+    """Kernels that root has compiled for all users of a cache, None if there are none.
+
+    Args:
+        base: `NUMBA_CACHE_DIR` if it is set, which is not shared.
+    """
+    folder = _common_folder()
+    is_roots = not base and os.geteuid() and _owner(folder) == 0
+    return folder if is_roots else None
+
+
+def _common_folder() -> Path:
     named = os.environ.get("SWARMDATA_CACHE")
-    ours = Path(named) if named else user_cache_path("swarmdata")
-    root = Path(base) if base else ours / "kernels"
-    return root / digest_of(module)
+    return (Path(named) if named else user_cache_path("swarmdata")) / "kernels"
+
+
+def _own_folder(common: Path) -> Path:
+    """The folder of this user's kernels, which nobody else can write to; it is made."""
+    user = os.geteuid()
+    folder = common
+    if _owner(common) not in (None, user):
+        folder = common.with_name(f"{common.name}-{user}")
+    mode = 0o700 if user else 0o755  # what root has compiled is for all, as in an image
+    with contextlib.suppress(OSError):  # nothing can be written here: numba finds that out, too
+        folder.mkdir(mode=mode, parents=True, exist_ok=True)
+        if _owner(folder) == user and stat.S_IMODE(folder.stat().st_mode) != mode:
+            folder.chmod(mode)
+    return folder
+
+
+def _owner(folder: Path) -> int | None:
+    """Who owns a folder and a link to it, if it is one; -1 if they differ, None if it is absent."""
+    try:
+        owners = {folder.lstat().st_uid, folder.stat().st_uid}
+    except FileNotFoundError:
+        return None
+    except OSError:
+        return -1
+    return owners.pop() if len(owners) == 1 else -1
 
 
 @cache

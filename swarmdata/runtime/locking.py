@@ -1,121 +1,122 @@
-"""Locks: one process at a time makes or changes a folder or file; the others wait and say why."""
+"""Locks: one process at a time makes or changes a folder or file; the others wait and say why.
 
+The lock of `name` is the file `.name.lock` beside it, in which its holder is named, and which goes
+with its holder. The operating system frees the lock of a process that is killed, and the next one
+takes over its file. On a file system without such locks, as some mounts of NFS, Lustre and FUSE
+are, the file itself is the lock: its holder touches it every `PULSE` seconds, and whoever has seen
+nothing happen to it for `SILENCE` seconds takes its holder for dead.
+
+A lock is a regular file with nothing in it but the name of a process. What else lies at its place,
+be it a link, is not ours: it is neither followed nor changed, and named in an error.
+"""
+
+import contextlib
 import errno
 import fcntl
+import math
 import os
+import re
 import socket
+import stat
 import sys
+import threading
+import time
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from filelock import FileLock, Timeout
 from tqdm import tqdm
 
 from swarmdata.errors import BuildError
 
+PULSE = 10.0
+"""Seconds between two touches of a lock file, where the file system has no locks."""
 
-@contextmanager
-def locked(folder: Path, shown: bool = True) -> Iterator[None]:
-    """Holds the lock of a folder, which need not exist.
+SILENCE = 120.0
+"""Seconds without a touch after which a holder is dead there; NFS shows a touch after up to 60."""
 
-    The operating system releases the lock of a process that is killed, and the next one takes over.
-    Two files lie beside the folder: `.<name>.lock` stays, `.<name>.owner` says who holds it.
+REMINDER = 10.0
+"""Seconds after which a process that waits says so, and says so again."""
 
-    Args:
-        folder: a dataset's; its parents are created.
-        shown: whether to say on standard error that this process waits, and for which one.
+_PAUSES = (0.01, 0.25)  # s; the first between two tries, and the longest
 
-    Raises:
-        BuildError: nothing can be written there.
-    """
-    folder = folder.resolve()  # `.` has no name, and a link is another name of the same folder
-    lock = FileLock(folder.parent / f".{folder.name}.lock")
-    owner = folder.parent / f".{folder.name}.owner"
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        _acquire(lock, owner, folder, shown)
-        owner.write_text(f"process {os.getpid()} on {socket.gethostname()}", encoding="utf-8")
-    except OSError as error:
-        lock.release()
-        raise BuildError(
-            f"{folder.name} cannot be made or changed in {folder.parent}: {error.strerror or error}"
-            ". Set SWARMDATA_CACHE to a folder that can be written to, or name one."
-        ) from error
-    try:
-        yield
-    finally:
-        owner.unlink(missing_ok=True)
-        lock.release()
+_ATTEMPTS = 1000
+
+_NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
+
+_HOLDER = re.compile(rb"process \d+ on [^\n]*\n?")
 
 
-def _acquire(lock: FileLock, owner: Path, folder: Path, shown: bool) -> None:
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        if shown:
-            tqdm.write(f"{folder} is in use by {_holder(owner)}; waiting for it.", file=sys.stderr)
-        lock.acquire()
+def beside(path: Path) -> Path:
+    """The folder for what lies beside a path: its own, where a file system is mounted at it."""
+    return path if is_mount_point(path) else path.parent
 
 
-def _holder(owner: Path) -> str:
-    """The process that holds the lock; it is unknown until it has written its name."""
-    try:
-        return owner.read_text(encoding="utf-8") or "another process"
+def is_mount_point(folder: Path) -> bool:
+    """Whether a file system is mounted at a folder, which can then not be renamed or replaced."""
+    if not folder.is_dir():
+        return False
+    if folder.is_mount():
+        return True
+    try:  # a folder that is mounted elsewhere in the same file system shows only here
+        mounts = Path("/proc/self/mountinfo").read_bytes().splitlines()
     except OSError:
-        return "another process"
+        return False
+    place = re.sub(rb"[ \t\n\\]", lambda m: b"\\%03o" % m[0][0], os.fsencode(folder.resolve()))
+    return any(line.split(b" ")[4] == place for line in mounts)
 
 
 @contextmanager
-def updating(path: Path, shown: bool = False) -> Iterator[None]:
-    """Holds a file, or the folder that it describes, from reading it to having written it.
+def locked(path: Path, shown: bool = True, patience: float = math.inf) -> Iterator[None]:
+    """Holds a folder or file, or the folder that a file describes; it need not exist.
 
-    One process at a time is inside, so no change is lost and no two runs share a folder; the others
-    wait. The lock, `.<name>.lock` beside the file, says who holds it and goes with the last one.
-    A folder that was made for the file goes as well where nothing was written there.
+    One process at a time is inside, so no change is lost and no two of them make the same thing.
+    Folders that were made for the lock go with it, where nothing was written to them.
 
     Args:
-        path: of the file, which need not exist; its folder is made.
-        shown: whether to say on standard error that this process waits, and for which one.
+        path: of the folder or file; its parents are made.
+        shown: whether to say at once on standard error that this process waits, and for which one;
+            it says so in any case after `REMINDER` seconds.
+        patience: seconds to wait.
 
     Raises:
-        BuildError: nothing can be written there.
+        BuildError: nothing can be written there, something else is in the place of the lock, or
+            another process holds it for longer than `patience`.
     """
-    note, is_new = path.parent / f".{path.name}.lock", not path.parent.exists()
+    path = path.resolve()  # `.` has no name, and a link is another name of the same folder
+    folder = beside(path)
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    lock = Lock(folder / f".{path.name}.lock", path)
     try:
-        lock = _taken(note, path, shown)
+        is_held = _acquired(lock, patience, shown)
     except OSError as error:
         raise BuildError(
             f"{path.name} cannot be made or changed in {path.parent}: {error.strerror or error}. "
-            "Choose a folder that can be written to."
+            "Set SWARMDATA_CACHE to a folder that can be written to, or choose another one."
         ) from error
+    if not is_held:
+        raise BuildError(
+            f"{path} is in use by {lock.holder()}. Wait for it, or choose another path."
+        )
     try:
         yield
     finally:
-        note.unlink(missing_ok=True)  # before the unlock, so that no process locks a deleted file
-        os.close(lock)
-        if is_new:
-            _remove_if_empty(path.parent)
+        lock.release()
+        for each in made:
+            _remove_if_empty(each)
 
 
-def _taken(note: Path, path: Path, shown: bool) -> int:
-    """The descriptor that holds the lock; of a file that its last holder has removed, once more."""
-    while True:
-        path.parent.mkdir(parents=True, exist_ok=True)
+def _acquired(lock: "Lock", patience: float, shown: bool) -> bool:
+    """Takes a lock in a folder that its last holder may remove, when it is empty, as it is made."""
+    for left in reversed(range(_ATTEMPTS)):
         try:
-            lock = os.open(note, os.O_RDWR | os.O_CREAT, 0o644)
-        except FileNotFoundError:  # its last holder has just removed the empty folder
-            continue
-        try:
-            _flock(lock, note, path, shown)
-            if os.fstat(lock).st_nlink:
-                os.truncate(lock, 0)
-                os.write(lock, f"process {os.getpid()} on {socket.gethostname()}".encode())
-                return lock
-        except BaseException:
-            os.close(lock)
-            raise
-        os.close(lock)
+            lock.file.parent.mkdir(parents=True, exist_ok=True)
+            return lock.acquire(patience, shown=shown)
+        except (FileNotFoundError, FileExistsError):
+            if not left:
+                raise
+    raise AssertionError("the last attempt returns or raises")
 
 
 def _remove_if_empty(folder: Path) -> None:
@@ -126,17 +127,179 @@ def _remove_if_empty(folder: Path) -> None:
             raise
 
 
-def _flock(lock: int, note: Path, path: Path, shown: bool) -> None:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        if shown:
-            tqdm.write(f"{path} is in use by {_holder(note)}; waiting for it.", file=sys.stderr)
-        fcntl.flock(lock, fcntl.LOCK_EX)
-    except OSError as error:
-        if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP):
-            raise
-        tqdm.write(
-            f"{path.parent} is on a file system without locks: start nothing else there meanwhile.",
-            file=sys.stderr,
-        )
+class Lock:
+    """A file that one process at a time holds, and removes when it is done.
+
+    Args:
+        file: of the lock; its folder is there.
+        subject: what is locked, for messages.
+    """
+
+    def __init__(self, file: Path, subject: object) -> None:
+        self.file, self.subject = file, subject
+        self._descriptor: int | None = None
+        self._pulse: _Pulse | None = None
+        self._seen: tuple[int, int] | None = None  # inode and time of a file that is the lock
+        self._since = 0.0
+
+    def acquire(
+        self, patience: float = math.inf, *, shown: bool = True, create: bool = True
+    ) -> bool:
+        """Takes the lock; whether it could be taken.
+
+        Args:
+            patience: seconds to wait for its holder.
+            shown: whether to say at once that this process waits.
+            create: whether to make the file.
+
+        Raises:
+            BuildError: something else is at its place.
+            OSError: it cannot be made or, without `create`, there is none.
+        """
+        begin, pause = time.monotonic(), _PAUSES[0]
+        told = -math.inf if shown else begin
+        while not self._try(create):
+            now = time.monotonic()
+            if now - begin >= patience:
+                return False
+            if now - told >= REMINDER:
+                told = now
+                tqdm.write(
+                    f"{self.subject} is in use by {self.holder()}; waiting for it.", file=sys.stderr
+                )
+            time.sleep(pause)
+            pause = min(1.5 * pause, _PAUSES[1])
+        return True
+
+    def release(self) -> None:
+        """Gives the lock back and removes its file; nothing happens where it is not held."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is None:
+            return
+        if self._pulse is not None:
+            self._pulse.end()
+        with contextlib.suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(descriptor), self.file.lstat()):
+                self.file.unlink()  # before the unlock, so that no process locks a deleted file
+        os.close(descriptor)
+
+    def holder(self) -> str:
+        """The process that holds the lock; it is unknown until it has written its name."""
+        try:
+            descriptor = os.open(self.file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except OSError:
+            return "another process"
+        with open(descriptor, "rb") as file:  # noqa: PTH123  (of a descriptor)
+            content = file.read(1000)
+        is_named = _HOLDER.fullmatch(content) is not None
+        return content.decode("utf-8", "replace").strip() if is_named else "another process"
+
+    def _try(self, create: bool) -> bool:
+        """Takes the lock unless it is held; of a file that its holder has removed, once more."""
+        while True:
+            descriptor, is_new = self._open(create)
+            try:
+                self._check_ours(descriptor)
+                is_taken, pulses = self._take(descriptor, is_new)
+                if is_taken and os.fstat(descriptor).st_nlink:
+                    self._sign(descriptor, pulses)
+                    self._descriptor = descriptor
+                    return True
+            except BaseException:
+                if is_new:
+                    self.file.unlink(missing_ok=True)
+                os.close(descriptor)
+                raise
+            os.close(descriptor)
+            if not is_taken:
+                return False
+
+    def _open(self, create: bool) -> tuple[int, bool]:
+        """Opens the file, and says whether it was made; a link is not followed."""
+        flags = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
+        while True:
+            if create:
+                with contextlib.suppress(FileExistsError):
+                    return os.open(self.file, flags | os.O_CREAT | os.O_EXCL, 0o644), True
+            try:
+                return os.open(self.file, flags), False
+            except FileNotFoundError:  # its holder has just removed it
+                if not create:
+                    raise
+            except OSError as error:
+                if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+                    raise _in_the_way(self.file, self.subject) from error
+                raise
+
+    def _take(self, descriptor: int, is_new: bool) -> tuple[bool, bool]:
+        """Whether an open file is the lock of this process, and whether it has to be touched."""
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False, False
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+            if not is_new and self._is_silent(descriptor):
+                self._take_away()
+            return is_new, True
+        return True, False
+
+    def _sign(self, descriptor: int, pulses: bool) -> None:
+        os.truncate(descriptor, 0)
+        os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        if pulses:
+            self._pulse = _Pulse(descriptor)
+            self._pulse.start()
+
+    def _check_ours(self, descriptor: int) -> None:
+        """Raises BuildError unless a file is a lock: what else is there is left as it is."""
+        status = os.fstat(descriptor)
+        if stat.S_ISREG(status.st_mode) and status.st_nlink <= 1:
+            content = os.pread(descriptor, 1000, 0)
+            if not content or _HOLDER.fullmatch(content):
+                return
+        raise _in_the_way(self.file, self.subject)
+
+    def _is_silent(self, descriptor: int) -> bool:
+        """Whether nothing has happened to a file for long, by the clock of this machine."""
+        status = os.fstat(descriptor)
+        seen = status.st_ino, status.st_mtime_ns
+        if seen != self._seen:
+            self._seen, self._since = seen, time.monotonic()
+        return time.monotonic() - self._since > SILENCE
+
+    def _take_away(self) -> None:
+        """Removes the file of a dead holder, unless another process has just taken it over."""
+        aside = self.file.with_name(f"{self.file.name}.{uuid.uuid4().hex}")
+        with contextlib.suppress(FileNotFoundError):  # another process was faster
+            self.file.rename(aside)
+            status = aside.lstat()
+            if (status.st_ino, status.st_mtime_ns) == self._seen:
+                aside.unlink()
+            else:
+                aside.rename(self.file)
+
+
+class _Pulse(threading.Thread):
+    """Touches a lock file as long as it is held."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(daemon=True)
+        self._descriptor, self._ended = descriptor, threading.Event()
+
+    def run(self) -> None:
+        while not self._ended.wait(PULSE):
+            with contextlib.suppress(OSError):  # a server that is away; the next touch may reach it
+                os.utime(self._descriptor)
+
+    def end(self) -> None:
+        self._ended.set()
+        self.join()
+
+
+def _in_the_way(file: Path, subject: object) -> BuildError:
+    return BuildError(
+        f"{file} is in the way: the lock of {subject} belongs there, and it is not a lock file of "
+        "swarmdata, so it was left as it is. Move it away, or choose another path."
+    )

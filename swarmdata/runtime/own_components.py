@@ -5,13 +5,17 @@ this process. What was registered from a module that other processes can import 
 workers of this process, too: its place is in `REGISTERED_VARIABLE` of their environment.
 """
 
+import ast
+import inspect
 import json
 import os
 import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, packages_distributions, version
+from importlib.util import find_spec
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -95,6 +99,43 @@ def import_component(component: Any) -> Any:
         return component
     module, _, attribute = component.partition(":")
     return getattr(import_module(module), attribute)
+
+
+def defined_elsewhere(what: str, name: str, package: str = "") -> str:
+    """Says that something is not known here, and what to do: no whole sentence.
+
+    Args:
+        what: its kind, such as "task".
+        name: of it.
+        package: that defines it; empty: not known.
+    """
+    of = f" ({package})" if package else ""
+    return f"{what} {name!r:.100}, which is defined by another package{of}: install it"
+
+
+def package_of(group: str, name: str) -> str | None:
+    """The package that defines a user's component, with its version if it is a distribution.
+
+    None for components of this package, and for those of a script or a notebook.
+    """
+    component = components(group).get(name)
+    place = component if component is None or isinstance(component, str) else _place_of(component)
+    if place is None:
+        return None
+    package = place.partition(":")[0].partition(".")[0]
+    found = packages_distributions().get(package)
+    return f"{found[0]} {version(found[0])}" if found else package
+
+
+def summary_of(component: Any) -> str:
+    """Returns the first line of a component's docstring; of this package's, nothing is imported."""
+    if not isinstance(component, str):
+        return (inspect.getdoc(component) or "").partition("\n")[0]
+    module = find_spec(component.partition(":")[0])
+    if module is None or module.origin is None:
+        return ""
+    tree = ast.parse(Path(module.origin).read_text(encoding="utf-8"))
+    return (ast.get_docstring(tree) or "").partition("\n")[0]
 
 
 @cache

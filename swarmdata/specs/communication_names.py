@@ -18,7 +18,7 @@ from swarmdata.specs.sensing_models import (
 MEAN_BURST = 4
 """Steps that a burst of `bursty-<percent>` lasts on average."""
 
-_MODELS: dict[str, type[NoCommunication] | type[Broadcast]] = {
+COMMUNICATION_KINDS: dict[str, type[NoCommunication] | type[Broadcast]] = {
     "none": NoCommunication,
     "broadcast": Broadcast,
 }
@@ -58,7 +58,7 @@ def communication_model(
         return source
     if isinstance(source, str) and not (is_file(source) or is_inline(source)):
         return _from_names(source.strip(), own)
-    return read_tagged(source, _MODELS, "communication model")
+    return read_tagged(source, COMMUNICATION_KINDS, "communication model")
 
 
 def _from_names(text: str, own: AnyCommunicationModel) -> AnyCommunicationModel:

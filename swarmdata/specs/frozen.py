@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal, Protocol, Self, TypeVar, get_args
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from swarmdata.errors import SpecError, UnknownNameError, did_you_mean, listed
+from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, did_you_mean, listed
 from swarmdata.runtime.documents import parse_document, read_document
+from swarmdata.types import shortened
 
 LEAST_POSITIVE = 1e-12
 """Products and ratios of a few quantities below this leave the range of float32."""
@@ -33,6 +34,10 @@ class Frozen(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    def __repr__(self) -> str:
+        """Shows the fields; of many, the first and the last."""
+        return shortened(super().__repr__())
+
     @classmethod
     def parse(cls, data: Any, source: str = "") -> Self:
         """Builds the model from plain data.
@@ -44,7 +49,8 @@ class Frozen(BaseModel):
             return cls.model_validate(data)
         except ValidationError as error:
             where = f" in {source}" if source else ""
-            raise SpecError(f"invalid {cls.__name__}{where}: {_explain_all(cls, error)}") from error
+            name = cls.model_config.get("title") or cls.__name__
+            raise SpecError(f"invalid {name}{where}: {_explain_all(cls, error)}") from error
 
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no spaces, every default written out."""
@@ -131,7 +137,7 @@ def _kind_of(
             f"({', '.join(kinds)}) and the fields of that model"
         )
     if str(data["kind"]) not in kinds:
-        raise UnknownNameError(what, str(data["kind"]), kinds)
+        raise UnknownNameError(what, str(data["kind"]), kinds, INSTALL_HINT)
     return kinds[str(data["kind"])]
 
 
@@ -176,11 +182,16 @@ def _explain(model: type[BaseModel], problem: Any) -> str:
         known = [tag.strip("'") for tag in tags.split(", ")]
         tag = str(problem["ctx"]["tag"])
         hint = did_you_mean(tag, known)
-        return f"{path}.{told}: unknown {SHORT_REPR.repr(tag)}.{hint} Known: {listed(tag, known)}"
+        text = f"{path}.{told}: unknown {SHORT_REPR.repr(tag)}.{hint} Known: {listed(tag, known)}"
+        is_users = problem["loc"][-1] in DEFINED_BY_USERS
+        return f"{text}. {INSTALL_HINT}" if is_users else text
     is_shown = path and problem["type"] not in ("missing", "value_error")
     got = f" (got {SHORT_REPR.repr(problem['input'])})" if is_shown else ""
     return f"{path or model.__name__}: {_sentence(problem)}{got}"
 
+
+DEFINED_BY_USERS = ("rules", "observation", "communication")
+"""Keys of a spec whose kinds another package, or a newer version of this one, may define."""
 
 _EXPECTED = {
     "missing": "it is missing",
@@ -271,6 +282,24 @@ class Dumps(Protocol):
 def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:
     """Yields (path, value in one, value in the other) of every field in which two models differ."""
     return _differences("", one.model_dump(mode="json"), other.model_dump(mode="json"))
+
+
+MOST_DIFFERENCES = 3
+"""Fields that a message about another model names."""
+
+
+def describe_differences(there: Dumps, here: Dumps) -> str:
+    """Returns the first fields in which two models differ, in their order; empty if none does."""
+    order = list(here.model_dump(mode="json"))
+    found = sorted(
+        differences(there, here), key=lambda each: order.index(each[0].split(".")[0].split("[")[0])
+    )
+    named = [
+        f"{path} is {SHORT_REPR.repr(old)}, not {SHORT_REPR.repr(new)}" for path, old, new in found
+    ]
+    if len(named) > MOST_DIFFERENCES + 1:  # "and 1 more" would hide one that fits
+        named[MOST_DIFFERENCES:] = [f"and {len(named) - MOST_DIFFERENCES} more"]
+    return "; ".join(named)
 
 
 def _differences(path: str, one: Any, other: Any) -> Iterator[tuple[str, Any, Any]]:

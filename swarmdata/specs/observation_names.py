@@ -16,7 +16,7 @@ from swarmdata.specs.sensing_models import (
     modified,
 )
 
-_KINDS: dict[str, type[StateModel | LidarModel | BearingModel | OccupancyModel]] = {
+OBSERVATION_KINDS: dict[str, type[StateModel | LidarModel | BearingModel | OccupancyModel]] = {
     "state": StateModel,
     "lidar": LidarModel,
     "bearing": BearingModel,
@@ -78,7 +78,7 @@ def observation_model(
         return source
     if isinstance(source, str) and not (is_file(source) or is_inline(source)):
         return _from_name(source, own)
-    return read_tagged(source, _KINDS, "observation model")
+    return read_tagged(source, OBSERVATION_KINDS, "observation model")
 
 
 def _from_name(name: str, own: AnyObservationModel) -> AnyObservationModel:
@@ -86,8 +86,8 @@ def _from_name(name: str, own: AnyObservationModel) -> AnyObservationModel:
     kind, has_size, size = first.partition("-")
     if _modifier(first):
         kind, has_size, rest = own.kind, "", [first, *rest]
-    elif kind not in _KINDS:
-        raise UnknownNameError("observation model", kind, [*_KINDS, *_MODIFIERS])
+    elif kind not in OBSERVATION_KINDS:
+        raise UnknownNameError("observation model", kind, [*OBSERVATION_KINDS, *_MODIFIERS])
     fields: dict[str, Any] = {"kind": kind}
     if has_size:
         fields[_SIZES[kind]] = _number(size, first, name)
@@ -105,7 +105,7 @@ def _from_name(name: str, own: AnyObservationModel) -> AnyObservationModel:
         if added.keys() & fields.keys():
             raise SpecError(f"{modifier} is given twice in {name!r}. Leave one out")
         fields |= added
-    named = _KINDS[kind].parse(fields, repr(name))
+    named = OBSERVATION_KINDS[kind].parse(fields, repr(name))
     return named if name.startswith("=") else modified(own, named, repr(name))
 
 

@@ -15,7 +15,7 @@ from pydantic import (
 
 from swarmdata.specs.budget import part_excess
 from swarmdata.specs.frozen import Frozen, Positive
-from swarmdata.specs.plain_names import FileName, Label, Sha256, repeated
+from swarmdata.specs.plain_names import FileName, Label, Sha256, Text, repeated
 from swarmdata.specs.quantities import Count, Deviation
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -94,13 +94,13 @@ class Recipe(Frozen):
     """
 
     kind: ClassVar[str] = "recipe"  # in no JSON: recipes are older than other origins
+    can_rebuild: ClassVar[bool] = True
+    missing: ClassVar[None] = None
     source: ClassVar[str] = "this recipe"
     source_sha256: ClassVar[None] = None
     parents: ClassVar[tuple[()]] = ()
-    metadata: ClassVar[None] = None
     about_tier: ClassVar[None] = None
     remaking: ClassVar[None] = None
-    license: ClassVar[str] = "cc-by-4.0"
     has_world_seeds: ClassVar[bool] = True
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
@@ -113,12 +113,30 @@ class Recipe(Frozen):
     part_episodes: Annotated[int, Field(ge=1, le=1 << 16)] = 256
     """Episodes that a worker makes at a time."""
     splits: Splits = Splits()  # shares of train, validation and test
+    metadata: dict[Text, Text] = Field(default_factory=dict)  # author, license and so on
+
+    @model_serializer(mode="wrap")
+    def _without_empty_metadata(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out metadata that nobody gave: older recipes, and their hashes, have none."""
+        content: dict[str, Any] = write(self)
+        if not content.get("metadata", True):
+            del content["metadata"]
+        return content
 
     @model_validator(mode="after")
     def _check_part(self) -> Self:
         if problem := part_excess(self.spec, self.part_episodes):
             raise ValueError(problem)
         return self
+
+    def __hash__(self) -> int:
+        """Of the id, which hardly two recipes share; `hash` is that of the whole content."""
+        return hash(self.id)
+
+    @property
+    def license(self) -> str:
+        """The one its author gave it; `registry.published.license_of` knows the package's own."""
+        return self.metadata.get("license", "unknown")
 
     @property
     def recipe(self) -> "Recipe":

@@ -323,7 +323,7 @@ PackageRules = (
 )
 """The rules of the package's tasks."""
 
-_PACKAGE_TASKS = frozenset(model.model_fields["task"].default for model in get_args(PackageRules))
+PACKAGE_TASKS = frozenset(model.model_fields["task"].default for model in get_args(PackageRules))
 
 
 def _own_rules(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
@@ -334,7 +334,7 @@ def _own_rules(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
     """
     is_mapping = isinstance(value, Mapping)
     task = value.get("task") if is_mapping else getattr(value, "task", None)
-    if not isinstance(task, str) or task in _PACKAGE_TASKS:
+    if not isinstance(task, str) or task in PACKAGE_TASKS:
         return read(value)
     own = components("tasks")
     if task not in own:

@@ -4,6 +4,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import (
@@ -205,8 +206,6 @@ class TaskSpec(Frozen):
     kind: ClassVar[str] = "task"  # in no JSON: tasks are older than other specs
     library: ClassVar[str] = "swarmdata"
     action_kind: ClassVar[Literal["unit"]] = "unit"
-    observation_size: ClassVar[None] = None  # the task's code has the features
-    state_size: ClassVar[None] = None  # the same
     state_meaning: ClassVar[str] = "The robots, the targets and the task's own columns."
     facts: ClassVar[tuple[()]] = ()
     limits: ClassVar[tuple[()]] = ()
@@ -288,6 +287,20 @@ class TaskSpec(Frozen):
         if isinstance(channel, Broadcast) and channel.payload == "learned":
             return 2 + channel.message_size
         return 2
+
+    @property
+    def observation_size(self) -> int:
+        """Columns of a robot's observation, O, which the task's code has."""
+        return self._width("observations")
+
+    @property
+    def state_size(self) -> int:
+        """Columns of a state, S, which the task's code has."""
+        return self._width("states")
+
+    def _width(self, array: str) -> int:
+        shapes = import_module("swarmdata.store.arrays.row_shapes").task_row_shapes(self)
+        return int(shapes[array][-1])
 
     @property
     def action_spaces(self) -> tuple[Space, ...]:

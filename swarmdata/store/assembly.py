@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
-from swarmdata.runtime.atomic import new_folder
+from swarmdata.runtime.atomic import is_vacant, new_folder
+from swarmdata.runtime.own_components import package_of
 from swarmdata.specs.origins import Origin
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
@@ -84,7 +86,7 @@ def assemble(
         SchemaError: the parts do not hold what `order` names, or do not fit together.
         DatasetError: a part is damaged.
     """
-    if out.exists():
+    if not is_vacant(out):
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
     names = (*FIELDS, *_optional(parts, optional))
@@ -130,7 +132,7 @@ def write_dataset(
         BuildError: `out` holds something else, or no episode falls into the train split.
         SchemaError: the rows do not fit together.
     """
-    if out.exists():
+    if not is_vacant(out):
         return _existing(out, recipe)
     shards = {
         name: plan_shard(source.dtype(name), source.shape(name)) for name in sorted(source.names)
@@ -138,7 +140,7 @@ def write_dataset(
     from swarmdata.store.arrays.attributes import attributes_of  # noqa: PLC0415  (numba, for writers only)
 
     described = attributes_of(recipe, {name: shard.shape for name, shard in shards.items()})
-    with new_folder(out) as temporary:
+    with new_folder(out, last=MANIFEST) as temporary:
         create_metadata(temporary, shards, _attributes(recipe), described)
         kept = _keep(temporary, checkpoints)
         manifest = _write(temporary, recipe, source, shards, kept)
@@ -171,7 +173,7 @@ def _existing(out: Path, recipe: Origin) -> Manifest:
     if manifest.recipe_hash != recipe.hash():
         raise RecipeConflictError(
             f"{out} holds a dataset of recipe {manifest.recipe_hash[:12]} ({manifest.id}), got "
-            f"recipe {recipe.hash()[:12]} ({recipe.id}). Delete it or choose another folder."
+            f"recipe {recipe.hash()[:12]} ({recipe.id}). Choose another folder, or move it away."
         )
     return manifest
 
@@ -326,7 +328,7 @@ def _write(
             reward_mean=reward_mean,
             reward_std=reward_std,
         ),
-        provenance=provenance(recipe.spec.world),
+        provenance=provenance(recipe.spec.world, recipe.policies),
     )
 
 
@@ -358,17 +360,24 @@ def _attributes(recipe: Origin) -> dict[str, Any]:
     }
 
 
-def provenance(world: TaskSpec | None = None) -> dict[str, str]:
+def provenance(
+    world: TaskSpec | None = None, policies: Sequence[PolicySource] = ()
+) -> dict[str, str]:
     """Versions and platform that something is made with here; in no digest.
 
     Args:
         world: what is simulated, if another simulator than Pymunk may do it.
+        policies: that act in it. The packages of users' tasks and policies are named as well.
     """
+    own = {f"policy {each.name}": package_of("policies", each.name) for each in policies}
+    if world is not None:
+        own[f"task {world.task}"] = package_of("tasks", world.task)
     packages = ["swarmdata", "numpy", "numba", "pymunk", "zarr"]
     if world is not None and world.backend == "mujoco":
         packages.append("mujoco")
     return {
         **{name: version(name) for name in packages},
+        **{name: package for name, package in own.items() if package is not None},
         "python": platform.python_version(),
         "platform": f"{platform.system()}-{platform.machine()}",
     }

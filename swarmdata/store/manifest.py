@@ -30,18 +30,23 @@ from swarmdata.errors import (
     ManifestError,
     MissingManifestError,
     RecipeConflictError,
+    SpecError,
 )
+from swarmdata.runtime.documents import read_document
+from swarmdata.specs.origins import missing_parts, parse_origin
 from swarmdata.specs.plain_names import Text
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     FORMAT_VERSION,
     MANIFEST,
+    RECIPE,
     ArrayPlan,
     DType,
     Shard,
     plan_arrays,
 )
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.types import shortened
 
 MAX_MANIFEST_BYTES = 64 << 20
 """A manifest above 64 MiB is refused unread; one of 1,000,000 steps has 30 kB."""
@@ -67,6 +72,10 @@ class _Section(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
+
+    def __repr__(self) -> str:
+        """Shows the first and the last fields."""
+        return shortened(super().__repr__())
 
 
 class FileEntry(_Section):
@@ -167,21 +176,29 @@ def _digest(blank: bytes) -> bytes:
     return hashlib.sha256(blank).hexdigest().encode()
 
 
-def rebuild_hint(folder: Path, identity: str = "ID") -> str:
-    """What to do about a dataset that cannot be used.
-
-    Never advises to delete a folder that may be something else.
-    """
+def repair_hint(folder: Path) -> str:
+    """What to do about a dataset that cannot be used; never to delete anything."""
     if not is_dataset(folder):
         return f"{folder} has nothing else that only a dataset of swarmdata has."
+    hint = f"{_repair(folder)} --repair`, which replaces what is broken"
+    data = None
+    try:
+        data = read_document(folder / RECIPE)
+        origin = parse_origin(data, RECIPE)
+    except (OSError, SpecError):  # broken, absent, or of a package that is not installed
+        missing = missing_parts(data)
+        first = "" if missing is None else f" To make it again, it needs {missing}."
+        return f"{hint}, from a remote or as its recipe says.{first}"
+    if origin.can_rebuild:
+        return f"{hint}, from a remote or made again."
     return (
-        f"{_repair(folder)} --repair`, which replaces what is broken, or delete {folder} and run "
-        f"`swarmdata generate {identity}` to rebuild it."
+        f"{hint}, from a remote. Nothing else has these files again, so keep the folder; a "
+        "copy of yours may have them."
     )
 
 
 def without_hint(message: str, folder: Path) -> str:
-    """The message of an error without its `rebuild_hint`."""
+    """The message of an error without its `repair_hint`."""
     return message.partition(_repair(folder))[0].rstrip(" .")
 
 
@@ -207,13 +224,13 @@ def read_manifest(folder: Path) -> Manifest:
             raise DatasetNotFoundError(no_dataset(folder)) from error
         raise MissingManifestError(
             f"{path} is absent, expected the list of the dataset's files: the dataset was never "
-            f"finished or the file was lost. {rebuild_hint(folder)}"
+            f"finished or the file was lost. {repair_hint(folder)}"
         ) from error
     except OSError as error:  # such as a folder of this name
         raise ManifestError(f"{path} cannot be read: {error.strerror}.") from error
     if content is None:
         raise ManifestError(
-            f"{path} has more than {MAX_MANIFEST_BYTES} bytes. {rebuild_hint(folder)}"
+            f"{path} has more than {MAX_MANIFEST_BYTES} bytes. {repair_hint(folder)}"
         )
     return parse_manifest(content, path)
 
@@ -224,7 +241,7 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
     try:
         data = json.loads(content, object_pairs_hook=_unique_keys)
     except (ValueError, RecursionError) as error:
-        raise ManifestError(f"{path} is not valid JSON: {error}. {rebuild_hint(folder)}") from error
+        raise ManifestError(f"{path} is not valid JSON: {error}. {repair_hint(folder)}") from error
     found = _CHECKSUM.findall(content)
     if len(found) == 1 and _digest(_CHECKSUM.sub(_ZEROS, content)) != found[0]:
         raise _changed(path)  # before the version, which may be what was changed
@@ -232,7 +249,7 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
     if not isinstance(version, int) or version < 1:
         raise ManifestError(
             f"{path} has format_version {version!r}, expected an integer from 1. "
-            f"{rebuild_hint(folder)}"
+            f"{repair_hint(folder)}"
         )
     if version > FORMAT_VERSION:
         raise FormatVersionError(
@@ -247,7 +264,7 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
         problems = "; ".join(
             f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors()[:5]
         )
-        raise ManifestError(f"{path} is malformed: {problems}. {rebuild_hint(folder)}") from error
+        raise ManifestError(f"{path} is malformed: {problems}. {repair_hint(folder)}") from error
 
 
 @lru_cache(maxsize=256)
@@ -269,12 +286,12 @@ def check_recipe(folder: Path, manifest: Manifest, recipe: Recipe) -> None:
         raise RecipeConflictError(
             f"{folder} holds {manifest.id} made from another recipe "
             f"({manifest.recipe_hash[:12]}, expected {expected[:12]} of {recipe.id}). "
-            "Delete it or choose another folder."
+            "Choose another folder, or move it away."
         )
 
 
 def _changed(path: Path) -> ChecksumError:
-    return ChecksumError(f"{path} was changed after it was written. {rebuild_hint(path.parent)}")
+    return ChecksumError(f"{path} was changed after it was written. {repair_hint(path.parent)}")
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

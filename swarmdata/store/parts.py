@@ -153,4 +153,4 @@ def _load(path: Path, mapped: bool = False) -> NDArray[Any]:
 
 
 def _hint(folder: Path) -> str:
-    return f"Delete the part {folder} and generate the dataset again; the other parts are kept."
+    return f"Move the part {folder} away and run the same again; the other parts are kept."

@@ -5,6 +5,9 @@ import os
 import shutil
 from pathlib import Path
 
+from swarmdata.errors import DatasetError
+from swarmdata.runtime.locking import beside
+
 SCRATCH_PREFIX = ".swarmdata-"
 """Of the names of scratch folders."""
 
@@ -19,11 +22,20 @@ def scratch_folder(path: Path, purpose: str) -> Path:
     Args:
         path: the dataset's folder, which need not exist.
         purpose: what the work is, such as `repair`.
+
+    Raises:
+        DatasetError: there is a symbolic link, which is not followed.
     """
     whole = path.resolve()  # `.` and `..` have no name of their own
     name = f"{whole.name}.{purpose}"
     mark = hashlib.sha256(b"scratch folder of swarmdata: " + os.fsencode(name)).hexdigest()[:16]
-    return whole.parent / f"{SCRATCH_PREFIX}{name.removeprefix(SCRATCH_PREFIX)}-{mark}"
+    folder = beside(whole) / f"{SCRATCH_PREFIX}{name.removeprefix(SCRATCH_PREFIX)}-{mark}"
+    if folder.is_symlink():
+        raise DatasetError(
+            f"{folder} is a symbolic link, expected a folder of unfinished work on {whole.name} or "
+            "nothing. It was not followed; remove it."
+        )
+    return folder
 
 
 def remove_scratch(folder: Path) -> None:

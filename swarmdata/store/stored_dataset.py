@@ -26,7 +26,7 @@ from swarmdata.errors import (
 )
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
 from swarmdata.runtime.mapped_pages import mapping_of, release_pages
-from swarmdata.specs.origins import Origin, parse_origin
+from swarmdata.specs.origins import Origin, foreign_origin, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
@@ -44,24 +44,25 @@ from swarmdata.store.arrays.row_shapes import (
     MAY_BE_EMPTY,
     recorded_row_shapes,
     task_row_shapes,
+    team_row_shapes,
 )
 from swarmdata.store.arrays.scratch_arrays import ScratchMap
-from swarmdata.store.integrity.recognition import no_folder
+from swarmdata.store.integrity.recognition import linked_hint, no_folder, root_attributes
 from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
 from swarmdata.store.manifest import (
     Manifest,
     check_recipe,
     read_manifest,
-    rebuild_hint,
     recipe_hash,
+    repair_hint,
 )
 from swarmdata.store.table import SPLITS, EpisodeTable
-from swarmdata.types import END_REASONS
+from swarmdata.types import END_REASONS, shortened
 
 Verify = Literal["none", "fast", "full"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StoredDataset:
     """An open dataset: read-only memory maps and the episode table."""
 
@@ -73,8 +74,27 @@ class StoredDataset:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the path and what is in no file of it: a worker process maps the files itself."""
-        held = {name: array for name, array in self.arrays.items() if _is_computed(array)}
-        return _reopen, (self.path, self.manifest.digest, held)
+        return reopen_store, (self.path, self.manifest.digest, self.computed())
+
+    def computed(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are in no file of the dataset; an empty one costs nothing to copy."""
+        return {name: array for name, array in self.arrays.items() if _is_computed(array)}
+
+    def with_arrays(self, computed: Mapping[str, NDArray[Any]]) -> "StoredDataset":
+        """The same dataset with other arrays, and with their columns in its episode table."""
+        columns = {
+            name.split("/")[1]: array
+            for name, array in computed.items()
+            if name.startswith("episodes/")
+        }
+        arrays = {**self.arrays, **computed}
+        return replace(self, arrays=arrays, table=replace(self.table, **columns))
+
+    def __repr__(self) -> str:
+        """Shows identity and size."""
+        table = f"{len(self.table):,} episodes, {self.manifest.n_steps:,} steps"
+        arrays = f"{len(self.arrays)} arrays"
+        return shortened(f"<StoredDataset {self.manifest.id}: {table}, {arrays}, at {self.path}>")
 
 
 def open_store(
@@ -102,8 +122,8 @@ def open_store(
         raise DatasetNotFoundError(no_folder(path))
     for link in blocking_links(path):  # it could show any file of this machine as data
         raise ManifestError(
-            f"{path / link} is a symbolic link, expected a plain file or folder. "
-            f"{rebuild_hint(path)}"
+            f"{path / link} is a symbolic link, expected a plain file or folder."
+            f"{linked_hint(path) or f' {repair_hint(path)}'}"
         )
     manifest = read_manifest(path)
     if recipe is not None:
@@ -128,24 +148,29 @@ def open_store(
 
 
 def _is_computed(array: NDArray[Any]) -> bool:
-    """Whether an array is in no file of the dataset; an empty one costs nothing to copy."""
+    """Whether an array is in no file of the dataset."""
     mapped = mapping_of(array)
     return mapped is None or isinstance(mapped, ScratchMap)
 
 
-def _reopen(path: Path, digest: str, held: Mapping[str, NDArray[Any]]) -> StoredDataset:
-    """Opens a dataset that another process has verified."""
+def reopen_store(path: Path, digest: str, computed: Mapping[str, NDArray[Any]]) -> StoredDataset:
+    """Opens a dataset that another process has verified.
+
+    Args:
+        path: the folder.
+        digest: that the dataset had there.
+        computed: arrays that are in no file of it, by name.
+
+    Raises:
+        ChecksumError: another dataset is there now.
+    """
     stored = open_store(path, "none")
     if stored.manifest.digest != digest:
         raise ChecksumError(
             f"{path} has digest {stored.manifest.digest}, it had {digest} when it was pickled: it "
             "was replaced meanwhile. Load it again."
         )
-    columns = {
-        name.split("/")[1]: array for name, array in held.items() if name.startswith("episodes/")
-    }
-    table = replace(stored.table, **columns)
-    return replace(stored, arrays={**stored.arrays, **held}, table=table)
+    return stored.with_arrays(computed)
 
 
 def links_in(path: Path) -> tuple[str, ...]:
@@ -253,12 +278,12 @@ def _check_sizes(path: Path, manifest: Manifest) -> None:
         except (FileNotFoundError, NotADirectoryError):
             found = None
         if found is None or not stat.S_ISREG(found.st_mode):
-            hint = rebuild_hint(path, manifest.id)
+            hint = repair_hint(path)
             raise MissingFileError(f"{path / file} is absent, the manifest lists it. {hint}")
         if found.st_size != entry.size:
             raise TruncatedFileError(
                 f"{path / file} has {found.st_size} bytes, expected {entry.size}. "
-                f"{rebuild_hint(path, manifest.id)}"
+                f"{repair_hint(path)}"
             )
 
 
@@ -295,7 +320,7 @@ def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, by
             found = json.loads(small_files[file])
         except (ValueError, RecursionError) as error:
             raise ManifestError(
-                f"{path / file} is not valid JSON: {error}. {rebuild_hint(path, manifest.id)}"
+                f"{path / file} is not valid JSON: {error}. {repair_hint(path)}"
             ) from error
         for key, expected in plan.metadata.items():
             got = found.get(key) if isinstance(found, dict) else None
@@ -349,7 +374,9 @@ def shape_contradictions(
         widths: as of `task_row_shapes`.
     """
     problems, world = [], origin.spec.world
-    if world is None:
+    if origin.missing is not None:
+        rows = team_row_shapes(origin.spec)
+    elif world is None:
         rows = recorded_row_shapes(origin.spec)
     else:
         rows = task_row_shapes(world, widths=widths)
@@ -376,7 +403,7 @@ def map_checked(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
     values, indices = map_array(path, plan)
     for index, (file, found) in enumerate(zip(plan.files, indices, strict=True)):
         if found != plan.shard.index_of(index):
-            hint = rebuild_hint(path, manifest.id)
+            hint = repair_hint(path)
             raise ChecksumError(f"the shard index at the end of {path / file} was changed. {hint}")
     return values
 
@@ -419,7 +446,7 @@ def _check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
         raise ChecksumError(
             f"{path / file} was changed after it was written: chunk {index} of {shard.n_chunks} "
             f"(rows {first} to {last} of {name!r}) does not have the checksum in the manifest. "
-            f"{rebuild_hint(path, manifest.id)}"
+            f"{repair_hint(path)}"
         )
 
 
@@ -432,15 +459,26 @@ def read_origin(path: Path, manifest: Manifest, content: bytes, known: Recipe | 
     if known is not None and written == recipe_hash(known):
         origin = known
     else:
-        try:
-            origin = parse_origin(parse_json(content, str(file)), str(file))
-        except SpecError as error:
-            raise ManifestError(
-                f"{file} cannot be read: {error}. {rebuild_hint(path, manifest.id)}"
-            ) from error
+        origin = _parsed(path, manifest, content)
     if (origin.id, written) != (manifest.id, manifest.recipe_hash):
         raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {origin.id}")
     return origin
+
+
+def _parsed(path: Path, manifest: Manifest, content: bytes) -> Origin:
+    """The origin; a `ForeignOrigin` where another package defines a part of it."""
+    file = path / RECIPE
+    data: Any = None
+    try:
+        data = parse_json(content, str(file))
+        return parse_origin(data, str(file))
+    except SpecError as error:
+        shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
+        labels = tuple(map(str, root_attributes(path).get("policies", ())))
+        found = foreign_origin(data, content.decode(), shapes, labels, manifest.provenance)
+        if found is None:
+            raise ManifestError(f"{file} cannot be read: {error}. {repair_hint(path)}") from error
+        return found
 
 
 def read_table(
@@ -471,6 +509,5 @@ def read_table(
 
 def _disagrees(path: Path, manifest: Manifest, problem: str) -> ManifestError:
     return ManifestError(
-        f"the manifest of {path} disagrees with its contents: {problem}. "
-        f"{rebuild_hint(path, manifest.id)}"
+        f"the manifest of {path} disagrees with its contents: {problem}. {repair_hint(path)}"
     )

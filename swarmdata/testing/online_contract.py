@@ -25,7 +25,7 @@ STACKED_SEEDS = (3, 1)
 def check_online_algorithm(
     build: Build,
     step: Step,
-    folder: Path,
+    folder: Path | str,
     *,
     n_rounds: int = 3,
     tolerance: float = 1e-5,
@@ -39,6 +39,7 @@ def check_online_algorithm(
         n_rounds: updates of every comparison.
         tolerance: largest difference of an action between stacked and separate seeds.
     """
+    folder = Path(folder)
     check_losses(build, folder / "losses", n_rounds)
     run = build(STACKED_SEEDS, folder / "policies")
     check_policies(run.policy, lambda: _train(run, n_rounds), step)

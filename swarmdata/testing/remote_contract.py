@@ -24,7 +24,7 @@ BESIDE = "more/table.csv"
 N_THREADS = 4
 
 
-def check_remote(remote: Remote, folder: Path, *, writer: Remote | None = None) -> None:
+def check_remote(remote: Remote, folder: Path | str, *, writer: Remote | None = None) -> None:
     """Checks every promise of `Remote`: two versions are published and fetched again.
 
     Args:
@@ -35,6 +35,7 @@ def check_remote(remote: Remote, folder: Path, *, writer: Remote | None = None) 
     Raises:
         AssertionError: a promise is broken.
     """
+    folder = Path(folder)
     first = write_release(folder / "first", [30, 10, 70, 40, 20], FIRST_ID)
     other = write_release(folder / "other", [30, 10, 71, 40, 20], FIRST_ID)
     following = write_release(folder / "next", [30, 10, 72, 40, 20], NEXT_ID)

@@ -14,6 +14,7 @@ from swarmdata.catalogue.result_sources import own_sources
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.registry.presets import preset
+from swarmdata.runtime.batches import Failures
 from swarmdata.specs.model_choice import with_models
 from tests.support.browser import CHROMIUM, TIMEOUT, Visit
 from tests.support.image_world import record_images
@@ -29,7 +30,7 @@ def one_study() -> Iterator[None]:
 
     `test_result_sources.py` reads all.
     """
-    sources = own_sources([STUDY])
+    sources = own_sources([STUDY], Failures(1))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", lambda: sources)
         yield

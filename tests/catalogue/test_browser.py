@@ -190,6 +190,40 @@ def test_an_episode_that_is_not_shown_is_said(visit: Visit) -> None:
     assert "Episode 4000 is not among" in visit.texts("#notice")[0]
 
 
+def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
+    visit.page.set_viewport_size({"width": 1360, "height": 768})
+    for name in ("formation-small-v0", "painting_v1-mine-v0"):
+        visit.open(f"datasets/{name}.html")
+        box = visit.page.locator(".play").bounding_box()
+        assert box["y"] + box["height"] <= 768
+        assert visit.run("scrollY") == 0
+    visit.open("datasets/formation-small-v0.html")
+    assert visit.page.locator(".stage canvas >> nth=0").bounding_box()["height"] > 300
+
+
+def test_back_leads_to_the_last_choice(visit: Visit) -> None:
+    visit.open("index.html")
+    n_all = visit.page.locator(".card").count()
+    visit.page.select_option("select[name=task]", "transport")
+    n_some = visit.page.locator(".card").count()
+    visit.page.fill("input[name=search]", "small")
+    visit.page.check("input[name=replays]")
+    assert visit.page.locator(".card").count() < n_some < n_all
+    visit.page.go_back()
+    assert visit.page.input_value("input[name=search]") == "small"
+    assert not visit.page.is_checked("input[name=replays]")
+    visit.page.go_back()
+    visit.wait(f"document.querySelectorAll('.card').length === {n_all}")
+    visit.run("location.hash = '#task=transport'")
+    visit.wait(f"document.querySelectorAll('.card').length === {n_some}")
+
+    visit.open(f"datasets/{TINY.id}.html#episode=1")
+    visit.page.click(".next")
+    visit.wait("location.hash.startsWith('#episode=2')")
+    visit.page.go_back()
+    visit.wait("swarmdata.views[0].replay.position === 1")
+
+
 @slow
 def test_a_link_is_followed_without_loading_the_page(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=0")
@@ -299,10 +333,15 @@ def test_code_is_copied(visit: Visit) -> None:
 
 def test_the_leaderboard_is_sorted_and_filtered(visit: Visit) -> None:
     visit.open("results.html")
-    visit.page.click("#leaderboard thead button:has-text('success (%)') >> nth=0")
-    script = "[...leaderboard.tBodies[0].rows].map((row) => Number(row.cells[7].dataset.value))"
-    values = visit.run(script)
-    assert values == sorted(values)
+    script = "[...leaderboard.tBodies[0].rows].map((row) => Number(row.cells[{}].dataset.value))"
+    assert visit.run(script.format(5)) == sorted(visit.run(script.format(5)), reverse=True)
+    rows = visit.texts("#leaderboard tbody tr")
+    assert len(set(rows)) == len(rows)
+    for name, column, best in (("success (%)", 7, max), ("robot collisions", 9, min)):
+        visit.page.click(f"#leaderboard thead button:has-text('{name}') >> nth=0")
+        values = visit.run(script.format(column))
+        assert values == sorted(values, reverse=best is max)
+        assert values[0] == best(values)
     visit.page.fill("input[data-filters=leaderboard]", "maddpg_bc coop_nav-medium-v1")
     rows = visit.page.locator("#leaderboard tbody tr:visible")
     assert rows.count() >= 1

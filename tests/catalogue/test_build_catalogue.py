@@ -12,6 +12,7 @@ from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogu
 from swarmdata.catalogue.entries import find_entries
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import list_datasets
+from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import one_study
 from tests.support.tiny import TINY, make_tiny
 
@@ -121,12 +122,12 @@ def test_without_names_the_cache_is_shown(
     shutil.copytree(shown["tiny"], place / TINY.id)
     shutil.copytree(shown["tiny"], place / "broken-v0")
     (place / "broken-v0" / "manifest.json").write_text("{")
-    notes: list[str] = []
+    failures = Failures(2)
 
-    entries = find_entries([], notes.append)
+    entries = find_entries([], failures)
 
     assert [entry.id for entry in entries if entry.dataset is not None] == [TINY.id]
-    assert [note for note in notes if note.startswith("left out") and "broken-v0" in note]
+    assert list(failures.reasons) == [str(place / "broken-v0")]
     assert len(entries) == len(list_datasets()) + 1
 
 

@@ -9,6 +9,7 @@ from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.result_sources import committed_sources, own_sources
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import save_result
+from swarmdata.runtime.batches import Failures
 from tests.support.measured import MEDIUM, result
 
 HEAD = "label,family,dataset,rewards,digest,seeds,updates,frames,episodes,quantity,mean,low,high\n"
@@ -37,7 +38,7 @@ def study(tmp_path: Path) -> Path:
 
 
 def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
-    (found,) = own_sources([study])
+    (found,) = own_sources([study], Failures(1))
 
     (outcome,) = found.outcomes
     assert (outcome.label, outcome.n_runs, outcome.dataset) == ("bc", 5, "coop_nav-medium-v1")
@@ -50,7 +51,7 @@ def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
 
 
 def test_the_page_shows_and_links_them(study: Path) -> None:
-    text = results_page(own_sources([study]), frozenset({"coop_nav-medium-v1"})).body
+    text = results_page(own_sources([study], Failures(1)), frozenset({"coop_nav-medium-v1"})).body
 
     assert 'href="datasets/coop_nav-medium-v1.html"' in text
     assert "50.0 [45.0, 55.0]" in text
@@ -60,7 +61,7 @@ def test_the_page_shows_and_links_them(study: Path) -> None:
 
 
 def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
-    assert "datasets/" not in results_page(own_sources([study]), frozenset()).body
+    assert "datasets/" not in results_page(own_sources([study], Failures(1)), frozenset()).body
 
 
 def test_studies_on_validation_seeds_are_no_committed_results() -> None:
@@ -73,7 +74,7 @@ def test_studies_on_validation_seeds_are_no_committed_results() -> None:
 def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:
     (study / "study.yaml").write_text("title: Mine\nblock: validation\n")
 
-    assert own_sources([study])[0].title == "Mine (validation seeds)"
+    assert own_sources([study], Failures(1))[0].title == "Mine (validation seeds)"
 
 
 def test_without_results_the_page_says_how_to_add_some() -> None:
@@ -85,7 +86,7 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
         made = result(index=index, run=str(tmp_path / "runs" / "bc"), updates=3000, algorithm="bc")
         save_result(made, tmp_path / "results")
 
-    (found,) = own_sources([tmp_path / "results"])
+    (found,) = own_sources([tmp_path / "results"], Failures(1))
 
     (outcome,) = found.outcomes
     assert (outcome.label, outcome.dataset, outcome.n_runs) == ("bc", MEDIUM, 2)
@@ -101,7 +102,7 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
 
 def test_absent_results_are_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(DatasetNotFoundError, match=r"no results at .*absent.*swarmdata evaluate"):
-        own_sources([tmp_path / "absent"])
+        own_sources([tmp_path / "absent"], Failures(1))
 
 
 @pytest.mark.parametrize(
@@ -112,4 +113,4 @@ def test_broken_estimates_are_refused(study: Path, text: str, message: str) -> N
     (study / "estimates.csv").write_text(text)
 
     with pytest.raises(SchemaError, match=message):
-        own_sources([study])
+        own_sources([study], Failures(1))

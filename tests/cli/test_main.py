@@ -18,6 +18,8 @@ from swarmdata import __version__
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.cli import main
 from swarmdata.cli.main import SECTIONS, app
+from swarmdata.errors import UnknownNameError
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
@@ -152,7 +154,7 @@ def test_evaluate_and_report(tmp_path: Path) -> None:
     assert "already" not in run(*command, "--again")
     assert "4 episodes of coop_nav" in run("report", results, "--out", out, "--figures", "svg")
     tables = {f"table{ending}" for ending in (".md", ".csv", ".tex", ".svg")}
-    others = {"report.md", "runs.csv", "marl-eval.json", "pareto.svg"}
+    others = {"report.md", "runs.csv", "marl-eval.json", "pareto.svg", ".swarmdata-files.json"}
     assert {path.name for path in out.iterdir()} == tables | others
     assert "holds no results" in run("report", out / "no", "--out", out, code=1)
 
@@ -403,3 +405,26 @@ def test_curves_of_online_runs_are_drawn(tmp_path: Path) -> None:
     for metric in ("success", "return"):
         run("curves", str(file), "--metric", metric, "--out", str(tmp_path / f"{metric}.png"))
         assert (tmp_path / f"{metric}.png").stat().st_size > 1000
+
+
+def test_the_algorithms_are_listed_without_torch() -> None:
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        "from swarmdata.cli.main import app\napp(['algorithms'])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    names = [tuple(line.split()[:2]) for line in found]
+    assert names == [
+        *((name, "offline") for name in OFFLINE_ALGORITHMS),
+        *((name, "online") for name in ONLINE_ALGORITHMS),
+    ]
+    assert all(len(line.split(maxsplit=2)) == 3 for line in found), "each has a summary"
+
+
+def test_a_list_never_ends_in_a_single_hidden_name() -> None:
+    for n in range(1, 12):
+        message = str(UnknownNameError("thing", "x", [f"name{k}" for k in range(n)]))
+        assert "and 1 more" not in message
+        assert (f"and {n - 5} more" in message) == (n > 6)

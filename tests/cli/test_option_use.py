@@ -103,6 +103,7 @@ OPENED = {f"{CATALOG}:load": "a dataset"}
 
 CASES = (
     Case("list"),
+    Case("algorithms"),
     Case("info coop_nav-medium"),
     Case("generate coop_nav-medium", ("swarmdata.building.build:build",
                                      "swarmdata.building.shares:make_share",
@@ -203,9 +204,10 @@ CASES = (
                                         f"{RESULTS}.evaluation_jobs:run_evaluations")),
     Case("report a --out b", (f"{RESULTS}.report:write_report",)),
     Case("study plan.yaml", (f"{STUDY}:run_study", f"{STUDY}:reproduce_study_cell",
-                             f"{STUDY}:all_cells", f"{STUDY}:run_one_cell",
+                             f"{STUDY}:list_cells", f"{STUDY}:run_one_cell",
                              f"{STUDY}:collect_study")),
-    Case("study plan.yaml --cells", (), {f"{STUDY}:all_cells": (CELL,)},
+    Case("study plan.yaml --cells", (),
+         {f"{STUDY}:list_cells": SimpleNamespace(cells=(CELL,), open_sweeps=())},
          idle={"--work": "the cell is done in neither folder"}),
     Case("study plan.yaml --cell bc/a", (f"{STUDY}:run_one_cell",)),
     Case("study plan.yaml --collect", (f"{STUDY}:collect_study",)),

@@ -1,6 +1,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -264,3 +265,64 @@ class TestContract:
     def test_whole_suite(self, stored: tuple[Path, list[Episode]]) -> None:
         contract.check_dataset(stored[0])
         assert json.loads((stored[0] / "manifest.json").read_bytes())["n_episodes"] > 10
+
+
+@pytest.mark.parametrize(
+    "part", [slice(3), slice(1, None, 2), slice(-2, None), slice(None, None, -1)]
+)
+def test_a_slice_is_a_view(dataset: Dataset, part: slice) -> None:
+    view = dataset[part]
+    assert isinstance(view, Dataset)
+    assert view.selection.tolist() == list(range(len(dataset)))[part]
+    assert view.digest == dataset.digest
+    assert_equal_episodes(view[0], dataset[int(view.selection[0])])
+
+
+def test_other_indices_are_refused(dataset: Dataset) -> None:
+    assert_equal_episodes(dataset[np.int64(1)], dataset[1])
+    for index in ("a", 1.0, None, [0, 1]):
+        with pytest.raises(SchemaError, match="expected the number of an episode or a slice"):
+            dataset[index]  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize(
+    ("conditions", "message"),
+    [
+        ({"min_return": "3"}, "min_return is '3', expected a number"),
+        ({"max_return": [1.0]}, "max_return is .1.0., expected a number"),
+        ({"max_return": float("nan")}, "max_return is nan, expected a number"),
+        ({"success": "yes"}, "success is 'yes', expected True"),
+    ],
+)
+def test_conditions_of_another_type_are_refused(
+    dataset: Dataset, conditions: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SchemaError, match=message):
+        dataset.filter(**conditions)
+
+
+def test_numbers_of_numpy_are_conditions(dataset: Dataset) -> None:
+    bound = np.float32(np.median(dataset.episodes.team_return))
+    found = dataset.filter(min_return=bound, success=np.True_)  # type: ignore[arg-type]
+    assert len(found) == len(dataset.filter(min_return=float(bound), success=True))
+
+
+def test_columns_have_names(dataset: Dataset) -> None:
+    for name, array in (
+        ("states", "states"), ("observations", "observations"), ("actions", "actions"),
+        ("events", "events"), ("layout", "episodes/layouts"),
+    ):  # fmt: skip
+        columns = dataset.columns(name)
+        assert len(columns) == dataset.stored.arrays[array].shape[-1], name
+        assert all(column.name and column.meaning for column in columns)
+    assert dataset.columns("states")[0].unit == "m"
+    with pytest.raises(UnknownNameError, match="array with columns 'rewards'"):
+        dataset.columns("rewards")
+    with pytest.raises(SchemaError, match=f"agent {N_AGENTS} of {N_AGENTS}"):
+        dataset.columns("actions", N_AGENTS)
+
+
+def test_a_spec_knows_its_widths(dataset: Dataset) -> None:
+    env = dataset.make_env()
+    assert dataset.spec.observation_size == env.observation_size
+    assert dataset.spec.state_size == env.state_size

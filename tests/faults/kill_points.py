@@ -87,13 +87,9 @@ def killed_at(k: int, work: Callable[[], None]) -> bool:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder, lock files excepted."""
+    """Every file below a folder."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in files
-        if not path.name.endswith((".lock", ".owner"))
-    }
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def whole_or_absent(root: Path) -> None:

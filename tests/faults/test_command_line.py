@@ -122,7 +122,7 @@ def is_harmless(text: str) -> bool:
 
 
 def test_what_others_wrote_is_one_short_line() -> None:
-    """Row 76: of servers, files and libraries, as messages repeat it."""
+    """Row 80: of servers, files and libraries, as messages repeat it."""
     assert is_harmless(quoted(HOSTILE))
     assert quoted("two\n  lines") == "two lines"
     assert len(quoted("x" * 10_000)) == MOST_QUOTED + 1
@@ -131,7 +131,7 @@ def test_what_others_wrote_is_one_short_line() -> None:
 
 @pytest.mark.parametrize("kind", [HubError, UnknownNameError, SpecError])
 def test_no_error_controls_a_terminal(kind: type[SwarmdataError]) -> None:
-    """Row 76: whatever the message was made of, and whoever shows it."""
+    """Row 80: whatever the message was made of, and whoever shows it."""
     error = kind("name", HOSTILE, []) if kind is UnknownNameError else kind(HOSTILE)
     assert is_harmless(str(error))
     assert is_harmless("".join(traceback.format_exception_only(error)))
@@ -140,7 +140,7 @@ def test_no_error_controls_a_terminal(kind: type[SwarmdataError]) -> None:
 def test_nor_does_a_command(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Row 76: in warnings, notes and errors of the system, too."""
+    """Row 80: in warnings, notes and errors of the system, too."""
 
     def hostile() -> list[object]:
         logging.getLogger("swarmdata").warning(HOSTILE)
@@ -160,7 +160,7 @@ def test_nor_does_a_command(
 
 @pytest.mark.parametrize("section", ["id", "files", "provenance"])
 def test_nor_does_a_manifest(tmp_path: Path, section: str) -> None:
-    """Row 76: what it names is printed by many commands, so it is refused where it is read."""
+    """Row 80: what it names is printed by many commands, so it is refused where it is read."""
     make_dataset(tmp_path / "d", [[3] * 10])
     content = json.loads((tmp_path / "d" / "manifest.json").read_bytes())
     found = content[section]

@@ -28,6 +28,7 @@ from swarmdata.errors import (
 from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays.layout import FIELDS, FORMAT_VERSION, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.integrity.damage import find_damage
 from swarmdata.store.manifest import Manifest
 from swarmdata.testing.synthetic import make_dataset
 from tests.support.tiny import sign
@@ -147,6 +148,19 @@ def test_symbolic_link(dataset: Path, tmp_path: Path, name: str) -> None:
     (dataset / name).symlink_to(target)
     with pytest.raises(ManifestError, match="symbolic link"):
         open_store(dataset)
+
+
+def test_a_folder_of_links_as_a_hub_cache_has_it(dataset: Path, tmp_path: Path) -> None:
+    """It is refused with the way to download files, by whatever reads a dataset."""
+    for file in [each for each in dataset.rglob("*") if each.is_file()]:
+        blob = tmp_path / "blobs" / "-".join(file.relative_to(dataset).parts)
+        blob.parent.mkdir(exist_ok=True)
+        file.rename(blob)
+        file.symlink_to(blob)
+    with pytest.raises(ManifestError, match=r"snapshot_download\(\.\.\., local_dir=FOLDER\)"):
+        open_store(dataset)
+    with pytest.raises(DatasetNotFoundError, match="local_dir=FOLDER"):
+        find_damage(dataset)
 
 
 @pytest.mark.parametrize(

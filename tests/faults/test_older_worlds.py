@@ -101,7 +101,7 @@ def test_an_older_world_is_not_simulated(old: Path, use: Callable[[Dataset], obj
     ) as caught:
         use(Dataset.open(old))
     assert "\n" not in str(caught.value)
-    assert {path.suffix for path in old.parent.iterdir()} <= {"", ".lock"}
+    assert {path.suffix for path in old.parent.iterdir()} == {""}
     assert not old.with_name("again").exists()
 
 

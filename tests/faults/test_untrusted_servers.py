@@ -44,7 +44,7 @@ NAME = "org/coop_nav-synthetic"
 
 @pytest.mark.usefixtures("one_process")
 def test_a_card_of_a_remote_is_not_believed(tmp_path: Path, tiny: Path) -> None:
-    """Row 75: after a pull it is what the data give, however large and hostile theirs was."""
+    """Row 79: after a pull it is what the data give, however large and hostile theirs was."""
     shelf = Shelf(tmp_path / "shelf", tiny)
     theirs = tmp_path / "shelf" / TINY.id
     (theirs / "card.md").write_bytes(b"\x1b[2J# 100 % success\n![](http://127.0.0.1:9/x.png)\n")
@@ -59,7 +59,7 @@ def test_a_card_of_a_remote_is_not_believed(tmp_path: Path, tiny: Path) -> None:
 def test_a_public_bucket_may_keep_its_list_and_its_cards(
     dataset: Path, tmp_path: Path, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 75: it answers 403 for what is absent; what the manifest lists is all that is needed."""
+    """Row 79: it answers 403 for what is absent; what the manifest lists is all that is needed."""
     monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
     (tmp_path / "host").mkdir()
     release = FolderRemote(f"file://{tmp_path / 'host'}").publish(dataset, ID)
@@ -77,7 +77,7 @@ def test_a_public_bucket_may_keep_its_list_and_its_cards(
 def test_a_tag_that_moves_between_listing_and_download(
     hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path, tmp_path: Path
 ) -> None:
-    """Row 78: what was found is what arrives."""
+    """Row 82: what was found is what arrives."""
     remote.publish(dataset, ID)
     fresh = HubRemote("hf://org", backoff=Backoff(attempts=1))
     release = fresh.find(ID)
@@ -98,7 +98,7 @@ def test_a_tag_that_moves_between_listing_and_download(
 def test_a_history_that_is_rewritten_meanwhile(
     hub: LoopbackHub, remote: HubRemote, dataset: Path, tmp_path: Path
 ) -> None:
-    """Row 78: a commit that is gone is one error, and nothing of it is visible."""
+    """Row 82: a commit that is gone is one error, and nothing of it is visible."""
     release = remote.publish(dataset, ID)
     repository = hub.repositories[NAME]
     del repository.commits[repository.tags["v0"]]
@@ -118,7 +118,7 @@ def test_etags_that_lie(
     monkeypatch: pytest.MonkeyPatch,
     tag: str,
 ) -> None:
-    """Row 78: no name of a file comes from one; the right bytes arrive, or one error."""
+    """Row 82: no name of a file comes from one; the right bytes arrive, or one error."""
     release = remote.publish(dataset, ID)
     send = FaultyHandler.send_header
 
@@ -152,7 +152,7 @@ def test_a_pull_during_a_push(
     monkeypatch: pytest.MonkeyPatch,
     kind: str,
 ) -> None:
-    """Row 78: whoever asks meanwhile gets the version before, and of the new one all or nothing."""
+    """Row 82: whoever asks meanwhile gets the version before, and of the new one all or nothing."""
     (tmp_path / "host").mkdir()
     pusher, reader = pushing(kind, hub, tmp_path / "host", backoff)
     pusher.publish(dataset, ID)

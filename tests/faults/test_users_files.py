@@ -15,7 +15,13 @@ from typer.testing import CliRunner
 from swarmdata.building.build import build
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.cli.main import app
-from swarmdata.errors import AddressError, BuildError, DatasetError, DatasetNotFoundError
+from swarmdata.errors import (
+    AddressError,
+    BuildError,
+    DatasetError,
+    DatasetNotFoundError,
+    OutputError,
+)
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.hub.catalog.repair import examine, repair
 from swarmdata.hub.catalog.request import request_of_recipe
@@ -45,13 +51,13 @@ def dataset(tiny: Path, tmp_path: Path) -> Path:
 
 
 def seen(folder: Path) -> dict[str, bytes | str]:
-    """Every file with its bytes and every link with its target, lock files excepted."""
+    """Every file with its bytes and every link with its target."""
     found: dict[str, bytes | str] = {}
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
         if path.is_symlink():
             found[name] = os.readlink(path)  # noqa: PTH115 (as text)
-        elif path.is_file() and not name.endswith((".lock", ".owner")):
+        elif path.is_file():
             found[name] = path.read_bytes()
     return found
 
@@ -119,8 +125,7 @@ def test_any_name_of_a_folder_works(
     assert load(name).digest == load(dataset).digest
     for command in (["verify", name], ["card", name], ["audit", name]):
         assert RUNNER.invoke(app, command).exit_code in (0, 1), command
-    assert (dataset.parent / f".{TINY.id}.lock").exists()
-    odd = [*dataset.parent.glob("..lock"), *dataset.glob(".*"), *sub.iterdir()]
+    odd = [*dataset.parent.glob(".*"), *dataset.glob(".*"), *sub.iterdir()]
     assert odd == [], "no lock or scratch folder of a nameless folder"
 
 
@@ -354,7 +359,7 @@ def test_a_folder_called_replay_is_the_users(tmp_path: Path) -> None:
 
     (tmp_path / "replay").mkdir()
     (tmp_path / "replay" / "video.mp4").write_bytes(b"mine")
-    with pytest.raises(BuildError, match=r"replay exists, but .* holds no run that it belongs to"):
+    with pytest.raises(OutputError, match=r"has files in it, such as replay, and is no run"):
         train_online("qmix", "coop_nav", tmp_path, progress=False)
     assert seen(tmp_path) == {"replay/video.mp4": b"mine"}
 

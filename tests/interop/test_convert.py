@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import BuildError, RecipeConflictError
+from swarmdata.errors import OutputError, RecipeConflictError
 from swarmdata.interop.conversion.imported_data import build_episode
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
@@ -33,7 +33,7 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 100)  # parts are written early
     with pytest.raises(KeyboardInterrupt):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
-    assert {path.name for path in tmp_path.iterdir()} <= {".out.lock"}
+    assert list(tmp_path.iterdir()) == []
     monkeypatch.undo()
     left = scratch_folder(tmp_path / "out", "conversion")  # by a process that was killed
     (left / "policy-0-part-00000").mkdir(parents=True)
@@ -48,7 +48,8 @@ def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Pat
     with pytest.raises(RecipeConflictError, match="holds a dataset of recipe"):
         import_dataset(source, ours.path, format="d4rl", id="coop_nav-back-v0")
     (tmp_path / "out").mkdir()
-    with pytest.raises(BuildError, match="not a finished dataset"):
+    (tmp_path / "out" / "notes").write_text("mine")
+    with pytest.raises(OutputError, match="has files in it, such as notes"):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
 
 

@@ -277,7 +277,7 @@ def test_a_recording_goes_on_in_another_process(tmp_path: Path) -> None:
     path = tmp_path / "ds"
     first = Recorder(Counting(), id=ID, path=path, limits=Limits(episodes=4))
     play(first, 6, steady)
-    with pytest.raises(BuildError, match="another process is recording"):
+    with pytest.raises(BuildError, match="is in use by process"):
         Recorder(Counting(), id=ID, path=path)
     first.pause()
     assert inspect_recording(path).policies == (("mine", 6, 24),)

@@ -2,12 +2,15 @@
 
 import errno
 import fcntl
+import hashlib
 import logging
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from numba.core import config
@@ -36,6 +39,70 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def cut(file: Path) -> None:
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+class Attack:
+    """A pickle that makes a file when it is read."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.mark,)
+
+
+def give_away(file: Path, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes a file one that another user could have written."""
+    if how != "owner":
+        file.chmod(0o666 if how == "all" else 0o664)
+    elif os.geteuid() == 0:
+        os.chown(file, 4242, -1)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 4242)
+
+
+@pytest.mark.parametrize("how", ["owner", "group", "all"])
+@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
+def test_what_another_user_can_have_written_is_not_run(
+    cache: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch, kind: str, how: str,
+) -> None:  # fmt: skip
+    """Row 78: in a cache that several users write to, each ran what any of them had put there."""
+    first, second = compiled_twice()
+    assert first(3.0) == 1.5
+    (file,) = cache.rglob(kind)
+    content = pickle.dumps(Attack(tmp_path / "attacked"))
+    file.write_bytes(content if kind == "*.nbi" else hashlib.sha256(content).digest() + content)
+    give_away(file, how, monkeypatch)
+    with caplog.at_level(logging.WARNING, "swarmdata"):
+        assert second(3.0) == 1.5
+    assert not (tmp_path / "attacked").exists()
+    (said,) = [each.message for each in caplog.records if "cannot be trusted" in each.message]
+    assert "another user" in said
+
+
+def test_no_umask_makes_kernels_that_others_can_write(cache: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        first, second = compiled_twice()
+        assert [first(3.0), second(3.0)] == [1.5, 1.5]
+    finally:
+        os.umask(before)
+    assert {oct(file.stat().st_mode & 0o777) for file in cache.rglob("*.nb?")} == {"0o644"}
+    assert sum(second.stats.cache_hits.values()) == 1  # type: ignore[attr-defined]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs files of root")
+def test_what_root_has_compiled_is_read_by_all(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path))
+    assert compiled_twice()[0](3.0) == 1.5
+    monkeypatch.setattr(os, "geteuid", lambda: 4242)
+    other = compiled_twice()[0]
+    assert other(3.0) == 1.5
+    assert not list((tmp_path / "kernels-4242").rglob("*.nb?")), "it was not compiled again"
 
 
 def flip(file: Path) -> None:
@@ -129,7 +196,7 @@ def test_a_kernel_that_fails_lets_others_compile_it(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ended: list[str] = []
-    monkeypatch.setattr(kernel_cache, "_end_turn", lambda root, turn: ended.append(turn))
+    monkeypatch.setattr(kernel_cache, "_end_turn", ended.append)
 
     @kernel
     def fail(x: float) -> float:
@@ -140,11 +207,13 @@ def test_a_kernel_that_fails_lets_others_compile_it(
     assert any("fail" in turn for turn in ended)
 
 
-def test_without_locks_every_process_compiles(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_lock_can_be_made_every_process_compiles(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*arguments: object) -> None:
-        raise OSError(errno.ENOLCK, "no locks available")
+        raise OSError(errno.EIO, "the disk is broken")
 
-    monkeypatch.setattr(fcntl, "lockf", refuse)
+    monkeypatch.setattr(fcntl, "flock", refuse)
 
     assert [each(3.0) for each in compiled_twice()] == [1.5, 1.5]
 
@@ -155,7 +224,13 @@ def test_one_does_not_wait_for_ever(cache: Path, monkeypatch: pytest.MonkeyPatch
     def refuse(*arguments: object) -> None:
         raise BlockingIOError(errno.EAGAIN, "held by another process")
 
-    monkeypatch.setattr(fcntl, "lockf", refuse)
+    monkeypatch.setattr(fcntl, "flock", refuse)
     monkeypatch.setattr(kernel_cache, "MAX_WAIT", 0.2)
 
     assert compiled_twice()[0](3.0) == 1.5
+
+
+def test_locks_of_kernels_go(cache: Path) -> None:
+    first, second = compiled_twice()
+    assert [first(3.0), second(3.0)] == [1.5, 1.5]
+    assert not list(cache.rglob("*.lock"))

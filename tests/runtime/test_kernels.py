@@ -1,5 +1,6 @@
 """Kernels are cached by all the source that is compiled into them."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -81,3 +82,27 @@ def test_the_cache_moves_with_that_of_datasets(
     assert cache_folder("m", str(tmp_path / "numba")).parent == tmp_path / "numba"
     monkeypatch.delenv("SWARMDATA_CACHE")
     assert cache_folder("m").parent.name == "kernels"
+
+
+def test_the_folder_of_kernels_is_the_users_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 78: with others in one cache, each has a folder of his own."""
+    monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path))
+    monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid or 0)
+    assert cache_folder("m").parent == tmp_path / "kernels"
+    (tmp_path / "kernels").chmod(0o777)
+    assert cache_folder("m").parent == tmp_path / "kernels"
+    assert not (tmp_path / "kernels").stat().st_mode & 0o022
+    monkeypatch.setattr(os, "geteuid", lambda: 4242)
+    assert cache_folder("m").parent == tmp_path / "kernels-4242"
+    assert (tmp_path / "kernels-4242").stat().st_mode & 0o777 == 0o700
+
+
+def test_a_link_of_somebody_else_is_no_folder_of_kernels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path))
+    (tmp_path / "kernels").symlink_to(tmp_path)
+    monkeypatch.setattr(kernels, "_owner", lambda folder: -1)
+    assert cache_folder("m").parent == tmp_path / f"kernels-{os.geteuid()}"

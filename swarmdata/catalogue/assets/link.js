@@ -10,6 +10,7 @@ swarmdata.link = {
     return { episode: number("episode"), time: number("t"), key: found.get("with"), other: number("other") };
   },
 
+  // Another episode is a step of the history, another moment is not.
   write({ episode, time, key, other }) {
     const words = new URLSearchParams({ episode });
     if (time > 0) words.set("t", String(Number(time.toFixed(2))));
@@ -17,6 +18,9 @@ swarmdata.link = {
       words.set("with", key);
       words.set("other", other);
     }
-    history.replaceState(null, "", `#${words}`);
+    const before = this.read();
+    const isStep = before.episode !== null && (before.episode !== episode || before.key !== (key || null));
+    if (isStep) history.pushState(null, "", `#${words}`);
+    else history.replaceState(null, "", `#${words}`);
   },
 };

@@ -38,12 +38,20 @@
       kept.length === cards.length ? `${cards.length} ${word}` : `${kept.length} of ${cards.length} ${word}`;
   }
 
-  function remember() {
+  // A choice is a step of the history; typing changes the present one.
+  function remember(isStep) {
     const words = new URLSearchParams(fields.map((name) => [name, valueOf(name)]).filter(([, value]) => value));
-    history.replaceState(null, "", `#${words}`);
+    if (isStep) history.pushState(null, "", `#${words}`);
+    else history.replaceState(null, "", `#${words}`);
   }
 
   function restore() {
+    for (const name of fields) {
+      const field = form.elements[name];
+      if (field.type === "checkbox") field.checked = field.defaultChecked;
+      else if (field.options) field.value = ([...field.options].find((option) => option.defaultSelected) || field.options[0]).value;
+      else field.value = field.defaultValue;
+    }
     for (const [name, value] of new URLSearchParams(location.hash.slice(1))) {
       const field = fields.includes(name) && form.elements[name];
       if (field && field.type === "checkbox") field.checked = value === "yes";
@@ -54,13 +62,17 @@
   form.addEventListener("submit", (event) => event.preventDefault());
   form.addEventListener("reset", () => setTimeout(() => {
     update();
-    remember();
+    remember(true);
   }));
-  form.addEventListener("input", () => {
+  form.addEventListener("input", (event) => {
     update();
-    remember();
+    remember(event.target.type !== "search" && event.target.type !== "text");
   });
-  restore();
-  update();
+  const show = () => {
+    restore();
+    update();
+  };
+  addEventListener("popstate", show); // Back, Forward, and links to other filters
+  show();
   document.body.dataset.ready = "yes";
 })();

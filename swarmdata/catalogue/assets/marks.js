@@ -35,14 +35,35 @@ swarmdata.marks = (() => {
     if (!reached) pen.disc(x, y, 0.025, { fill: color });
   }
 
+  // The radius of a robot's target; a target of no robot has the largest.
+  function radiusOf(world, i) {
+    if (world.target_radius !== null) return world.target_radius;
+    return i === null ? Math.max(...world.robots.map((robot) => robot.radius)) : world.robots[i].radius;
+  }
+
+  // Dashes from robots to their targets, where a robot has one.
+  function links(pen, replay, step) {
+    const { world } = pen;
+    if (!world.is_linked) return;
+    world.robots.forEach((_, i) => {
+      const [x, y] = targetOf(replay, i, step);
+      const away = world.nowhere && Math.hypot(x - world.nowhere[0], y - world.nowhere[1]) < SAME_PLACE;
+      const style = { stroke: world.colors[i], alpha: 0.45, width: 0.014, dash: [0.06, 0.06] };
+      if (!away) pen.path([replay.place(i, step), [x, y]], style);
+    });
+  }
+
   function goals(pen, replay, step) {
     const { world } = pen;
-    const radius = world.goal_radius;
     const places = world.robots.map((_, i) => replay.place(i, step));
+    links(pen, replay, step);
     if (world.is_shared) {
+      const radius = radiusOf(world, null);
       for (let k = 0; k < replay.count("goal") / 2; k++) {
         const [x, y] = [replay.value("goal", 2 * k), replay.value("goal", 2 * k + 1)];
-        const reached = places.some(([px, py]) => Math.hypot(px - x, py - y) <= radius);
+        const reached = replay.has("reached")
+          ? replay.value("reached", k, Math.floor(step)) > 0
+          : places.some(([px, py]) => Math.hypot(px - x, py - y) <= radius);
         ring(pen, x, y, radius, pen.colors.neutral, reached);
       }
       return;
@@ -50,6 +71,7 @@ swarmdata.marks = (() => {
     const targets = world.robots.map((_, i) => targetOf(replay, i, step));
     targets.forEach(([x, y], i) => {
       const shared = targets.slice(0, i).filter(([a, b]) => Math.hypot(a - x, b - y) < SAME_PLACE).length;
+      const radius = radiusOf(world, i);
       const reached = Math.hypot(places[i][0] - x, places[i][1] - y) <= radius;
       ring(pen, x, y, radius * Math.max(0.25, 1 - 0.25 * shared), world.colors[i], reached);
     });
@@ -67,9 +89,10 @@ swarmdata.marks = (() => {
       const color = world.colors[i];
       const [x, y] = [replay.between("tx", i, step), replay.between("ty", i, step)];
       const [px, py] = replay.place(i, step);
-      if (Math.hypot(x - px, y - py) <= world.tolerance) {
-        pen.disc(x, y, world.tolerance, { fill: color, alpha: 0.3 });
-      } else {
+      const tolerance = radiusOf(world, i);
+      if (Math.hypot(x - px, y - py) <= tolerance) {
+        pen.disc(x, y, tolerance, { fill: color, alpha: 0.3 });
+      } else if (world.is_linked) {
         pen.path([[px, py], [x, y]], { stroke: color, alpha: 0.45, width: 0.014, dash: [0.035, 0.05] });
       }
       for (const s of [1, -1]) {
@@ -84,30 +107,30 @@ swarmdata.marks = (() => {
   }
 
   function payloadGoal(pen, replay, step) {
-    const shape = swarmdata.rays.payload(replay, step);
+    const [shape] = swarmdata.rays.payloads(replay, step);
     const [x, y] = targetOf(replay, 0, step);
     const angle = replay.has("goal_angle") ? replay.value("goal_angle", 0) : shape.angle;
     const goal = { ...shape, x, y, angle };
     const { payloadEdge } = pen.colors;
-    const near = Math.hypot(shape.x - x, shape.y - y) <= pen.world.goal_radius;
+    const radius = pen.world.target_radius ?? 0;
+    const near = Math.hypot(shape.x - x, shape.y - y) <= radius;
     outline(pen, goal, { fill: payloadEdge, alpha: 0.1 });
     outline(pen, goal, { stroke: payloadEdge, width: 0.024, dash: [0.06, 0.07] });
-    pen.disc(x, y, pen.world.goal_radius, { fill: payloadEdge, alpha: near ? 0.5 : 0.25 });
+    pen.disc(x, y, radius, { fill: payloadEdge, alpha: near ? 0.5 : 0.25 });
   }
 
-  function payload(pen, replay, step) {
-    const shape = swarmdata.rays.payload(replay, step);
-    if (!shape) return;
+  function payloads(pen, replay, step) {
     const { payload: fill, payloadEdge } = pen.colors;
-    outline(pen, shape, { fill, stroke: payloadEdge, width: 0.03 });
-    const size = 0.6 * shape.a;
     const arrow = [[-0.6, -0.06], [0.35, -0.06], [0.35, -0.24], [0.85, 0], [0.35, 0.24], [0.35, 0.06], [-0.6, 0.06]];
-    const corners = arrow.map(([a, l]) => [a * size, l * size]);
-    pen.turned(corners, shape.x, shape.y, shape.angle, { fill: payloadEdge });
+    for (const shape of swarmdata.rays.payloads(replay, step)) {
+      outline(pen, shape, { fill, stroke: payloadEdge, width: 0.03 });
+      const corners = arrow.map(([a, l]) => [a * 0.6 * shape.a, l * 0.6 * shape.a]);
+      pen.turned(corners, shape.x, shape.y, shape.angle, { fill: payloadEdge });
+    }
   }
 
-  const painters = { coop_nav: goals, warehouse: goals, intersection: goals, search: goals, formation: slots, transport: payloadGoal };
-  const targets = (pen, replay, step) => painters[pen.world.task](pen, replay, step);
+  const painters = { ring: goals, slot: slots, pose: payloadGoal };
+  const targets = (pen, replay, step) => painters[pen.world.mark](pen, replay, step);
 
-  return { floor, obstacles, targets, payload };
+  return { floor, obstacles, targets, payloads };
 })();

@@ -55,13 +55,13 @@ swarmdata.rays = (() => {
     return Math.min(...bars(shape).map((bar) => toBar(px, py, dx, dy, shape, bar)));
   }
 
-  // The payload as a shape; null in tasks without one.
-  function payload(replay, step) {
-    const model = replay.world.payload;
-    if (!model) return null;
-    const [x, y] = [replay.between("body", 0, step), replay.between("body", 1, step)];
-    const angle = replay.between("body_angle", 0, step);
-    return { kind: model.shape === "circle" ? CIRCLE : 1, x, y, angle, a: model.a, b: model.b, t: 0 };
+  // The bodies that robots push, as shapes.
+  function payloads(replay, step) {
+    return replay.world.payloads.map((model, k) => {
+      const [x, y] = [replay.between("body", 2 * k, step), replay.between("body", 2 * k + 1, step)];
+      const angle = replay.between("body_angle", k, step);
+      return { kind: model.shape === "circle" ? CIRCLE : 1, x, y, angle, a: model.a, b: model.b, t: 0 };
+    });
   }
 
   // Distances of the beams of robot i, m; the first is along its heading, then counter-clockwise.
@@ -70,9 +70,7 @@ swarmdata.rays = (() => {
     const [px, py] = replay.place(i, step);
     const reach = world.sensor.ranges[i];
     const first = world.robots[i].turns ? replay.heading(i, step) : 0;
-    const shapes = replay.obstacles();
-    const body = payload(replay, step);
-    if (body) shapes.push(body);
+    const shapes = [...replay.obstacles(), ...payloads(replay, step)];
     world.robots.forEach((robot, k) => {
       const [x, y] = replay.place(k, step);
       if (k !== i) shapes.push({ kind: CIRCLE, x, y, a: robot.radius });
@@ -86,5 +84,5 @@ swarmdata.rays = (() => {
     });
   }
 
-  return { cast, bars, payload };
+  return { cast, bars, payloads };
 })();

@@ -73,8 +73,7 @@ swarmdata.Replay = class {
       touches: (code & 3) !== 0,
       robotOnsets: (code >> 2) & 7,
       obstacleOnsets: (code >> 5) & 7,
-      picksUp: (code & 256) !== 0,
-      delivers: (code & 512) !== 0,
+      moments: this.world.moments.map((_, k) => (code & (256 << k)) !== 0),
     };
   }
 
@@ -82,17 +81,15 @@ swarmdata.Replay = class {
     const found = [];
     const names = this.world.names;
     const kinds = [
-      ["robotOnsets", "robot", "touch each other"],
-      ["obstacleOnsets", "obstacle", "touches an obstacle or wall"],
-      ["picksUp", "pickup", "picks up"],
-      ["delivers", "delivery", "delivers"],
+      [(event) => event.robotOnsets, "robot", "touch each other", "touch each other"],
+      [(event) => event.obstacleOnsets, "obstacle", "touches an obstacle or wall", "touch an obstacle or wall"],
+      ...this.world.moments.map(([kind, one, several], k) => [(event) => event.moments[k], kind, one, several]),
     ];
     for (let t = 1; t < this.rows; t++) {
-      for (const [field, kind, words] of kinds) {
-        const who = names.filter((_, i) => this.contact(i, t)[field]);
-        if (!who.length) continue;
-        const verb = kind !== "robot" && who.length > 1 ? words.replace(/^(\w+?)(es|s)\b/, "$1") : words;
-        found.push({ step: t, kind, text: `${who.join(" and ")} ${verb}` });
+      const events = names.map((_, i) => this.contact(i, t));
+      for (const [happens, kind, one, several] of kinds) {
+        const who = names.filter((_, i) => happens(events[i]));
+        if (who.length) found.push({ step: t, kind, text: `${who.join(" and ")} ${who.length > 1 ? several : one}` });
       }
     }
     const kind = end === "success" ? "success" : "end";

@@ -4,7 +4,10 @@
   const { el } = swarmdata;
 
   function sortBy(table, column, head) {
-    const rising = head.getAttribute("aria-sort") !== "ascending";
+    // numbers begin with the best: the highest, but for what is better low
+    const falls = head.classList.contains("n") && !("low" in head.dataset);
+    const sorted = head.getAttribute("aria-sort");
+    const rising = ["ascending", "descending"].includes(sorted) ? sorted === "descending" : !falls;
     const value = (row) => row.cells[column].dataset.value || row.cells[column].textContent;
     const number = (text) => (text === "" || Number.isNaN(Number(text)) ? null : Number(text));
     const rows = [...table.tBodies[0].rows].sort((a, b) => {

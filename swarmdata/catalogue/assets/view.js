@@ -1,5 +1,6 @@
 // One canvas: shows a replay at a time, in the colors of the page's theme.
 "use strict";
+const [LEAST_HEIGHT, BELOW] = [260, 175]; // px: of a canvas, and of caption, track and buttons below
 swarmdata.View = class {
   constructor(figure) {
     this.figure = figure;
@@ -22,7 +23,9 @@ swarmdata.View = class {
     if (!this.replay || !this.figure.clientWidth) return;
     const { world } = this.replay;
     const ratio = (world.height + 0.2) / (world.width + 0.2);
-    const width = Math.min(this.figure.clientWidth, 640 / ratio);
+    const top = this.canvas.getBoundingClientRect().top + scrollY;
+    const room = Math.max(LEAST_HEIGHT, innerHeight - top - BELOW); // so that it is played in sight
+    const width = Math.min(this.figure.clientWidth, Math.min(640, room) / ratio);
     const density = Math.min(3, window.devicePixelRatio || 1);
     this.canvas.style.width = `${width}px`;
     this.canvas.style.height = `${width * ratio}px`;
@@ -47,7 +50,7 @@ swarmdata.View = class {
     swarmdata.marks.obstacles(pen, replay);
     if (options.targets) swarmdata.marks.targets(pen, replay, step);
     if (options.trails) swarmdata.robots.trails(pen, replay, step);
-    swarmdata.marks.payload(pen, replay, step);
+    swarmdata.marks.payloads(pen, replay, step);
     if (options.sensors) swarmdata.signals.sensors(pen, replay, step);
     swarmdata.robots.bodies(pen, replay, step, options);
     if (options.radio && replay.world.radio) swarmdata.signals.messages(pen, replay, step);

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.drawings.svg_shapes import Point
-from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.catalogue.elements import Html, element
 from swarmdata.envs.physics.public_backend import bars
 from swarmdata.envs.render.colors import robot_color
-from swarmdata.envs.render.target_marks import payload_outline
+from swarmdata.envs.render.drawn_scene import Scene, build_scene
+from swarmdata.envs.render.targets import Target, payload_outline, targets_of, wanted_outline
 from swarmdata.numerics.geometry import CIRCLE
-from swarmdata.specs.rules import NavigationRules, TransportRules, WarehouseRules
-from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
+from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float
 
@@ -46,16 +46,18 @@ def episode_drawing(spec: TaskSpec, layout: Float, states: Float, label: str) ->
 
     some = states[np.unique(np.linspace(0, len(states) - 1, MOST_POINTS).astype(int))]
     ways = robots_of(some, spec.n_agents)
-    robots, parts = ways[-1], []
-    parts += [_obstacle(row, places, scale) for row in layout]
-    parts += _payload(spec, some[-1], places)
+    scene = build_scene(spec, layout, some[-1])
+    parts = [_obstacle(row, places, scale) for row in layout]
+    parts += _bodies(scene, places)
+    marks = [(each.robot, _mark(scene, each, place, scale)) for each in _targets(scene)]
+    parts += [mark for robot, mark in marks if robot is None]
+    own = dict(marks)
     for i, robot in enumerate(spec.robots):
         color = "#{:02x}{:02x}{:02x}".format(*robot_color(i))
-        at, target = place(*robots[i, [X, Y]].tolist()), place(*robots[i, [TX, TY]].tolist())
-        mark = _target(spec, target, scale)
         way = svg_shapes.path(places(ways[:, i][:, [X, Y]]), class_="way") if len(some) > 1 else ""
+        at = place(*ways[-1, i, [X, Y]].tolist())
         body = svg_shapes.disc(at, robot.radius * scale, class_="robot")
-        parts.append(element("g", mark, way, body, color=color))
+        parts.append(element("g", own.get(i, ""), way, body, color=color))
     return svg_shapes.drawing(width, height, label, *parts, class_="world")
 
 
@@ -70,28 +72,33 @@ def _obstacle(row: Float, places: Places, scale: float) -> Html:
     )
 
 
-def _payload(spec: TaskSpec, state: Float, places: Places) -> list[Html]:
-    if not isinstance(spec.rules, TransportRules):
+def _bodies(scene: Scene, places: Places) -> list[Html]:
+    """Movable bodies, and where the first should be if the task wants a pose."""
+    found = []
+    if scene.look.mark == "pose":
+        wanted = wanted_outline(scene.look, scene.robots, scene.bodies, scene.extras)
+        found.append(svg_shapes.path(places(wanted), closed=True, class_="wanted"))
+    for payload, body in zip(scene.look.bodies, scene.bodies, strict=True):
+        outline = payload_outline(payload, body[:2], body[4:6])
+        found.append(svg_shapes.path(places(outline), closed=True, class_="payload"))
+    return found
+
+
+def _targets(scene: Scene) -> list[Target]:
+    look = scene.look
+    if look.mark == "pose":
         return []
-    first = N_COLUMNS * spec.n_agents
-    body = state[first : first + 7].astype(float)
-    goal = robots_of(state, spec.n_agents)[0, [TX, TY]].astype(float)
-    towards = body[4:6] if spec.rules.goal_angle is None else state[first + 7 : first + 9]
-    wanted = payload_outline(spec.rules.payload, goal, np.asarray(towards, float))
-    now = payload_outline(spec.rules.payload, body[:2], body[4:6])
-    return [
-        svg_shapes.path(places(wanted), closed=True, class_="wanted"),
-        svg_shapes.path(places(now), closed=True, class_="payload"),
-    ]
+    return targets_of(look, scene.spec, scene.robots, scene.extras)
 
 
-def _target(spec: TaskSpec, at: Point, scale: float) -> Html:
-    """The mark of where a robot should be, in its own color."""
-    x, y = at
-    if isinstance(spec.rules, NavigationRules | WarehouseRules):
-        return svg_shapes.disc(at, spec.rules.goal_radius * scale, class_="goal")
-    if isinstance(spec.rules, TransportRules):
-        return join()
+def _mark(
+    scene: Scene, target: Target, place: Callable[[float, float], Point], scale: float
+) -> Html:
+    """The mark of a target, in the color of its robot, or neutral if it has none."""
+    x, y = at = place(target.x, target.y)
+    if scene.look.mark == "ring":
+        kind = "goal" if target.robot is not None else "goal shared"
+        return svg_shapes.disc(at, target.radius * scale, class_=kind)
     arm = 0.07 * scale
     cross = [svg_shapes.line((x - arm, y - arm), (x + arm, y + arm))]
     cross.append(svg_shapes.line((x - arm, y + arm), (x + arm, y - arm)))

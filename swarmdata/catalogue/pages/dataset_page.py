@@ -1,6 +1,9 @@
 """The page of one dataset: replays, table of episodes, how to load it, results on it, its card."""
 
+import shlex
 from collections.abc import Sequence
+
+import numpy as np
 
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.entries import Entry
@@ -10,7 +13,10 @@ from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import outcomes_table
 from swarmdata.catalogue.pages.viewer_parts import browser_part, series_viewer, world_viewer
 from swarmdata.catalogue.result_sources import ResultSource
+from swarmdata.datasets.action_scaling import action_scale, has_choices
+from swarmdata.errors import SchemaError
 from swarmdata.specs.origins import Spec
+from swarmdata.store.cache import cache_folder
 
 TABLE_SCRIPTS = ("core.js", "data.js", "histograms.js", "episode_table.js", "sorting.js")
 VIEWER_SCRIPTS = (*TABLE_SCRIPTS, "link.js", "player.js", "viewer.js")
@@ -93,20 +99,17 @@ def _sample(entry: Entry, n_shown: int) -> str:
 
 
 def _loading(entry: Entry, spec: Spec) -> Html:
-    name = entry.id
-    if entry.dataset is not None and entry.dataset.source == "folder":
-        name = entry.dataset.path.name
+    name = _name_to_load(entry)
     models = ""
     if spec != entry.spec and spec.world is not None:
         models = "  # replayed here through other sensors or radios: see dataset.reobserve"
-    python = (
-        "import swarmdata\n\n"
-        f'dataset = swarmdata.load("{name}"){models}\n'
-        "episode = dataset[0]\n"
-        "batch = next(dataset.sampler(256))"
-    )
+    python = f'import swarmdata\n\ndataset = swarmdata.load("{name}"){models}\nepisode = dataset[0]'
+    codes = {"python": python}
+    if _is_learned(entry):
+        codes["python"] += "\nbatch = next(dataset.sampler(256))"
+        codes["shell"] = f"swarmdata train bc {shlex.quote(name)} --out runs/bc"
     parts = [element("h2", "Load it", id="load")]
-    for key, text in (("python", python), ("shell", f"swarmdata train bc {name} --out runs/bc")):
+    for key, text in codes.items():
         button = element(
             "button",
             "Copy",
@@ -117,6 +120,27 @@ def _loading(entry: Entry, spec: Spec) -> Html:
         code = element("code", text, id=f"copy-{key}")
         parts.append(element("div", element("pre", code, tabindex="0"), button, class_="snippet"))
     return element("section", *parts, aria_labelledby="load")
+
+
+def _name_to_load(entry: Entry) -> str:
+    """What `load` takes: the id of a published or cached dataset, else its address or folder."""
+    dataset = entry.dataset
+    is_cached = dataset is not None and dataset.path == cache_folder() / "datasets" / entry.id
+    if dataset is None or is_cached or dataset.source in ("cache", "rebuilt"):
+        return entry.id
+    return str(dataset.path) if dataset.source == "folder" else dataset.source
+
+
+def _is_learned(entry: Entry) -> bool:
+    """Whether algorithms learn from it: images and actions without bounds are for other code."""
+    if entry.dataset is None or entry.spec.world is not None:
+        return True
+    if entry.dataset.recipe.missing is not None or entry.dataset[0].observations.dtype == np.uint8:
+        return False
+    try:
+        return bool(has_choices(entry.spec)) or bool(action_scale(entry.spec))
+    except SchemaError:
+        return False
 
 
 def _results(entry: Entry, sources: Sequence[ResultSource]) -> Html:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from swarmdata.catalogue.elements import Html, element, join
-from swarmdata.catalogue.entries import Entry
+from swarmdata.catalogue.entries import Entry, is_mini_id
 from swarmdata.catalogue.pages.figures_shown import compact, count, megabytes, percent, score
 from swarmdata.catalogue.pages.page_frame import Page
 
@@ -72,12 +72,8 @@ def _choice(label: str, name: str, values: Sequence[str]) -> Html:
     return element("label", label, element("select", *options, name=name))
 
 
-MINI_STEPS = 100_000
-"""Datasets with fewer joint steps count as mini."""
-
-
 def _card(entry: Entry, picture: Html) -> Html:
-    is_mini = entry.n_steps < MINI_STEPS
+    is_mini = is_mini_id(entry.id)
     facts = [
         ("robots", str(entry.spec.n_agents)),
         ("success", percent(entry.success)),

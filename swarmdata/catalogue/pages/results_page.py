@@ -27,7 +27,7 @@ def results_page(sources: Sequence[ResultSource], known: frozenset[str]) -> Page
         sources: of studies and of one's own.
         known: ids of datasets that have a page.
     """
-    found = [(each, outcome) for each in sources for outcome in each.outcomes]
+    found = _distinct(sources)
     body = join(
         element("h1", "Results"),
         element(
@@ -70,7 +70,7 @@ def _leaderboard(found: Sequence[Found], known: frozenset[str]) -> Html:
     field = element(
         "input", type="search", data_filters="leaderboard", placeholder=label, aria_label=label
     )
-    ranked = sorted(found, key=lambda each: (each[1].dataset, -_height(each[1]), each[1].label))
+    ranked = sorted(found, key=lambda each: (*_rank(each[1]), each[1].dataset, each[1].label))
     return element(
         "section",
         element("h2", "Leaderboard", id="leaders"),
@@ -85,12 +85,24 @@ def _quantity(outcomes: Sequence[Outcome]) -> str:
     return "score" if all("score" in each.estimates for each in outcomes) else "return"
 
 
-def _height(outcome: Outcome) -> float:
-    for name in ("score", "return"):
+def _rank(outcome: Outcome) -> tuple[int, float]:
+    """Sorts the best first: those with a score, then those with a return, which has no scale."""
+    for k, name in enumerate(("score", "return")):
         found = outcome.estimates.get(name)
         if found is not None and not math.isnan(found.value):
-            return found.value
-    return -math.inf
+            return k, -found.value
+    return 2, 0.0
+
+
+def _distinct(sources: Sequence[ResultSource]) -> list[Found]:
+    """The outcomes; what several sources measured alike, such as shared cells, is there once."""
+    found: dict[tuple[object, ...], Found] = {}
+    for source in sources:
+        for each in source.outcomes:
+            numbers = tuple(sorted((name, repr(value)) for name, value in each.estimates.items()))
+            key = (each.dataset, each.label, each.rewards, each.n_runs, each.updates, numbers)
+            found.setdefault(key, (source, each))
+    return list(found.values())
 
 
 def _figure(
@@ -98,7 +110,7 @@ def _figure(
 ) -> Html:
     here = [each for each in found if each[1].dataset == dataset]
     quantity = _quantity([outcome for _, outcome in here])
-    ranked = sorted(here, key=lambda each: -_height(each[1]))
+    ranked = sorted(here, key=lambda each: _rank(each[1]))
     colors = family_colors(sorted({outcome.family for _, outcome in found}))
     series = {family: (*COLORS, GRAY).index(color) for family, color in colors.items()}
     repeated = Counter(outcome.label for _, outcome in here)

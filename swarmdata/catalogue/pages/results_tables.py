@@ -16,6 +16,9 @@ QUANTITIES = (
 )
 """Columns: key, head, factor to the shown unit, decimals."""
 
+LOW_IS_BETTER = frozenset({"robot_collisions", "obstacle_collisions"})
+"""Columns of which the best is the lowest."""
+
 
 def outcomes_table(
     key: str,
@@ -35,7 +38,8 @@ def outcomes_table(
         known: ids of datasets that have a page, which rows link to.
     """
     names = ["algorithm", *(["dataset"] if has_dataset else []), "family"]
-    numbers = ["seeds", "updates", *(head for _, head, *_ in QUANTITIES)]
+    numbers = [("seeds", False), ("updates", False)]
+    numbers += [(head, key in LOW_IS_BETTER) for key, head, *_ in QUANTITIES]
     rows = []
     for source, outcome in found:
         dataset = [_dataset(outcome, root, known)] if has_dataset else []
@@ -51,7 +55,10 @@ def outcomes_table(
     head = element(
         "tr",
         *(element("th", name, scope="col") for name in names),
-        *(element("th", name, scope="col", class_="n") for name in numbers),
+        *(
+            element("th", name, scope="col", class_="n", data_low="yes" if is_low else None)
+            for name, is_low in numbers
+        ),
         element("th", "source", scope="col"),
     )
     inside = element(

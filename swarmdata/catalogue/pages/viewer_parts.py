@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.registry.components import appearance_of
 from swarmdata.specs.model_choice import describe
-from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.sensing_models import Broadcast, StateModel
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -211,19 +211,8 @@ def _reobserved(spec: TaskSpec, recorded: TaskSpec) -> list[Html]:
 
 def _legend(spec: TaskSpec) -> Html:
     """Says what the marks mean."""
-    words = {
-        "coop_nav": "Rings are goals, in the color of their robot.",
-        "warehouse": "Rings are places and stations of the robots' orders; a small box is carried.",
-        "intersection": "Rings are the gates that robots drive to, entries and exits.",
-        "search": "Rings are victims, which the robots do not see from afar.",
-        "formation": "Crosses are the robots' slots, discs slots that are held.",
-        "transport": "The dashed outline is where the payload should be.",
-    }
-    what = words[spec.task]
-    if isinstance(spec.rules, NavigationRules) and spec.rules.goals == "unassigned":
-        what = "Rings are goals, which any robot may cover."
-    text = f"{what} A red halo is a contact. Above the time bar: the return so far, "
-    text += "and a tick for each event."
+    text = f"{appearance_of(spec).legend} A red halo is a contact. Above the time bar: the return "
+    text += "so far, and a tick for each event."
     if spec.observation.kind == "lidar":
         text += (
             " Beams are computed from the positions drawn, without the noise, losses and delay of "

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.reobservation import attempted_links
 from swarmdata.envs.render.colors import robot_color
-from swarmdata.registry.components import make_task, reward_terms
-from swarmdata.specs.rules import NavigationRules, SearchRules, TransportRules, WarehouseRules
+from swarmdata.registry.appearance import MOST_MOMENTS
+from swarmdata.registry.components import appearance_of, make_task, reward_terms
 from swarmdata.specs.sensing_models import BearingModel, Broadcast, LidarModel, OccupancyModel
-from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, X, Y, robots_of
+from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, X, Y, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import EVENTS, Bool, Double, Episode, Float, Int
 
@@ -30,7 +30,7 @@ SENDERS_IN_A_WORD = 15
 
 _CONTACT_BITS = {"robot_contact": 0, "obstacle_contact": 1}
 _ONSET_BITS = {"robot_onsets": 2, "obstacle_onsets": 5}  # three bits each
-_TERM_BITS = {"pickup": 8, "delivery": 9}
+_FIRST_MOMENT_BIT = 8
 _MOST_ONSETS = 7
 
 Columns = NDArray[np.integer]
@@ -61,7 +61,12 @@ class WorldColumns:
         self._quantum = max(
             MILLIMETRE, max(spec.arena.width, spec.arena.height) * MILLIMETRE / WIDEST_FINE_ARENA
         )
-        self._terms = [term.name for term in reward_terms(make_task(spec))]
+        task = make_task(spec)
+        self._look = appearance_of(spec)
+        self._terms = [term.name for term in reward_terms(task)]
+        self._moments = [
+            each for each in self._look.moments[:MOST_MOMENTS] if each.term in self._terms
+        ]
         n = spec.n_agents
         self._has_headings = any(robot.dynamics == "unicycle" for robot in spec.robots)
         self._n_words = (
@@ -79,7 +84,8 @@ class WorldColumns:
         ]
         if self._has_headings:
             found.append(_angles("angle", robots[..., UX], robots[..., UY]))
-        found += self._of_the_task(episode.states)
+        found += self._bodies(episode.states)
+        found += self._own(episode.states)
         found.append(self._events(episode))
         rewards = episode.rewards.mean(axis=1, dtype=np.float64)
         codes = np.clip(np.rint(rewards / REWARD_UNIT), -32768, 32767).astype(np.int64)
@@ -88,7 +94,7 @@ class WorldColumns:
 
     def fixed(self, episode: Episode) -> list[tuple[Group, Columns]]:
         """The columns that are the same throughout an episode, [1, count] each."""
-        layout, spec = episode.layout, self.spec
+        layout = episode.layout
         lengths = layout[:, [1, 2, 5, 6, 7]]
         kinds = (
             Group("obstacle_kind", len(layout), 1.0),
@@ -96,37 +102,51 @@ class WorldColumns:
         )
         found = [kinds, self._lengths("obstacle_size", lengths.reshape(1, -1))]
         found.append(_angles("obstacle_angle", layout[None, :, 3], layout[None, :, 4]))
-        rules, extras = spec.rules, episode.states[:1, N_COLUMNS * spec.n_agents :]
-        if isinstance(rules, NavigationRules) and rules.goals == "unassigned":
-            found.append(self._lengths("goal", extras))
-        if isinstance(rules, SearchRules):
-            found.append(self._lengths("goal", extras[:, : 2 * rules.victims]))
-        if isinstance(rules, TransportRules) and rules.goal_angle is not None:
-            found.append(_angles("goal_angle", extras[:, 7:8], extras[:, 8:9]))
+        look, extras = self._look, self._extras(episode.states[:1])
+        if look.shared is not None:
+            found.append(self._lengths("goal", extras[:, : 2 * look.shared.n]))
+        if look.direction is not None:
+            ux, uy = extras[:, look.direction, None], extras[:, look.direction + 1, None]
+            found.append(_angles("goal_angle", ux, uy))
         return found
 
-    def _of_the_task(self, states: Float) -> list[tuple[Group, Columns]]:
-        n, rules = self.spec.n_agents, self.spec.rules
-        extras = states[:, N_COLUMNS * n :]
-        if isinstance(rules, TransportRules):
-            angle = _angles("body_angle", extras[:, 4:5], extras[:, 5:6])
-            return [self._lengths("body", extras[:, :2]), angle]
-        if isinstance(rules, WarehouseRules):
-            carrying = np.rint(extras[:, : 2 * n : 2]).astype(np.int64)
-            return [(Group("carrying", n, 1.0), carrying)]
-        return []
+    def _extras(self, states: Float) -> Float:
+        """The task's own columns, [T, K]."""
+        return states[:, N_COLUMNS * self.spec.n_agents + len(BODY) * len(self._look.bodies) :]
+
+    def _bodies(self, states: Float) -> list[tuple[Group, Columns]]:
+        if not self._look.bodies:
+            return []
+        first, n = N_COLUMNS * self.spec.n_agents, len(self._look.bodies)
+        bodies = states[:, first : first + len(BODY) * n].reshape(len(states), n, len(BODY))
+        places = bodies[..., :2].reshape(len(states), -1)
+        return [
+            self._lengths("body", places),
+            _angles("body_angle", bodies[..., 4], bodies[..., 5]),
+        ]
+
+    def _own(self, states: Float) -> list[tuple[Group, Columns]]:
+        """What robots carry, and which shared targets are reached, as flags."""
+        look, extras = self._look, self._extras(states)
+        found: list[tuple[Group, Columns]] = []
+        if look.carrying:
+            carrying = (extras[:, list(look.carrying)] > 0).astype(np.int64)
+            found.append((Group("carrying", len(look.carrying), 1.0), carrying))
+        if look.shared is not None and look.shared.reached is not None:
+            reached = extras[:, look.shared.reached :][:, : look.shared.n] > 0
+            found.append((Group("reached", look.shared.n, 1.0), reached.astype(np.int64)))
+        return found
 
     def _events(self, episode: Episode) -> tuple[Group, Columns]:
-        """One code for each robot and step: contacts, how many began, pickups and deliveries."""
+        """One code for each robot and step: contacts, how many began, and the task's moments."""
         events = episode.events.astype(np.int64)
         codes = np.zeros(events.shape[:2], np.int64)
         for name, bit in {**_CONTACT_BITS, **_ONSET_BITS}.items():
             codes |= np.minimum(events[..., EVENTS.index(name)], _MOST_ONSETS) << bit
         if episode.reward_terms is not None:
-            for name, bit in _TERM_BITS.items():
-                if name in self._terms:
-                    happened = episode.reward_terms[..., self._terms.index(name)] > 0
-                    codes |= happened.astype(np.int64) << bit
+            for k, moment in enumerate(self._moments):
+                happened = episode.reward_terms[..., self._terms.index(moment.term)] > 0
+                codes |= happened.astype(np.int64) << (_FIRST_MOMENT_BIT + k)
         return Group("event", events.shape[1], 1.0), _after(codes)
 
     def _links(self, episode: Episode) -> list[tuple[Group, Columns]]:
@@ -155,7 +175,7 @@ class WorldColumns:
 
     def describe(self) -> dict[str, Any]:
         """What the browser needs to know of the world, JSON."""
-        spec = self.spec
+        spec, look = self.spec, self._look
         robots = [
             {"radius": robot.radius, "role": role, "turns": robot.dynamics == "unicycle"}
             for role, robot in zip(_roles(spec), spec.robots, strict=True)
@@ -168,10 +188,16 @@ class WorldColumns:
             "robots": robots,
             "names": list(spec.agent_names),
             "colors": [_hex(robot_color(i)) for i in range(spec.n_agents)],
-            "goal_radius": getattr(spec.rules, "goal_radius", None),
-            "tolerance": getattr(spec.rules, "tolerance", None),
-            "is_shared": not spec.rules.has_own_targets and spec.task in ("coop_nav", "search"),
-            "payload": _payload(spec),
+            "mark": look.mark,
+            "target_radius": look.radius,
+            "is_shared": look.shared is not None,
+            "is_linked": look.is_linked,
+            "nowhere": look.nowhere,
+            "moments": [list(moment) for moment in self._moments],
+            "payloads": [
+                {"shape": each.shape, "a": each.half_length, "b": each.half_width}
+                for each in self._look.bodies
+            ],
             "sensor": _sensor(spec),
             "radio": _radio(spec),
         }
@@ -195,13 +221,6 @@ def _roles(spec: TaskSpec) -> list[int]:
 
 def _hex(color: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*color)
-
-
-def _payload(spec: TaskSpec) -> dict[str, Any] | None:
-    if not isinstance(spec.rules, TransportRules):
-        return None
-    payload = spec.rules.payload
-    return {"shape": payload.shape, "a": payload.half_length, "b": payload.half_width}
 
 
 def _range_of(robot: Robot, reach: float) -> float:

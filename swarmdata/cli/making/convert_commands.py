@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from swarmdata.cli.option_use import refuse, refuse_all_but
+from swarmdata.cli.shared_options import Notes, parse_settings
 
 Source = Annotated[
     str,
@@ -66,14 +67,6 @@ Bounds = Annotated[
     str | None, typer.Option(metavar="LOW,HIGH", help="bounds of continuous actions")
 ]
 NewSplits = Annotated[bool, typer.Option(help="draw new splits instead of keeping the source's")]
-Notes = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="KEY=TEXT", help="metadata to store, such as license=mit; may be repeated"
-    ),
-]
-
-
 EXPORT_OPTIONS = ("to", "split", "policy", "frame")
 """Options of `convert --to`; `--from` has the others."""
 
@@ -119,9 +112,8 @@ def convert(
         "action_low": low,
         "action_high": high,
     }
-    typer.echo(
-        _import(source, target, str(from_), id_, answers, new_splits, read_notes(note or []))
-    )
+    notes = parse_settings(note, "--note")
+    typer.echo(_import(source, target, str(from_), id_, answers, new_splits, notes))
 
 
 def _export(
@@ -176,15 +168,3 @@ def _bounds(text: str | None) -> tuple[float | None, float | None]:
             f"got {text!r}, expected two numbers such as -1,1", param_hint="--action-bounds"
         ) from error
     return low, high
-
-
-def read_notes(pairs: list[str]) -> dict[str, str]:
-    """Reads `KEY=TEXT` of each text.
-
-    Raises:
-        typer.BadParameter: one has no `=`.
-    """
-    wrong = [pair for pair in pairs if "=" not in pair]
-    if wrong:
-        raise typer.BadParameter(f"got {wrong[0]!r}, expected KEY=TEXT", param_hint="--note")
-    return dict(pair.split("=", 1) for pair in pairs)

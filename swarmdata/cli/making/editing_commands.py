@@ -46,7 +46,7 @@ def filter_command(
     from swarmdata.building.edit import filter_dataset
 
     made = filter_dataset(
-        _open(source), _out(new_id, out), id=new_id, tier=tier, success=success,
+        _open(source), out, id=new_id, tier=tier, success=success,
         min_return=min_return, max_return=max_return, policy=policy, split=split,
         seeds=seeds, episodes=episodes,
     )  # fmt: skip
@@ -65,7 +65,7 @@ def combine_command(
     from swarmdata.building.edit import combine_datasets
 
     opened = [_open(source) for source in sources]
-    _print_summary(combine_datasets(opened, _out(new_id, out), id=new_id, tier=tier))
+    _print_summary(combine_datasets(opened, out, id=new_id, tier=tier))
 
 
 def subsample_command(
@@ -97,7 +97,7 @@ def subsample_command(
     from swarmdata.building.edit import subsample_dataset
 
     made = subsample_dataset(
-        _open(source), _out(new_id, out), id=new_id, tier=tier, n_steps=steps,
+        _open(source), out, id=new_id, tier=tier, n_steps=steps,
         min_return=min_return, max_return=max_return,
         like=None if like is None else _open(like), bins=bins, seed=seed,
     )  # fmt: skip
@@ -108,12 +108,6 @@ def _open(source: str) -> "Dataset":
     from swarmdata.hub.catalog.catalog import load
 
     return load(source)
-
-
-def _out(new_id: str, out: Path | None) -> Path:
-    from swarmdata.store.cache import cache_folder
-
-    return out or cache_folder() / "datasets" / new_id
 
 
 def _print_summary(made: "Dataset") -> None:

@@ -10,12 +10,14 @@ from swarmdata.cli.shared_options import (
     Backend,
     Communication,
     Engine,
+    Notes,
     Observation,
     Part,
     Randomize,
     Workers,
     parse_part,
     parse_ranges,
+    parse_settings,
 )
 
 if TYPE_CHECKING:
@@ -81,6 +83,7 @@ def generate(
     randomize: Randomize = None,
     seed: Seed = None,
     tier: Tier = "own",
+    note: Notes = None,
     workers: Workers = None,
     engine: Engine = "local",
     part: Part = None,
@@ -112,8 +115,9 @@ def generate(
     made = generated_dataset.generate(
         task or "", read_shares(policy), id=new_id, n_steps=n_steps, noise=noise, tier=tier,
         observation=observation, communication=communication, backend=backend,
-        randomization=parse_ranges(randomize), seed=seed, out=out, workers=workers,
-        engine=engine, report=typer.echo,
+        randomization=parse_ranges(randomize), seed=seed,
+        metadata=parse_settings(note, "--note"), out=out, workers=workers, engine=engine,
+        report=typer.echo,
     )  # fmt: skip
     _print_built(made.path)
 

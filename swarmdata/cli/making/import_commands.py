@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from swarmdata.cli.making.convert_commands import Notes, read_notes
 from swarmdata.cli.option_use import refuse
+from swarmdata.cli.shared_options import Notes, parse_settings
 
 Logs = Annotated[
     list[Path],
@@ -70,7 +70,7 @@ def import_command(
     if isinstance(found, ImportedLogs):
         made = remake_logs(logs, folder, found)
     else:
-        notes = read_notes(note or [])
+        notes = parse_settings(note, "--note")
         made = import_logs(
             logs, folder, log_map=found, id=name, task=task, seed=seed, metadata=notes
         )

@@ -9,8 +9,10 @@ from pydantic import Field
 
 from swarmdata.drawing import markdown
 from swarmdata.drawing.aligned_text import aligned_table
-from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.output_folder import OutputKind, filled
 from swarmdata.specs.frozen import Frozen
+
+RANKING = OutputKind("ranking")
 
 Criterion = Literal["fqe", "imitation_error", "weighted_imitation_error", "td_error"]
 
@@ -105,11 +107,15 @@ class Ranking(Frozen):
         return out.getvalue()
 
     def write(self, folder: Path) -> None:
-        """Writes `ranking.md`, `ranking.csv` and `ranking.json`; creates the folder."""
-        folder.mkdir(parents=True, exist_ok=True)
+        """Writes `ranking.md`, `ranking.csv` and `ranking.json`; creates the folder.
+
+        Raises:
+            OutputError: the folder has files that no ranking wrote.
+        """
         texts = {"md": self.to_markdown(), "csv": self.to_csv(), "json": f"{self.to_json()}\n"}
-        for ending, text in texts.items():
-            write_file(folder / f"ranking.{ending}", text.encode())
+        with filled(folder, RANKING) as written:
+            for ending, text in texts.items():
+                (written / f"ranking.{ending}").write_text(text, encoding="utf-8")
 
     @property
     def caption(self) -> str:

@@ -20,11 +20,13 @@ from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.results.learning_curves import (
     Curve,
     GroupedFiles,
+    curve_files,
     group_files,
     interval_of,
     read_curve,
 )
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED
+from swarmdata.specs.plain_names import repeated
 
 
 def plot_curves(
@@ -166,14 +168,26 @@ def _draw_panel(
 
 
 def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
-    """Draws the learning curves of online runs, one line for each file.
+    """Draws the learning curves of online runs, one line for each run.
 
     Args:
-        files: copies of `curve.csv`, whose stems become labels.
+        files: run folders, or copies of `curve.csv`; labels are their names.
         metric: column to draw; a share in [0, 1] unless it is `return`.
         out: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: a folder is no run with a curve, a file is malformed, or two have one name.
     """
-    curves = {file.stem: read_curve([file], metric, progress="frames") for file in files}
+    labels = [file.name if file.is_dir() else file.stem for file in files]
+    if twice := repeated(labels):
+        raise SchemaError(
+            f"several curves are called {', '.join(twice)}, expected names of their own for the "
+            "lines; rename the folders or files, or group them with --by"
+        )
+    curves = {
+        label: read_curve(curve_files(file), metric, progress="frames")
+        for label, file in zip(labels, files, strict=True)
+    }
     is_return = metric == "return"
     plot_curves(
         curves,
@@ -188,7 +202,7 @@ def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = Fals
     """Draws success and return of online runs by task and algorithm.
 
     Args:
-        files: CSV files as `plot_learning` takes them.
+        files: run folders, or CSV files as `plot_learning` takes them.
         by: how the files are named, as `group_files` takes it.
         out: where to save; the suffix is the format.
         log: whether the axis of joint steps is logarithmic.

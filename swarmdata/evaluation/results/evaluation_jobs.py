@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.policy_names import Target, find_target
-from swarmdata.evaluation.results.result_files import Result
+from swarmdata.evaluation.results.result_files import Result, check_results_folder
 from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.provenance import Provenance
@@ -177,11 +177,14 @@ def run_evaluations(
         How many results were there already and stay.
 
     Raises:
+        OutputError: a folder has files and no result.
         ResultsError: a file is of another run with the same label and dataset, or a process found
             another policy than this one.
-        BuildError: an evaluation failed in another process.
+        BatchError: evaluations failed; the others are done.
         EngineError: the engine is unknown, or cannot be reached.
     """
+    for folder in {each.folder for each in evaluations}:
+        check_results_folder(folder)
     absent = [each for each in evaluations if each.result() is None]
     waiting = evaluations if again else absent
     jobs = [each.job(again=again, n_threads=n_threads) for each in waiting]
@@ -193,7 +196,10 @@ def run_evaluations(
             bar.update(episodes)
 
         folder = evaluations[0].folder
-        do_jobs(jobs, EVALUATOR, engine=engine, workers=workers, folder=folder, report=report)
+        do_jobs(
+            jobs, EVALUATOR, "evaluations",
+            engine=engine, workers=workers, folder=folder, report=report,
+        )  # fmt: skip
     return len(evaluations) - len(waiting)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.training.run_files import CURVE, run_folders
 from swarmdata.rollouts.score_intervals import UNBOUNDED, Bounds, seed_interval
 from swarmdata.types import Double
 
@@ -68,6 +69,26 @@ def _number(row: Mapping[str, str | None], column: str, path: Path, line: int) -
         ) from error
 
 
+def curve_files(path: Path) -> list[Path]:
+    """Returns the learning curves at a path: of a run folder, those of all its processes.
+
+    Args:
+        path: a CSV file, or the folder of a training run.
+
+    Raises:
+        SchemaError: the folder has none.
+    """
+    if not path.is_dir():
+        return [path]
+    found = [folder / CURVE for folder in run_folders(path)]
+    if not found or not all(file.exists() for file in found):
+        raise SchemaError(
+            f"{path} is no training run with a learning curve; expected the folder of a run in "
+            f"which policies were evaluated, or a copy of its {CURVE}."
+        )
+    return found
+
+
 _GROUP_PATTERNS = {"algorithm": "(?P<algorithm>[^/-]+)", "task": "(?P<task>[^/]+)", "*": "[^/]*"}
 
 GroupedFiles = Mapping[str, Mapping[str, Sequence[Path]]]
@@ -78,7 +99,8 @@ def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list
     """Groups files of runs by the task and the algorithm in their names.
 
     Args:
-        files: such as `runs/mappo/coop_nav/curve.csv`.
+        files: such as `runs/mappo/coop_nav/curve.csv`, and run folders such as
+            `runs/mappo/coop_nav`.
         pattern: how paths end, without the suffix, with `algorithm` and `task` once each and `*`
             for anything; in this example `algorithm/task/*`. Names of tasks may have hyphens,
             names of algorithms may not.
@@ -98,14 +120,15 @@ def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list
     expression = "".join(_GROUP_PATTERNS.get(part, re.escape(part)) for part in parts)
     found: dict[str, dict[str, list[Path]]] = {}
     for file in files:
-        match = re.search(f"(?:^|/){expression}$", file.with_suffix("").as_posix())
+        name = file if file.is_dir() else file.with_suffix("")
+        match = re.search(f"(?:^|/){expression}$", name.as_posix())
         if match is None:
             raise SchemaError(
                 f"{file} does not match the pattern {pattern!r}, so its algorithm and task are "
                 "unknown. Rename the files, or pass another --by."
             )
         task, algorithm = match["task"], match["algorithm"]
-        found.setdefault(task, {}).setdefault(algorithm, []).append(file)
+        found.setdefault(task, {}).setdefault(algorithm, []).extend(curve_files(file))
     return found
 
 

@@ -18,7 +18,9 @@ from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, seed_interval
-from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+
+TRAINING_REPORT = OutputKind("training report")
 
 LEARNED_SUCCESS = 0.9
 """Team success that counts as having learned the task."""
@@ -73,9 +75,11 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
         The table, as Markdown.
 
     Raises:
+        OutputError: `out` has files that no such report wrote.
         BuildError: a folder holds no run.
         SchemaError: two runs have the same algorithm and task, or the processes of a run differ.
     """
+    check_output(out, TRAINING_REPORT)
     trainings = [read_training(run) for run in runs]
     for name, count in Counter(f"{t.algorithm} in {t.task}" for t in trainings).items():
         if count > 1:
@@ -83,14 +87,14 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
                 f"{count} of the runs trained {name}, expected one. Leave out the others, or move "
                 "the seeds of one training into folders seeds-... of one run."
             )
-    out.mkdir(parents=True, exist_ok=True)
-    files = []
-    for training in trainings:
-        files.append(out / f"{training.task}-{training.algorithm}.csv")
-        write_file(files[-1], _curve(training))
     table = markdown.table(COLUMNS, [_cells(training) for training in trainings])
-    write_file(out / "table.md", table.encode())
-    plot_learning(group_files(files, "task-algorithm"), out / "learning.png")
+    with filled(out, TRAINING_REPORT) as folder:
+        files = []
+        for training in trainings:
+            files.append(folder / f"{training.task}-{training.algorithm}.csv")
+            files[-1].write_bytes(_curve(training))
+        (folder / "table.md").write_text(table, encoding="utf-8")
+        plot_learning(group_files(files, "task-algorithm"), folder / "learning.png")
     return table
 
 

@@ -24,6 +24,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
+from swarmdata.runtime.own_components import defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -193,12 +194,18 @@ def _dataset_target(name: str, task: str, models: Models) -> Target:
 
 def _own_target(folder: Path, models: Models) -> Target:
     """The behavior policies of a dataset of one's own, whose networks are in its folder."""
-    origin = open_store(folder, "none").recipe
+    stored = open_store(folder, "none")
+    origin, packages = stored.recipe, stored.manifest.provenance
     task_of(origin, "acting again")
-    unknown = [source.label for source in origin.policies if source.name not in POLICIES]
+    unknown = [source for source in origin.policies if source.name not in POLICIES]
+    if unknown and origin.recipe is not None:
+        name = unknown[0].name
+        missing = defined_elsewhere("policy", name, packages.get(f"policy {name}", ""))
+        raise SpecError(f"{origin.id}: acting again needs {missing}.")
     if unknown:
+        labels = ", ".join(source.label for source in unknown)
         raise SpecError(
-            f"{origin.id} was recorded without its policies {', '.join(unknown)}, which therefore "
+            f"{origin.id} was recorded without its policies {labels}, which therefore "
             "cannot act again; `swarmdata render` draws its episodes, and a report has their mean."
         )
     return _recorded_target(origin.id, origin, models, folder)

@@ -28,7 +28,9 @@ from swarmdata.evaluation.results.result_tables import (
     metric_table,
 )
 from swarmdata.learn.training.run_files import CURVE, run_folders
-from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+
+REPORT = OutputKind("report")
 
 MAX_PANELS = 4
 """Columns of a table that its figure shows, from the left."""
@@ -86,26 +88,35 @@ def write_report(
         ResultsError: results are stale, or cannot be compared.
         SchemaError: the suffix is unknown.
         MissingExtraError: matplotlib is not installed; the tables are written nevertheless.
+        OutputError: `out` has files that no report wrote.
     """
     if suffix not in SUFFIXES:
         raise SchemaError(f"cannot draw figures as {suffix!r}, expected one of {SUFFIXES}.")
+    check_output(out, REPORT)
     results = read_results(folders, data=data)
     tables = tables_of(results)
-    out.mkdir(parents=True, exist_ok=True)
+    with filled(out, REPORT) as folder:
+        left_out = _write_tables(results, tables, folder)
+    with filled(out, REPORT) as folder:
+        figures = _draw(results, tables, folder, suffix)
+        if runs:
+            figures["curves"] = _draw_curves(runs, results, folder / f"curves{suffix}")
+        left = f"Not in marl-eval.json: {', '.join(left_out)}." if left_out else ""
+        (folder / "report.md").write_text(_page(tables, figures, left), encoding="utf-8")
+    return "\n".join(f"{name}\n{table.to_text()}" for name, table in tables.items())
+
+
+def _write_tables(results: ResultSet, tables: Mapping[str, Table], out: Path) -> Sequence[str]:
+    """Writes tables and exports; returns what is not in `marl-eval.json`."""
     for name, table in tables.items():
         forms = {".md": table.to_markdown, ".csv": table.to_csv, ".tex": table.to_latex}
         for ending, form in forms.items():
-            write_file(out / f"{name}{ending}", form().encode())
+            (out / f"{name}{ending}").write_text(form(), encoding="utf-8")
     exported = marl_eval(results)
     text = json.dumps(exported.document, allow_nan=False, separators=(",", ":"))
-    write_file(out / "marl-eval.json", f"{text}\n".encode())
-    write_file(out / "runs.csv", runs_csv(results).encode())
-    figures = _draw(results, tables, out, suffix)
-    if runs:
-        figures["curves"] = _draw_curves(runs, results, out / f"curves{suffix}")
-    left = f"Not in marl-eval.json: {', '.join(exported.left_out)}." if exported.left_out else ""
-    write_file(out / "report.md", _page(tables, figures, left).encode())
-    return "\n".join(f"{name}\n{table.to_text()}" for name, table in tables.items())
+    (out / "marl-eval.json").write_text(f"{text}\n", encoding="utf-8")
+    (out / "runs.csv").write_text(runs_csv(results), encoding="utf-8")
+    return exported.left_out
 
 
 def _draw(

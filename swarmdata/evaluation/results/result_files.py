@@ -7,28 +7,33 @@ read as well; they have less about their policies.
 import json
 import math
 import os
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
-from swarmdata.errors import FormatVersionError, SchemaError, SpecError
+from swarmdata.errors import FormatVersionError, OutputError, SchemaError, SpecError
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
+from swarmdata.learn.training.run_files import CONFIG
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.output_folder import check_vacant
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import AnySpec, Spec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, EvalResult
+from swarmdata.types import Double, EvalResult, shortened
 
 FORMAT = "swarmdata-evaluation"
 FORMAT_VERSION = 2
+
+_BEGIN = re.compile(rb'\s*\{\s*"format"\s*:\s*"swarmdata-evaluation"')
 
 REQUIRED_FOREIGN_METRICS = frozenset({"return", "length"})
 """Metrics that results in environments of other libraries always have."""
@@ -46,7 +51,7 @@ class Result:
     def __repr__(self) -> str:
         """Shows means and the file, on one line."""
         where = "" if self.path is None else f", {self.path}"
-        return f"Result({self.evaluation!r}{where})"
+        return shortened(f"Result({self.evaluation!r}{where})")
 
     @property
     def run_folder(self) -> Path | None:
@@ -70,6 +75,8 @@ Seed = Annotated[int, Field(ge=0, lt=1 << 64)]
 class _Document(Frozen):
     """The content of a file."""
 
+    model_config = ConfigDict(title="evaluation result")
+
     format: Literal["swarmdata-evaluation"]
     format_version: Literal[2]
     provenance: Provenance
@@ -83,6 +90,8 @@ class _Document(Frozen):
 class _DocumentOfFormat1(Frozen):
     """The content of a file of format 1."""
 
+    model_config = ConfigDict(title="evaluation result of format 1")
+
     format: Literal["swarmdata-evaluation"]
     format_version: Literal[1]
     code_version: str
@@ -94,7 +103,25 @@ class _DocumentOfFormat1(Frozen):
     metrics: dict[str, list[float | None]]
 
 
-def save_result(result: Result, folder: Path) -> Path:
+def check_results_folder(folder: Path) -> None:
+    """Checks that a folder is one of results, or may become one.
+
+    Raises:
+        OutputError: it has files and no result.
+    """
+    if not any(map(_is_result, folder.glob("*.json"))):
+        check_vacant(folder, "folder of results", "result of an evaluation")
+
+
+def _is_result(path: Path) -> bool:
+    """Whether a file begins as results do."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return _BEGIN.match(file.read(100)) is not None
+
+
+def save_result(result: Result, folder: Path | str) -> Path:
     """Writes a result into a folder, atomically, under the name that `file_name` gives it.
 
     The path of a run folder is stored relative to `folder`, so that both can be moved together.
@@ -104,7 +131,9 @@ def save_result(result: Result, folder: Path) -> Path:
 
     Raises:
         SchemaError: the result is incomplete, does not match its spec, or does not fit into JSON.
+        OutputError: another file is in its place.
     """
+    folder = Path(folder)
     _check(result, "the result to save")
     evaluation, provenance = result.evaluation, with_relative_run(result.provenance, folder)
     document = {
@@ -126,6 +155,10 @@ def save_result(result: Result, folder: Path) -> Path:
         ) from error
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / file_name(provenance, evaluation.spec_hash)
+    if path.exists() and not _is_result(path):
+        raise OutputError(
+            f"{path} is in the way: it is no result of an evaluation, so it was left. Move it away."
+        )
     write_file(path, f"{text}\n".encode())
     return path
 
@@ -174,7 +207,9 @@ def _read(path: Path) -> _Document | _DocumentOfFormat1:
         data = read_document(path)
     except SpecError as error:
         raise SchemaError(f"{path} is not JSON: {error}. Evaluate again.") from error
-    version = data.get("format_version") if isinstance(data, dict) else None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise SchemaError(f"{path} is not an evaluation result. {_what_to_name(path.parent)}")
+    version = data.get("format_version")
     if isinstance(version, int) and version > FORMAT_VERSION:
         raise FormatVersionError(
             f"{path} has evaluation format {version}, this swarmdata reads up to {FORMAT_VERSION}. "
@@ -183,7 +218,17 @@ def _read(path: Path) -> _Document | _DocumentOfFormat1:
     try:
         return (_DocumentOfFormat1 if version == 1 else _Document).parse(data, str(path))
     except SpecError as error:
-        raise SchemaError(f"{path} is not an evaluation result: {error}") from error
+        raise SchemaError(f"{error}. Evaluate again.") from error
+
+
+def _what_to_name(folder: Path) -> str:
+    """Where results are instead, which for the folder of a run is nowhere yet."""
+    if (folder / CONFIG).is_file():
+        return (
+            f"{folder} is a training run: evaluate it with `swarmdata evaluate {folder} --out "
+            "FOLDER`, and name that folder."
+        )
+    return "Name a file or a folder that `swarmdata evaluate --out` wrote."
 
 
 def _provenance_of_format_1(document: _DocumentOfFormat1, path: Path) -> Provenance:

@@ -29,10 +29,10 @@ from swarmdata.specs.model_choice import is_same_world, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store
 from swarmdata.store.publication import figures_of
-from swarmdata.types import Double
+from swarmdata.types import Double, shortened
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Case:
     """Results that can be compared: on one dataset, or in one spec if no data was used."""
 
@@ -41,6 +41,10 @@ class Case:
     reference: Reference | None  # of the score, if it was measured in this world
     data: Figures | None  # of the dataset's own episodes, if they are known
     runs: Mapping[str, tuple[Result, ...]]  # label -> one per training seed, by index
+
+    def __repr__(self) -> str:
+        """Shows the dataset and the labels."""
+        return shortened(f"<Case {self.name}: results of {', '.join(self.runs)}>")
 
     @property
     def name(self) -> str:
@@ -113,12 +117,17 @@ class Case:
         return normalized_score(self.metric(label, "return"), self.reference)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ResultSet:
     """Results that can be compared."""
 
     cases: tuple[Case, ...]  # of datasets, by task, then by the mean return of their data
     baselines: tuple[Case, ...]  # of policies that learned from no data, one per spec
+
+    def __repr__(self) -> str:
+        """Shows the datasets and the labels."""
+        datasets = ", ".join(self.datasets) or "none"
+        return shortened(f"<ResultSet of {', '.join(self.labels)} on datasets: {datasets}>")
 
     @property
     def datasets(self) -> tuple[str, ...]:

@@ -34,14 +34,17 @@ from swarmdata.evaluation.robustness.sweep_axes import Axis, AxisSpecs, specs_al
 from swarmdata.evaluation.robustness.sweep_estimates import estimates_of
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point, to_csv
-from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.extras import require_extra
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled
 from swarmdata.specs.model_choice import Ranges, is_same_world
 from swarmdata.specs.task_spec import TaskSpec
 
+SWEEP = OutputKind("sweep")
+
 SUMMARY_FILE = "sweep.csv"
+RESULTS_FOLDER = "results"
 
 TRAINED_FOLDER = "trained"
 """Of results with everything as in training."""
@@ -96,7 +99,11 @@ class Sweep:
         """Name of a folder -> the evaluation of each policy of a team."""
         return {
             name: evaluations_of(
-                team.source, team.target, self.n_episodes, self.out / "results" / name, spec=spec
+                team.source,
+                team.target,
+                self.n_episodes,
+                self.out / RESULTS_FOLDER / name,
+                spec=spec,
             )
             for name, spec in _specs_by_folder(team, self.axes).items()
         }
@@ -115,6 +122,7 @@ def plan_sweep(
     """Finds the teams and checks them, before anything is evaluated; takes what `sweep` takes.
 
     Raises:
+        OutputError: `out` has files that no sweep wrote.
         UnknownNameError: no such team or parameter.
         SpecError: there is no axis, teams have different worlds, a value is out of its range, or
             a team that does not communicate has a communication axis.
@@ -122,6 +130,7 @@ def plan_sweep(
         MissingExtraError: torch for a run is not installed.
     """
     _check_axes(axes)
+    check_output(out, SWEEP, RESULTS_FOLDER)
     sources = [
         TargetName.of(name, task, backend=backend, randomization=randomization) for name in names
     ]
@@ -185,7 +194,7 @@ def sweep(
         randomization=randomization,
     )  # fmt: skip
     every = [each for found in planned.points().values() for each in found]
-    with updating(out / SUMMARY_FILE, progress):
+    with locked(out, progress):
         run_evaluations(every, engine=engine, workers=workers, progress=progress)
         return _collect(planned)
 
@@ -198,7 +207,7 @@ def collect_sweep(planned: Sweep) -> list[Degradation]:
         MissingExtraError: matplotlib is not installed.
     """
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
-    with updating(planned.out / SUMMARY_FILE):
+    with locked(planned.out, shown=False):
         return _collect(planned)
 
 
@@ -334,8 +343,9 @@ def _points_along(axis: Axis, axis_specs: AxisSpecs, trained: TaskSpec) -> list[
 
 
 def _write(found: Sequence[Degradation], out: Path) -> None:
-    write_file(out / SUMMARY_FILE, to_csv(found).encode())
     text = "# Robustness\n\n" + "\n".join(each.to_markdown() for each in found)
-    write_file(out / "sweep.md", text.encode())
-    for each in found:
-        plot_degradation(each, out / f"{each.part}-{each.name}.png")
+    with filled(out, SWEEP, besides=RESULTS_FOLDER) as folder:
+        (folder / SUMMARY_FILE).write_text(to_csv(found), encoding="utf-8")
+        (folder / "sweep.md").write_text(text, encoding="utf-8")
+        for each in found:
+            plot_degradation(each, folder / f"{each.part}-{each.name}.png")

@@ -72,7 +72,7 @@ def behaviors_of(
         std = noise if takes_noise(name, spec) else 0.0
         found = (Behavior(PolicySource(label=name, name=name, noise=std)),)
     else:
-        found = tuple(map(Behavior, _of_tier(name, spec, noise)))
+        found = tuple(map(Behavior, of_tier(name, spec, noise)))
     whole = sum(each.source.share for each in found)
     return tuple(
         each._replace(
@@ -89,7 +89,13 @@ def takes_noise(name: str, spec: TaskSpec) -> bool:
     return "noise" in inspect.signature(policy_class(name, spec)).parameters
 
 
-def _of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]:
+def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]:
+    """The policies of a tier of a task of the package.
+
+    Raises:
+        UnknownNameError: the task has no such tier.
+        SpecError: the name is one of a folder that holds no run.
+    """
     family = next((each for each, known in FAMILY_SPECS.items() if known == spec), None)
     trained = {tier for tier in TRAINED_TIERS if family is not None and sources(family, tier)}
     if family is not None and name in trained:

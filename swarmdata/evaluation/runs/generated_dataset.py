@@ -41,6 +41,7 @@ def generate(
     randomization: Ranges | None = None,
     seed: int | None = None,
     tier: str = DEFAULT_TIER,
+    metadata: Mapping[str, str] | None = None,
     out: Path | str | None = None,
     workers: int | None = None,
     engine: str | Executor = LOCAL,
@@ -78,6 +79,8 @@ def generate(
         seed: of the episodes, below 2^32. Datasets with different seeds share no episode. None: a
             number made of the id.
         tier: name of the data's quality, for the card.
+        metadata: information for readers, such as `author`, `license` and `description`; the
+            license is unknown unless it is given.
         out: folder of the dataset; None: in the cache.
         workers: processes of the engine `local` that simulate; by default one for each core.
         engine: where parts are made, as `build` takes it.
@@ -91,20 +94,18 @@ def generate(
         RecipeConflictError: a dataset of another recipe is in the folder.
         MissingExtraError: a run folder needs torch.
     """
-    spec = task if isinstance(task, TaskSpec) else find_spec(str(task))
-    spec = chosen_models(spec, observation, communication, backend, randomization)
+    spec = chosen_models(find_spec(task), observation, communication, backend, randomization)
     check_world(spec)
     _check_id(id)
     shares = _shares(policies)
     if noise and not any(takes_noise(name, spec) for name in shares):
         raise SpecError(f"none of the policies {', '.join(shares)} has action noise; leave it out")
     with TemporaryDirectory(prefix="swarmdata-generate-") as scratch:
-        behaviors = []
-        for name, share in shares.items():
-            for behavior in behaviors_of(name, share, spec, noise, Path(scratch)):
-                report(behavior)
-                behaviors.append(behavior)
-        recipe = _recipe(spec, _labelled(behaviors), id=id, tier=tier, seed=seed, n_steps=n_steps)
+        behaviors = _behaviors(shares, spec, noise, Path(scratch), report)
+        recipe = _recipe(
+            spec, _labelled(behaviors), id=id, tier=tier, seed=seed, n_steps=n_steps,
+            metadata=dict(metadata or {}),
+        )  # fmt: skip
         folder = cache_folder() / "datasets" / id if out is None else Path(out)
         folder.parent.mkdir(parents=True, exist_ok=True)
         build(
@@ -114,9 +115,25 @@ def generate(
     return load(folder)
 
 
+def _behaviors(
+    shares: Mapping[str, float],
+    spec: TaskSpec,
+    noise: float,
+    folder: Path,
+    report: Callable[[Behavior], None],
+) -> list[Behavior]:
+    """The behavior policies of all names, whose networks are copied into a folder."""
+    found = []
+    for name, share in shares.items():
+        for behavior in behaviors_of(name, share, spec, noise, folder):
+            report(behavior)
+            found.append(behavior)
+    return found
+
+
 def _recipe(
     spec: TaskSpec, policies: Sequence[PolicySource], *, id: str, tier: str, seed: int | None,
-    n_steps: int,
+    n_steps: int, metadata: Mapping[str, str],
 ) -> Recipe:  # fmt: skip
     """Returns the recipe of a task and policies.
 
@@ -131,6 +148,7 @@ def _recipe(
         "policies": [source.model_dump() for source in policies],
         "seed": zlib.crc32(id.encode()) if seed is None else seed,
         "n_steps": n_steps,
+        "metadata": metadata,
         "part_episodes": part_size(spec, policies, n_steps),
     }
     return Recipe.parse(content, f"the recipe of {id}")

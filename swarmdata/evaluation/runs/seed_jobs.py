@@ -9,10 +9,11 @@ import numpy as np
 from tqdm import tqdm
 
 from swarmdata.errors import BuildError
-from swarmdata.learn.training.run_files import run_folders
+from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.runtime.engines.do_jobs import do_jobs
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.runtime.output_folder import check_marked
 
 Group = tuple[int, ...]
 """Seeds that are trained together."""
@@ -36,15 +37,19 @@ def group_folder(out: Path, group: Group) -> Path:
 
 
 def check_folders(out: Path, folders: Sequence[Path]) -> None:
-    """Checks that the seeds in `out` have not been grouped differently before.
+    """Checks that runs may be trained in `out`, and that its seeds have not been grouped otherwise.
 
     Args:
         out: of the whole training.
         folders: of the runs that it will consist of.
 
     Raises:
+        OutputError: a folder has files and holds no run.
         BuildError: there are other runs.
     """
+    check_marked(out, CONFIG, "run folder", "seeds-.*")
+    for folder in folders:
+        check_marked(folder, CONFIG, "run folder", "seeds-.*")
     others = [folder for folder in run_folders(out) if folder not in folders]
     if others:
         raise BuildError(
@@ -78,10 +83,10 @@ def train_groups(
         progress: whether to show a bar (on standard error, if that is a terminal).
 
     Raises:
-        BuildError: groups failed.
+        BatchError: groups failed; the same call resumes from their last checkpoints.
         EngineError: the engine is unknown, or cannot be reached.
     """
-    jobs, failures = [], dict[str, str]()
+    jobs = []
     for group in groups:
         folder = group_folder(out, group).resolve()
         payload = {"training": training, "seeds": list(group), "folder": str(folder)}
@@ -92,14 +97,7 @@ def train_groups(
         def report(amount: int) -> None:
             bar.update(amount)
 
-        def note(job: Job, error: BuildError) -> None:
-            failures[job.name] = str(error)
-
         do_jobs(
-            jobs, entry, engine=engine, workers=workers, folder=out, report=report, on_failure=note
-        )
-    if failures:
-        raise BuildError(
-            f"{len(failures)} of {len(jobs)} groups of seeds failed: {'; '.join(failures.values())}"
-            ". Run the same command again to resume from the last checkpoints."
-        )
+            jobs, entry, "groups of seeds",
+            engine=engine, workers=workers, folder=out, report=report,
+        )  # fmt: skip

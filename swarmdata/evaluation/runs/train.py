@@ -43,11 +43,15 @@ from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models, ranges_of
+from swarmdata.specs.origins import check_installed
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
 """Validation episodes of each point of a learning curve."""
+
+DEFAULT_SEEDS = 4
+"""Seeds of a training unless others are asked for."""
 
 TRAINER = f"{__name__}:seed_trainer"
 
@@ -108,7 +112,7 @@ class OnlineTraining(Frozen):
     """A training in a task, as JSON: all but its seeds and its folder. See `train_online`."""
 
     algorithm: str
-    task: str
+    task: str | dict[str, Any]
     changes: dict[str, str]
     observation: Model
     communication: Model
@@ -139,7 +143,7 @@ class OnlineTraining(Frozen):
     ) -> tuple[OnlineRun, Dataset | Mixture | None]:
         """The run of some seeds, and the data that it mixes in; raises as `train_online` does."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
-        own = find_spec(self.task)
+        own = find_spec(self.task) if isinstance(self.task, str) else TaskSpec.parse(self.task)
         spec = chosen_models(
             own, self.observation, self.communication, randomization=self.randomization
         )
@@ -181,12 +185,12 @@ def seed_trainer() -> Handler:
 
 def train(
     algorithm: str,
-    dataset_id: str | Sequence[str],
-    out: Path,
+    dataset_id: str | Path | Sequence[str | Path],
+    out: Path | str,
     *,
     weights: Sequence[float] | None = None,
-    n_seeds: int = 3,
-    changes: Mapping[str, str] | None = None,
+    n_seeds: int = DEFAULT_SEEDS,
+    changes: Mapping[str, Any] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
     rewards: RewardChoice | None = None,
@@ -214,7 +218,7 @@ def train(
         out: run folder.
         weights: of several datasets, as `load` takes them.
         n_seeds: number of seeds.
-        changes: settings of the algorithm as text.
+        changes: settings of the algorithm, such as `{"n_updates": 50}`; text is read as by `--set`.
         observation: observation model for training and evaluation; None: as recorded.
         communication: communication model, likewise.
         rewards: weights of rewards to learn from, as `load` takes them; learning curves and
@@ -236,41 +240,42 @@ def train(
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
-        SpecError: the task has no such frame.
+        SpecError: the task has no such frame, or an argument or setting is not of its type.
         ProgramError: `compile` found no working compiler.
+        OutputError: `out` has files and holds no run.
         CheckpointError: `out` holds another run.
         BuildError: `out` holds other groups of seeds, or training failed in another process.
     """
-    ids = [dataset_id] if isinstance(dataset_id, str) else dataset_id
-    names = [portable_name(name) for name in ids]
-    training = OfflineTraining(
-        algorithm=algorithm,
-        dataset_id=names[0] if isinstance(dataset_id, str) else names,
-        weights=None if weights is None else list(weights),
-        changes=dict(changes or {}),
-        observation=portable_source(observation),
-        communication=portable_source(communication),
-        rewards=dict(rewards) if isinstance(rewards, Mapping) else rewards,
-        frame=frame, curve_every=curve_every, keep=keep, device=device, compile=compile,
-    )  # fmt: skip
+    arguments = {
+        "algorithm": algorithm,
+        "dataset_id": _portable_names(dataset_id),
+        "weights": None if weights is None else list(weights),
+        "changes": as_texts(changes or {}),
+        "observation": portable_source(observation),
+        "communication": portable_source(communication),
+        "rewards": dict(rewards) if isinstance(rewards, Mapping) else rewards,
+        "frame": frame, "curve_every": curve_every, "keep": keep, "device": device,
+        "compile": compile,
+    }  # fmt: skip
+    training = OfflineTraining.parse(arguments, "the arguments of train")
     length = int(training.config().n_updates)  # unknown settings are refused before any job
-    where = _Where(Path(out), range(n_seeds), workers, engine, part, progress)
+    where = _Where(Path(out), _first_seeds(n_seeds), workers, engine, part, progress)
     found = where.train(training, length)
     return load_policies(read_trained(Path(out))) if found is None else found
 
 
 def train_online(
     algorithm: str,
-    task: str,
-    out: Path,
+    task: str | Path | TaskSpec,
+    out: Path | str,
     *,
-    seeds: Sequence[int] = (0, 1, 2, 3),
-    changes: Mapping[str, str] | None = None,
+    seeds: Sequence[int] = range(DEFAULT_SEEDS),
+    changes: Mapping[str, Any] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
     randomization: Ranges | None = None,
     start: Path | str | None = None,
-    data: str | Sequence[str] | None = None,
+    data: str | Path | Sequence[str | Path] | None = None,
     weights: Sequence[float] | None = None,
     offline_share: float = 0.5,
     workers: int = 1,
@@ -284,10 +289,10 @@ def train_online(
 
     Args:
         algorithm: registered online algorithm.
-        task: to train in: a preset's name, or a spec file.
+        task: to train in: a preset's name, a spec file, or a spec.
         out: run folder; an interrupted run in it resumes.
         seeds: of the policies.
-        changes: settings of the algorithm as text.
+        changes: settings of the algorithm, as `train` takes them.
         observation: observation model; None: that of the task.
         communication: communication model, likewise.
         randomization: ranges from which each episode draws, such as `{"mass": (1, 2)}`; None:
@@ -309,31 +314,64 @@ def train_online(
 
     Raises:
         UnknownNameError: no such algorithm, task, dataset or setting.
+        OutputError: `out` has files and holds no run.
         BuildError: a folder holds another run, `out` holds other groups of seeds, or training
             failed in another process.
         CheckpointError: `start` is no offline run for this task, or has other seeds or policies
             than the algorithm can take.
         SchemaError: the algorithm has no replay, or `data` are of another task.
-        SpecError: the task is of an older version of the world, or the share is out of its range.
+        SpecError: the task is of an older version of the world, the share is out of its range, or
+            an argument or setting is not of its type.
     """
-    several = data if data is None or isinstance(data, str) else [portable_name(n) for n in data]
-    training = OnlineTraining(
-        algorithm=algorithm,
-        task=portable_source(task),
-        changes=dict(changes or {}),
-        observation=portable_source(observation),
-        communication=portable_source(communication),
-        randomization=None if randomization is None else ranges_of(randomization),
-        start=None if start is None else portable_name(start),
-        data=portable_name(several) if isinstance(several, str) else several,
-        weights=None if weights is None else list(weights),
-        offline_share=offline_share, n_threads=n_threads, n_checkpoints=n_checkpoints,
-    )  # fmt: skip
+    arguments = {
+        "algorithm": algorithm,
+        "task": portable_source(str(task) if isinstance(task, Path) else task),
+        "changes": as_texts(changes or {}),
+        "observation": portable_source(observation),
+        "communication": portable_source(communication),
+        "randomization": None if randomization is None else ranges_of(randomization),
+        "start": None if start is None else portable_name(start),
+        "data": None if data is None else _portable_names(data),
+        "weights": None if weights is None else list(weights),
+        "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
+    }  # fmt: skip
+    training = OnlineTraining.parse(arguments, "the arguments of train_online")
+    seeds = _checked_seeds(seeds)
     where = _Where(Path(out), seeds, workers, engine, part, progress)
     length = 0
     if not where.is_here:  # mistakes are refused before any job
         length = training.describe(tuple(seeds), progress=progress)[0].n_steps
     where.train(training, length)
+
+
+def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:
+    """One dataset, or several, by names that mean the same in any process."""
+    if isinstance(names, str | Path):
+        return portable_name(names)
+    return [portable_name(name) for name in names]
+
+
+def _first_seeds(n_seeds: int) -> range:
+    """The seeds 0, 1, ...
+
+    Raises:
+        SpecError: their number is not one.
+    """
+    if not isinstance(n_seeds, int | np.integer) or n_seeds < 1:
+        raise SpecError(f"n_seeds is {n_seeds!r:.100}, expected a whole number of at least 1")
+    return range(n_seeds)
+
+
+def _checked_seeds(seeds: Sequence[int]) -> tuple[int, ...]:
+    """Refuses no seeds, and seeds that are no whole numbers.
+
+    Raises:
+        SpecError: naming them.
+    """
+    found = tuple(seeds)
+    if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
+        raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
+    return tuple(map(int, found))
 
 
 @dataclass(frozen=True)
@@ -382,11 +420,18 @@ def open_data(
         dataset_id: id or folder; several are mixed.
         weights: of several.
         view: further arguments of `load`.
+
+    Raises:
+        SpecError: another package defines a dataset's task, and is not installed.
     """
     if isinstance(dataset_id, str) and weights is None:
-        return load(dataset_id, **view)
-    several = (dataset_id,) if isinstance(dataset_id, str) else tuple(dataset_id)
-    return load(several, weights=weights, **view)
+        data: Dataset | Mixture = load(dataset_id, **view)
+    else:
+        several = (dataset_id,) if isinstance(dataset_id, str) else tuple(dataset_id)
+        data = load(several, weights=weights, **view)
+    for part in data.parts if isinstance(data, Mixture) else (data,):
+        check_installed(part.recipe, "training")
+    return data
 
 
 def _check_replay(algorithm: str) -> None:

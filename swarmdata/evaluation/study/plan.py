@@ -11,6 +11,9 @@ from swarmdata.specs.plain_names import Text, repeated
 
 MOST_SEEDS = 1_000
 
+MOST_SHIFTED_EPISODES = 200
+"""Seeds in each other condition, unless a plan says otherwise or has fewer itself."""
+
 Label = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=48)]
 Count = Annotated[int, Field(ge=1, le=10**12)]
 Points = Annotated[int, Field(ge=1, le=1_000)]
@@ -99,7 +102,7 @@ class ViewsPlan(Frozen):
     algorithms: Names  # labels
     views: Annotated[dict[Label, View], Field(min_length=1)]  # by label
     transfer: Names = ()  # labels
-    transfer_episodes: Episodes = 200  # seeds of each pair
+    transfer_episodes: Episodes | None = None  # of each pair; None: at most 200 of the study's
     online: Names = ()  # labels of online rows
 
 
@@ -109,7 +112,7 @@ class TasksPlan(Frozen):
     datasets: Names  # of the study
     algorithms: Names  # labels
     tasks: Annotated[Names, Field(min_length=1)]  # presets or specs' files
-    episodes: Episodes = 200  # seeds in each task
+    episodes: Episodes | None = None  # seeds in each task; None: at most 200 of the study's
 
 
 class SweepPlan(Frozen):
@@ -125,7 +128,7 @@ class SweepPlan(Frozen):
     vary: Literal["communication", "observation"]  # which of the two gets worse
     axis: str  # in the syntax of `swarmdata sweep`, such as drop=0..0.8
     points: Points = 5  # values along the axis
-    episodes: Episodes = 200  # seeds of each value
+    episodes: Episodes | None = None  # seeds of each value; None: at most 200 of the study's
     families: Names = ()  # empty: all offline ones
 
 
@@ -292,6 +295,10 @@ class Study(Frozen):
                 f"{where}: {one!r} is not {other!r} with twice the updates, which doubling: true "
                 "promises; state updates of both, and leave the rest of the rows equal"
             )
+
+    def shifted_episodes(self, asked: int | None) -> int:
+        """Seeds in each other condition of the plan: as asked for, or the study's, at most 200."""
+        return min(self.episodes, MOST_SHIFTED_EPISODES) if asked is None else asked
 
     def has(self, label: str, dataset: str) -> bool:
         """Whether a row is trained on a dataset of the study."""

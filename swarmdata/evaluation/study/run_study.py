@@ -5,20 +5,21 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from swarmdata.errors import StudyError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_folder import DONE_FILE, cell_folder, is_done
 from swarmdata.evaluation.study.cells.cells import Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
-from swarmdata.evaluation.study.cells.study_data import digest_of
+from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
-from swarmdata.evaluation.study.pages.study_folder import write_pages
+from swarmdata.evaluation.study.pages.study_folder import STUDY, write_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.reproduction import Comparison, reproduce_cell
 from swarmdata.evaluation.study.shifts.shift_table import TASKS_FILE, TRANSFER_FILE, Shifted
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.runtime.output_folder import check_output, filled
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.study.shifts.robustness_sections import PlannedSweep
@@ -55,6 +56,13 @@ class StudyOptions:
         return self.work or Path("runs") / f"study-{study.name}"
 
 
+class CellList(NamedTuple):
+    """The cells of a study as far as they are known."""
+
+    cells: tuple[Cell, ...]  # of the grid, then of sweeps
+    open_sweeps: tuple[str, ...]  # whose cells the results of the grid are still to decide
+
+
 def run_study(
     study: Study, options: StudyOptions, command: str
 ) -> tuple[dict[str, str], list[Path]]:
@@ -69,10 +77,12 @@ def run_study(
         Why cells failed, by name, and the files that were written, the page first.
 
     Raises:
+        OutputError: `options.out` has files that no study wrote.
         StaleCellError: the folder has results of another configuration.
         StudyError: no cell is done, so there is nothing to write.
         UnknownNameError: no such algorithm, setting, dataset or cell.
     """
+    check_output(options.out, STUDY)
     if study.tasks:
         for task in study.tasks.tasks:
             find_spec(task)  # an unknown one is refused before the training
@@ -137,10 +147,11 @@ def _write_pages(
             for sweep in planned
             if (sweep.is_ready(found.work) if measure else sweep.is_measured(found.work))
         ]
-        sections = run_sweeps(
-            ready, found.work, options.out, found.looks, engine=options.engine,
-            workers=options.workers, progress=options.progress,
-        )  # fmt: skip
+        with filled(options.out, STUDY) as folder:
+            sections = run_sweeps(
+                ready, found.work, folder, found.looks, engine=options.engine,
+                workers=options.workers, progress=options.progress,
+            )  # fmt: skip
     shifts = _used_elsewhere(found, options, measure=measure)
     return write_pages(found, options.out, command, sections, shifts)
 
@@ -188,7 +199,7 @@ def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
     # imported late: it needs torch
     from swarmdata.evaluation.study.cells.cell_worker import run_cell  # noqa: PLC0415  (torch)
 
-    cells = {cell.name: cell for cell in all_cells(study, progress=options.progress)}
+    cells = {cell.name: cell for cell in list_cells(study, options).cells}
     if name not in cells:
         raise UnknownNameError("cell", name, cells)
     folder = cell_folder(options.work_of(study), cells[name])
@@ -202,15 +213,32 @@ def collect_study(study: Study, options: StudyOptions, command: str) -> list[Pat
     """Writes the pages of what is done, and runs nothing.
 
     Raises:
+        OutputError: `options.out` has files that no study wrote.
         StudyError: no cell is done, so there is nothing to write.
     """
+    check_output(options.out, STUDY)
     cells = all_cells(study, progress=options.progress)
     found = _collect(study, cells, options.work_of(study), {})
     return _write_pages(found, options, command, measure=False)
 
 
+def list_cells(study: Study, options: StudyOptions) -> CellList:
+    """Returns the cells of a study, with those of the sweeps whose dataset is done."""
+    cells, work = all_cells(study, progress=options.progress), options.work_of(study)
+    pending = {cell.data for cell in cells if not is_done(cell, cell_folder(work, cell))}
+    waiting = tuple(
+        label for label, sweep in study.sweeps.items() if short_name(sweep.dataset) in pending
+    )
+    by_name = {cell.name: cell for cell in cells}
+    if len(waiting) < len(study.sweeps):
+        for planned in _planned_sweeps(collect_findings(study, cells, work, {})):
+            if planned.label not in waiting:
+                by_name |= {cell.name: cell for cell in planned.cells}  # some are in the grid
+    return CellList(tuple(by_name.values()), waiting)
+
+
 def all_cells(study: Study, *, progress: bool = True) -> list[Cell]:
-    """Returns the cells of a study; a dataset without a published digest is built to get one."""
+    """Returns the cells of a study's grid; data without a published digest are built to get one."""
 
     @cache
     def digest(dataset: str) -> str:

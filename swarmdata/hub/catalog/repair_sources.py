@@ -16,7 +16,7 @@ from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.registry.published import Published, published
 from swarmdata.runtime.documents import read_document
-from swarmdata.specs.origins import Edit, parse_origin
+from swarmdata.specs.origins import Edit, Origin, missing_parts, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.arrays.layout import CHECKPOINTS, MANIFEST, RECIPE
@@ -83,10 +83,18 @@ def origin_of(path: Path, manifest: Manifest | None) -> Recipe | Edit:
     attributes = root_attributes(path)
     known = attributes.get("recipe_hash") if manifest is None else manifest.recipe_hash
     name = attributes.get("id", path.resolve().name) if manifest is None else manifest.id
-    beside, shipped = _recipe_beside(path), shipped_recipes().get(str(name))
+    beside, shipped = _origin_beside(path), shipped_recipes().get(str(name))
     for recipe in (beside, shipped):
-        if recipe is not None and known in (None, recipe.hash()):
+        if isinstance(recipe, Recipe | Edit) and known in (None, recipe.hash()):
             return recipe
+    if beside is not None and not beside.can_rebuild:
+        how = beside.remaking or "Nothing makes it again."
+        raise DatasetError(
+            f"{path} cannot be repaired from here: it was recorded, from {beside.source}. {how} "
+            f"Take {name} from a remote, or the files from a copy of yours."
+        )
+    if manifest is not None and (missing := _missing(path, manifest)) is not None:
+        raise DatasetError(f"{path} cannot be made again: it needs {missing}.")
     what = "absent, broken or no recipe" if beside is None else "not the one it was made from"
     raise DatasetError(
         f"{path} cannot be made again: its {RECIPE} is {what}, and the package has no recipe of it"
@@ -95,13 +103,20 @@ def origin_of(path: Path, manifest: Manifest | None) -> Recipe | Edit:
     )
 
 
-def _recipe_beside(path: Path) -> Recipe | Edit | None:
-    """The recipe or edit in a dataset's folder, None where it is broken or absent."""
+def _origin_beside(path: Path) -> Origin | None:
+    """The origin in a dataset's folder, None where it is broken or absent."""
     try:
-        origin = parse_origin(read_document(path / RECIPE), RECIPE)
+        return parse_origin(read_document(path / RECIPE), RECIPE)
     except (SpecError, OSError, ValueError):
         return None
-    return origin if isinstance(origin, Recipe | Edit) else None
+
+
+def _missing(path: Path, manifest: Manifest) -> str | None:
+    """What its recipe names and nothing here defines."""
+    try:
+        return missing_parts(read_document(path / RECIPE), manifest.provenance)
+    except (SpecError, OSError, ValueError):
+        return None
 
 
 def restore_manifest(path: Path, sources: Sources) -> tuple[Manifest, str]:

@@ -16,6 +16,7 @@ from swarmdata.building.build import build_under_lock, is_finished, remove_parts
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
+    DatasetError,
     DatasetNotFoundError,
     DiskFullError,
     SpecError,
@@ -36,7 +37,7 @@ from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced, replaced_dataset
-from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.origins import Edit, parse_origin
@@ -44,6 +45,7 @@ from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE, REFERENCES
+from swarmdata.store.manifest import without_hint
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 
@@ -80,7 +82,7 @@ class Cache:
         elif request.source == "folder":  # `open_store` says whether it is a dataset
             is_there = True
         else:
-            is_there = folder.exists() and bool(read_manifest(folder))
+            is_there = not is_vacant(folder) and bool(read_manifest(folder))
         return Found(folder, request.source) if is_there else None
 
 
@@ -134,7 +136,7 @@ class Remotes:
             DatasetError: what is at that address cannot be used.
         """
         folder = request.folder
-        if folder is None or folder.exists():
+        if folder is None or not is_vacant(folder):
             return None
         refuse = refusal(request.recipe)
         if request.release is not None:
@@ -332,7 +334,7 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
     """
     refuse_current_folder(folder)
     with locked(folder, progress):  # no other process may build or repair it meanwhile
-        if folder.exists() and any(folder.iterdir()):  # it is compared, and not changed
+        if not is_vacant(folder):  # it is compared, and not changed
             pull(remote, release, folder, refuse=refusal(), progress=progress)
         else:
             _arrive(remote, release, folder, refusal(), progress)
@@ -383,11 +385,19 @@ def _arrive(
     try:
         open_store(arriving, "full", widths=True)
         finish(arriving)
+    except DatasetError as error:
+        remove_scratch(arriving)
+        problem = without_hint(str(error), arriving).replace(str(arriving), release.address)
+        raise type(error)(
+            f"{release.address} is no usable dataset: {problem}. Nothing of it is kept. Tell "
+            "whoever publishes there."
+        ) from error
     except BaseException:
         remove_scratch(arriving)
         raise
-    arriving.rename(folder.resolve())  # where a link leads, if it is one
+    put_in_place(arriving, folder.resolve(), MANIFEST)  # where a link leads, if it is one
     sync(arriving.parent)
+    remove_scratch(arriving)  # at a mount point, an empty folder is left of it
 
 
 def cached_ids(place: Path) -> list[str]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
 from tqdm import tqdm
 
 from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
@@ -16,8 +15,9 @@ from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.hub.catalog.catalog import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.replaced_worlds import refuse_replaced
+from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.open_engine import LOCAL
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.cache import cache_folder
@@ -70,6 +70,7 @@ def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[st
 
 def check(
     ids: Sequence[str],
+    failures: Failures,
     *,
     cached: bool = False,
     workers: int | None = None,
@@ -80,15 +81,12 @@ def check(
 
     Args:
         ids: as `published_ids` returns them.
+        failures: of this batch; gets the datasets that cannot be made or read.
         cached: whether to take what is in the cache, after reading every byte, instead of making it
             again.
         workers: processes of the engine `local`; by default one for each core.
         engine: where parts are made, as `build` takes it; all processes see the cache.
         progress: whether to show bars.
-
-    Raises:
-        BuildError: a dataset could not be made.
-        DatasetError: a dataset in the cache cannot be used.
     """
     entries, recipes = published(), shipped_recipes()
     for key in tqdm(ids, "datasets", unit="dataset", disable=None if progress else True):
@@ -97,9 +95,12 @@ def check(
             gone = Difference(key, "recipe", entry.recipe_hash[:12], "none")
             yield Check(key, (gone,), ())
             continue
-        found = make_again(recipe, cached=cached, workers=workers, engine=engine, progress=progress)
-        versions = changed_versions(entry.made_with, found.made_with)
-        yield Check(key, differences(key, entry, found), versions)
+        with failures.item(key):
+            found = make_again(
+                recipe, cached=cached, workers=workers, engine=engine, progress=progress
+            )
+            versions = changed_versions(entry.made_with, found.made_with)
+            yield Check(key, differences(key, entry, found), versions)
 
 
 def make_again(
@@ -127,8 +128,7 @@ def make_again(
     if cached and is_finished(kept, recipe):
         return publication(open_store(kept, "full"))
     scratch = scratch_folder(cache_folder() / "checks" / recipe.id, "check")
-    scratch.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(scratch.parent / f".{recipe.id}.check.lock"):
+    with locked(scratch, progress):
         remove_scratch(scratch)  # parts of a killed check may have been made by older code
         try:
             build(recipe, scratch / recipe.id, workers=workers, engine=engine, progress=progress)
@@ -194,7 +194,7 @@ def put_entries(path: Path, entries: Mapping[str, Any]) -> None:
             f"there is no folder {path.parent} for {path.name}. Run this in the repository, or say "
             "where the file is with --out."
         )
-    with updating(path):
+    with locked(path, shown=False):
         content = {**_entries(path), **entries}
         text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
         write_file(path, f"{text}\n".encode())

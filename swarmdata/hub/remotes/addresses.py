@@ -16,7 +16,7 @@ from swarmdata.hub.remotes.interface import Remote
 from swarmdata.hub.remotes.outside_names import MAX_ID_LENGTH, is_id
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
 
 HUB_SCHEMES, FOLDER_SCHEMES, WEB_SCHEMES = ("hf",), ("file",), ("http", "https")
@@ -205,11 +205,11 @@ def stored_remotes() -> tuple[str, ...]:
     try:
         content = read_document(path)
     except (OSError, SpecError) as error:
-        raise AddressError(f"{path} is not YAML: {error}. Correct or delete it.") from error
+        raise AddressError(f"{path} is not YAML: {error}. Correct it, or move it away.") from error
     listed = content.get("remotes") if isinstance(content, dict) else None
     if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
         raise AddressError(
-            f"{path} has no list of addresses under the key 'remotes'. Correct or delete it."
+            f"{path} has no list of addresses under the key 'remotes'. Correct it, or move it away."
         )
     return tuple(_whole(each, str(path)) for each in listed)
 
@@ -225,7 +225,7 @@ def store_remotes(change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Path:
         BuildError: it cannot be written.
     """
     path = config_file()
-    with updating(path):
+    with locked(path, shown=False):
         text = yaml.safe_dump({"remotes": list(change(stored_remotes()))}, sort_keys=False)
         write_file(path, text.encode())
     return path

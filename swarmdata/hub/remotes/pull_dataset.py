@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
 from tqdm import tqdm
 
 from swarmdata.errors import (
@@ -19,7 +18,8 @@ from swarmdata.errors import (
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.network.threads import bytes_in, run_all
 from swarmdata.hub.remotes.release_files import contradictions
-from swarmdata.runtime.atomic import disk_full_explained, sync, sync_tree
+from swarmdata.runtime.atomic import disk_full_explained, is_vacant, put_in_place, sync, sync_tree
+from swarmdata.runtime.locking import beside, locked
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, FileEntry, Manifest, read_manifest
@@ -74,9 +74,9 @@ def pull(
     refuse_current_folder(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
     scratch, whole = scratch_folder(folder, "pull"), folder.resolve()
-    with FileLock(whole.with_name(f".{whole.name}.pull.lock")):
+    with locked(scratch, progress):
         manifest = _incoming_manifest(remote, release, scratch, refuse)
-        if folder.exists() and any(folder.iterdir()):
+        if not is_vacant(folder):
             try:
                 _check_same(folder, scratch / _INCOMING)
             finally:
@@ -102,9 +102,10 @@ def refuse_current_folder(folder: Path) -> None:
     Raises:
         DatasetError: it is the current folder, and no dataset yet.
     """
-    if folder.resolve() == Path.cwd() and not (folder / MANIFEST).exists():
+    whole = folder.resolve()
+    if whole == Path.cwd() and beside(whole) != whole and not (whole / MANIFEST).exists():
         raise DatasetError(
-            f"a dataset cannot be pulled to the current folder {folder.resolve()}, only to one "
+            f"a dataset cannot be pulled to the current folder {whole}, only to one "
             "that is not there yet. Name such a folder."
         )
 
@@ -236,7 +237,7 @@ def _check_same(folder: Path, incoming: Path) -> None:
     if there.is_file() and there.read_bytes() == (incoming / MANIFEST).read_bytes():
         return
     raise DatasetError(
-        f"{folder} is there already and is not this release. Delete it first, or pull elsewhere."
+        f"{folder} is there already and is not this release. Pull elsewhere, or move it away."
     )
 
 
@@ -284,5 +285,6 @@ def _publish(manifest: Manifest, scratch: Path, folder: Path) -> None:
         elif path not in expected:
             path.unlink()  # the waiting manifest, and what broken attempts left
     sync_tree(scratch)
-    scratch.rename(folder)
+    put_in_place(scratch, folder, MANIFEST)
     sync(folder.parent)
+    remove_scratch(scratch)  # at a mount point, an empty folder is left of it

@@ -3,6 +3,7 @@
 import os
 import threading
 from pathlib import Path
+from typing import Any
 
 from swarmdata.runtime.atomic import TEMPORARY_PREFIX, write_file
 
@@ -28,6 +29,10 @@ class ChunkCache:
     def __init__(self, folder: Path, most_bytes: int) -> None:
         self._folder, self._most_bytes = folder, most_bytes
         self._lock, self._room = threading.Lock(), 0  # bytes to write before the next look
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the folder, which processes may share."""
+        return ChunkCache, (self._folder, self._most_bytes)
 
     def read(self, key: str) -> bytes | None:
         """The content of a chunk, None where it is not there."""

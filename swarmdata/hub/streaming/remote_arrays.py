@@ -1,14 +1,15 @@
 """RemoteArrays: rows of a published dataset's arrays, fetched chunk by chunk, each checked."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import ChecksumError, HubError
-from swarmdata.hub.remotes.interface import RangeReader, Release
+from swarmdata.hub.remotes import open_remote
+from swarmdata.hub.remotes.interface import RangeReader, Release, Remote
 from swarmdata.hub.streaming.chunk_cache import ChunkCache
 from swarmdata.store import Manifest
 from swarmdata.store.integrity.damage import rows_of
@@ -32,6 +33,11 @@ class RemoteArrays:
     release: Release
     manifest: Manifest
     cache: ChunkCache
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the remote's address: connections belong to one process."""
+        remote = cast("Remote", self.remote)  # one that reads ranges as well
+        return _reopened, (remote.address, self.release, self.manifest, self.cache)
 
     def dtype(self, name: str) -> np.dtype[Any]:
         """The dtype of an array."""
@@ -92,3 +98,10 @@ class RemoteArrays:
             "checksum in the manifest. They were thrown away; stream from another remote, and tell "
             "whoever publishes there."
         )
+
+
+def _reopened(address: str, *parts: Any) -> RemoteArrays:
+    """The arrays in another process."""
+    remote = open_remote(address)
+    assert isinstance(remote, RangeReader)  # as it was there
+    return RemoteArrays(remote, *parts)

@@ -3,27 +3,27 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Any, Literal, SupportsIndex, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.datasets.normalization import Moments, Statistics
-from swarmdata.datasets.views import outcome_mask, policy_mask, split_mask
+from swarmdata.datasets.views import chosen, stored_number, torch_batches
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.hub.streaming.window_sampler import WindowSampler
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
-from swarmdata.registry.published import Reference, normalized_score
+from swarmdata.registry.published import Reference, score_in
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models, models_of, with_models
 from swarmdata.specs.origins import Origin, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS, EpisodeTable
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.store.arrays.running_moments import Moments as RunningMoments
-from swarmdata.types import Double, Episode, Int
+from swarmdata.types import Double, Episode, Int, shortened
 
 N_MEASURED_BLOCKS = 16
 """Blocks on which the observations of other sensors are measured to normalize them."""
@@ -130,11 +130,11 @@ class StreamedDataset:
 
         Those of a reobservation's observations are of `N_MEASURED_BLOCKS` blocks.
         """
-        entry = self.blocks.source.manifest.statistics
-        mean, std = np.array(entry.observation_mean), np.array(entry.observation_std)
-        if self.blocks.spec is not None:
-            mean, std = self._measured()
-        return Moments(mean, std, reward_mean=entry.reward_mean, reward_std=entry.reward_std)
+        moments = Moments.of(self.blocks.source.manifest.statistics)
+        if self.blocks.spec is None:
+            return moments
+        mean, std = self._measured()
+        return replace(moments, observation_mean=mean, observation_std=std)
 
     def _measured(self) -> tuple[Double, Double]:
         train = self.blocks.table.split == SPLITS.index("train")
@@ -171,21 +171,26 @@ class StreamedDataset:
 
     def __repr__(self) -> str:
         """Shows identity and size."""
-        return (
+        return shortened(
             f"<StreamedDataset {self.id}: {len(self):,} episodes, {self.n_steps:,} steps, "
             f"{self.spec.n_agents} agents, digest {self.digest[:12]}, from {self.source}>"
         )
 
-    def __getitem__(self, index: int) -> Episode:
-        """Returns one episode, in memory.
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Episode: ...
+    @overload
+    def __getitem__(self, index: slice) -> "StreamedDataset": ...
+    def __getitem__(self, index: SupportsIndex | slice) -> "Episode | StreamedDataset":
+        """Returns one episode, in memory, or the view of a slice of episodes.
 
         Raises:
             IndexError: there is no such episode.
+            SchemaError: the index is neither a whole number nor a slice.
             HubError: a chunk could not be fetched.
         """
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"episode {index} of {len(self)} in {self!r}")
-        lazy = _LazyEpisode(self.blocks, int(self.selection[index]), _LastBlock(self.blocks))
+        if isinstance(index, slice):
+            return replace(self, selection=self.selection[index])
+        lazy = _LazyEpisode(self.blocks, stored_number(self, index), _LastBlock(self.blocks))
         return lazy.whole()
 
     def __iter__(self) -> Iterator[Episode]:
@@ -212,12 +217,10 @@ class StreamedDataset:
         split: str | None = None,
     ) -> "StreamedDataset":
         """Returns the view of the episodes that meet every condition, as `Dataset.filter` does."""
-        table = self.episodes
-        mask = outcome_mask(table, success=success, min_return=min_return, max_return=max_return)
-        if policy is not None:
-            mask &= policy_mask(table, self.recipe, policy)
-        if split is not None:
-            mask &= split_mask(table, split)
+        mask = chosen(
+            self.episodes, self.recipe, success=success, min_return=min_return,
+            max_return=max_return, policy=policy, split=split,
+        )  # fmt: skip
         return replace(self, selection=self.selection[mask])
 
     def reobserve(
@@ -268,6 +271,20 @@ class StreamedDataset:
             burn_in=burn_in,
             seed=seed,
             scale=action_scale(spec) if spec.action_kind == "continuous" else None,
+            view=self,
+        )
+
+    def to_torch(
+        self,
+        batch_size: int = 256,
+        *,
+        horizon: int | None = None,
+        burn_in: int | None = None,
+        seed: int = 0,
+    ) -> Any:
+        """Returns the batches of `sampler` for a torch `DataLoader`, as `Dataset.to_torch` does."""
+        return torch_batches(
+            self, batch_size=batch_size, horizon=horizon, burn_in=burn_in, seed=seed
         )
 
     def make_env(
@@ -284,9 +301,7 @@ class StreamedDataset:
         Raises:
             SchemaError: the references of this dataset's task are not known.
         """
-        if self.references is None:
-            raise SchemaError(f"no references are known for {self.id}, so there is no score.")
-        return normalized_score(np.asarray(returns, dtype=np.float64), self.references)
+        return score_in(self.id, returns, self.references)
 
 
 class _LastBlock:

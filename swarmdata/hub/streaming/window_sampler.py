@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.datasets.reobservation import OBSERVED_ARRAYS
-from swarmdata.datasets.sampling import N_DRAWN_AHEAD, Rows, Sampler, batches_drawn, take_at
+from swarmdata.datasets.sampling import (
+    N_DRAWN_AHEAD,
+    Rows,
+    SampledView,
+    Sampler,
+    batches_drawn,
+    take_at,
+)
 from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.store.arrays.layout import ALL_FIELDS
@@ -128,6 +135,7 @@ class WindowSampler:
         burn_in: as of `Sampler`.
         seed: of the stream.
         scale: of the actions.
+        view: the dataset whose `sampler` this is; a pickle has it instead of blocks in memory.
     """
 
     def __init__(
@@ -142,11 +150,13 @@ class WindowSampler:
         burn_in: int | None,
         seed: int,
         scale: ActionScale | None,
+        view: SampledView,
     ) -> None:
         chosen = np.searchsorted(blocks.firsts, selection, side="right") - 1
         self._live = np.unique(chosen)  # blocks with an episode to draw from
         self._window, self._order_seed = min(window, len(self._live)), order_seed
         self._blocks, self._selection, self._chosen = blocks, selection, chosen
+        self._view = view
         self._memory = BlockMemory(blocks, selection, self._window + 2)
         self._inner = Sampler(  # checks the sizes, and gathers
             self._memory.arrays,
@@ -166,6 +176,11 @@ class WindowSampler:
         self._ahead = np.empty((0, batch_size), dtype=np.int64)
         self._valid_rows = lru_cache(maxsize=2)(self._find_valid_rows)
         self.batch_size, self.horizon, self.burn_in, self.seed = batch_size, horizon, burn_in, seed
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the view and the place in its stream."""
+        names = ("batch_size", "horizon", "burn_in", "seed")
+        return _resumed, (self._view, {name: getattr(self, name) for name in names}, self._n_drawn)
 
     def __iter__(self) -> "WindowSampler":
         """Returns the sampler itself; it never ends."""
@@ -294,3 +309,10 @@ class WindowSampler:
         """Returns what another sampler needs to have in common to resume the stream."""
         own = {"window": self._window, "order_seed": self._order_seed}
         return self.settings() | own | {"n_transitions": self._n_steps}
+
+
+def _resumed(view: SampledView, options: Mapping[str, Any], n_drawn: int) -> WindowSampler:
+    """The sampler in another process."""
+    sampler: WindowSampler = view.sampler(**options)
+    sampler.load_state_dict({**sampler.identity(), "n_drawn": n_drawn})
+    return sampler

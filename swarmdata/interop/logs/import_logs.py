@@ -26,8 +26,9 @@ from swarmdata.interop.logs.scored_episodes import (
     team_motion,
 )
 from swarmdata.registry.presets import find_spec
-from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.atomic import is_vacant, sync
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import EstimatedClock, ImportedLogs, LogMap, RecordedSpec
 from swarmdata.specs.origins.log_map import StaticTransform
@@ -35,6 +36,7 @@ from swarmdata.specs.recipe import Splits
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assemble
+from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode, Int
 
@@ -82,8 +84,10 @@ def import_logs(
         ConversionError: the logs and the map do not fit together, or nothing is left, or logs do
             not determine an offset of clocks.
         MissingExtraError: the logs' format needs a library that is not installed.
-        BuildError: something else is at `out`, or no episode falls into the train split.
+        OutputError: something else is at `out`.
+        BuildError: another dataset is at `out`, or no episode falls into the train split.
     """
+    out = _checked(out)
     if not isinstance(log_map, LogMap):
         given = read_map(log_map)
         if isinstance(given, ImportedLogs):
@@ -111,7 +115,7 @@ def import_logs(
         "metadata": {**found.notes, **(metadata or {})},
     }
     origin = ImportedLogs.parse(content, f"the import of {', '.join(open_logs.paths)}")
-    return _store(Path(out).expanduser().absolute(), origin, found.episodes)
+    return _store(out, origin, found.episodes)
 
 
 def remake_logs(
@@ -126,8 +130,10 @@ def remake_logs(
 
     Raises:
         ConversionError: the logs are not those that the dataset was made of.
-        BuildError: something else is at `out`.
+        OutputError: something else is at `out`.
+        BuildError: another dataset is at `out`.
     """
+    out = _checked(out)
     paths = [Path(each).expanduser().absolute() for each in _listed(logs)]
     open_logs = OpenLogs(paths, origin.log_map, topics_of(origin.log_map))
     found = open_logs.files()
@@ -146,7 +152,14 @@ def remake_logs(
             f"{origin.id} has another {different[0]} than these logs give now: it was made with "
             "other rules of import. Install the version of swarmdata on its card."
         )
-    return _store(Path(out).expanduser().absolute(), origin, read.episodes)
+    return _store(out, origin, read.episodes)
+
+
+def _checked(out: Path | str) -> Path:
+    """The folder of the new dataset, before anything is read."""
+    folder = Path(out).expanduser().absolute()
+    check_marked(folder, MANIFEST, "dataset")
+    return folder
 
 
 def _listed(logs: Sequence[Path | str] | Path | str) -> list[Path | str]:
@@ -289,9 +302,8 @@ def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedS
 
 def _store(out: Path, origin: ImportedLogs, episodes: Sequence[Episode]) -> Dataset:
     """Writes the dataset and its card."""
-    out.parent.mkdir(parents=True, exist_ok=True)
     with locked(out):
-        if out.exists():  # either this dataset, finished before, or an error
+        if not is_vacant(out):  # either this dataset, finished before, or an error
             assemble(out, recipe=origin, parts={}, order=[])
         else:
             build = scratch_folder(out, "import")

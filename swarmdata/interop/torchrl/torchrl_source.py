@@ -6,11 +6,13 @@ env = swarmdata.make_torchrl_env(swarmdata.preset("coop_nav"), 64)
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from swarmdata.errors import MissingExtraError, SpecError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interop.torchrl.torchrl import Key, replay_buffer
+from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -32,14 +34,16 @@ def register_torchrl() -> None:
     register_dataset(PREFIX, f"{__name__}:load_replay_buffer", replace=True)
 
 
-def make_torchrl_env(spec: TaskSpec, n_copies: int, *, seed: int | None = None) -> Any:
+def make_torchrl_env(
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, seed: int | None = None
+) -> Any:
     """Makes copies of a task as one environment of TorchRL, with the keys of our replay buffers.
 
     The batch is [E]: `n_copies` copies that are stepped together, on the CPU. A copy that has ended
     is not reset by itself; TorchRL's collectors and `rollout(..., break_when_any_done=False)` do.
 
     Args:
-        spec: the task.
+        spec: the task; or a preset's name, or a spec file.
         n_copies: number of copies, E.
         seed: of all episodes, none of which is reserved for evaluation; drawn if None.
 
@@ -53,7 +57,7 @@ def make_torchrl_env(spec: TaskSpec, n_copies: int, *, seed: int | None = None) 
         raise SpecError(f"n_copies is {n_copies}, expected at least 1")
     from swarmdata.interop.torchrl.torchrl_world import TorchRLWorld  # noqa: PLC0415  (an extra)
 
-    return TorchRLWorld(spec, n_copies, seed)
+    return TorchRLWorld(find_spec(spec), n_copies, seed)
 
 
 def load_replay_buffer(

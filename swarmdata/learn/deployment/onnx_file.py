@@ -55,7 +55,7 @@ def export_onnx(
             "Export it for the observation model that it was trained on."
         )
     if path.exists():
-        raise ConversionError(f"{path} exists already. Delete it or choose another path.")
+        raise ConversionError(f"{path} exists already. Choose another path, or move it away.")
     model = _traced(step)
     known = {**about, "robots": list(robots), "features": list(features), "memory": step.memory}
     entry = model.metadata_props.add()

@@ -74,7 +74,8 @@ def parse_checkpoint(data: bytes, source: str) -> tuple[dict[str, Tensor], dict[
         saved = json.loads(header[FORMAT]) if FORMAT in header else None
     except (safetensors.SafetensorError, ValueError) as error:
         raise CheckpointError(
-            f"{source} is not a readable checkpoint ({error}). Delete it and train again."
+            f"{source} is not a readable checkpoint ({error}). Copy it again from its source, or "
+            "train again in another folder."
         ) from error
     if saved is None:
         raise CheckpointError(
@@ -86,7 +87,7 @@ def parse_checkpoint(data: bytes, source: str) -> tuple[dict[str, Tensor], dict[
     if _digest(tensors, text) != saved.get("sha256"):
         raise CheckpointError(
             f"{source} is damaged: its content does not have the SHA-256 it was saved with. "
-            "Copy it again from its source, or delete it and train again."
+            "Copy it again from its source, or train again in another folder."
         )
     metadata: dict[str, Any] = json.loads(text)
     return tensors, metadata

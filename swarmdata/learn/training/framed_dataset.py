@@ -1,7 +1,7 @@
 """A dataset as robots see it that turn with an anchor: `frames.Frame` applied to every batch."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -89,18 +89,7 @@ class _FramedSampler:
         return self._sampler.draw()
 
     def gather(self, index: Int) -> Batch:
-        batch, frame = self._sampler.gather(index), self._frame
-        observations, next_observations = batch.observations, batch.next_observations
-        next_actions = batch.next_actions
-        if next_actions is not None:
-            next_actions = frame.recorded(next_observations, next_actions)
-        return replace(
-            batch,
-            observations=frame.inputs(observations),
-            next_observations=frame.inputs(next_observations),
-            actions=frame.recorded(observations, batch.actions),
-            next_actions=next_actions,
-        )
+        return self._frame.turned(self._sampler.gather(index))
 
     def state_dict(self) -> dict[str, int]:
         return self._sampler.state_dict()

@@ -147,7 +147,10 @@ def _text(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ",".join(map(_text, value))
     words = {True: "true", False: "false", None: "none"}
-    return words[value] if value is None or isinstance(value, bool) else str(value)
+    if value is None or isinstance(value, bool):
+        return words[value]
+    is_whole = isinstance(value, float) and value.is_integer()  # such as 2e6
+    return f"{value:.0f}" if is_whole else str(value)
 
 
 def _replace(config: C, values: Mapping[str, Any]) -> C:

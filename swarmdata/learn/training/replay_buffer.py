@@ -186,7 +186,7 @@ class Replay:
                 raise CheckpointError(
                     f"{self.path} does not hold row {number} as the checkpoint knows it: the run "
                     f"went on for more than {self.shape.margin} rows after it, or the file is "
-                    "damaged or another run's. Delete the folder and train again."
+                    "damaged or another run's. Train again in another folder."
                 )
         self.n_written, self._checksums = n_written, checksums.copy()
 
@@ -204,6 +204,6 @@ def _open(path: Path, shape: tuple[int, ...]) -> "np.memmap[Any, np.dtype[np.flo
     if found != size:
         raise CheckpointError(
             f"{path} has {found} bytes, expected {size}: it is the replay of another run. Choose "
-            "another folder, or delete that one."
+            "another folder, or move that one away."
         )
     return np.memmap(path, np.float32, "r+", shape=shape)

@@ -42,8 +42,10 @@ from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.freed_memory import keep_freed_memory
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.locking import locked
+from swarmdata.runtime.output_folder import check_marked
 from swarmdata.runtime.thread_limits import ThreadLimit
+from swarmdata.specs.frozen import describe_differences
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -120,6 +122,7 @@ def train_seeds(
         SchemaError: the algorithm cannot learn the actions of a recorded environment, has nothing
             to compile, or has settings of a memory that do not fit each other.
         ProgramError: `compile` found no working compiler.
+        OutputError: the folder has files and holds no run.
         CheckpointError: the folder holds another run, or a damaged one.
         DivergedError: a loss or a parameter became infinite or NaN; the last checkpoint is kept.
         DiskFullError: no space was left; the same.
@@ -139,7 +142,7 @@ def train_seeds(
         algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
     )
     path = Path(folder)
-    with updating(path / CONFIG, progress):
+    with locked(path / CONFIG, progress):
         _claim(path, run)
         statistics = Statistics.measure(dataset, config.discount)
         trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
@@ -231,17 +234,14 @@ def _describe(
 
 def _claim(folder: Path, run: Run) -> None:
     """Makes the folder this run's, or checks that it is."""
-    folder.mkdir(parents=True, exist_ok=True)
+    check_marked(folder, CONFIG, "run folder")
     if not (folder / CONFIG).exists():
         write_file(folder / CONFIG, run.to_json().encode())
         return
-    ours, theirs = (other.model_dump(mode="json") for other in (run, read_run(folder)))
-    different = [name for name in ours if ours[name] != theirs[name]]
-    if different:
+    if different := describe_differences(read_run(folder), run):
         raise CheckpointError(
-            f"{folder} holds another run, which differs in: "
-            + "; ".join(f"{name} is {theirs[name]!r}, not {ours[name]!r}" for name in different)
-            + ". Choose another folder, or delete that one."
+            f"{folder} holds another run, which differs in: {different}. Choose another folder, or "
+            "move that one away."
         )
 
 
@@ -357,8 +357,7 @@ class _Trainer:
         tensors, metadata = checkpoint.load_checkpoint(path)
         if metadata["run"] != self.run.hash():
             raise CheckpointError(
-                f"{path} does not belong to the {CONFIG} beside it. Delete the folder and train "
-                "again."
+                f"{path} does not belong to the {CONFIG} beside it. Train again in another folder."
             )
         state = checkpoint.part(tensors, "algorithm")
         restore(self.algorithm, state, is_compact=metadata.get(COMPACT, False))

@@ -5,9 +5,16 @@ add a row to `ORIGIN_KINDS`. Everything else asks the protocol: the store, cards
 """
 
 from swarmdata.specs.origins.edit_origin import Edit, EpisodeNumber, Parent
+from swarmdata.specs.origins.foreign_origin import ForeignOrigin, foreign_origin, missing_parts
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs, LogFile
-from swarmdata.specs.origins.origin_kinds import ORIGIN_KINDS, Origin, parse_origin, task_of
+from swarmdata.specs.origins.origin_kinds import (
+    ORIGIN_KINDS,
+    Origin,
+    check_installed,
+    parse_origin,
+    task_of,
+)
 from swarmdata.specs.origins.recorded_spec import MAX_COLUMNS, RecordedAgent, RecordedSpec
 from swarmdata.specs.origins.recording_origin import Id, Recording
 from swarmdata.specs.origins.spec_kinds import SPEC_KINDS, AnySpec, Spec
@@ -20,6 +27,7 @@ __all__ = [
     "Edit",
     "EpisodeNumber",
     "EstimatedClock",
+    "ForeignOrigin",
     "Id",
     "ImportedLogs",
     "LogFile",
@@ -30,6 +38,9 @@ __all__ = [
     "RecordedSpec",
     "Recording",
     "Spec",
+    "check_installed",
+    "foreign_origin",
+    "missing_parts",
     "parse_origin",
     "task_of",
 ]

@@ -1,6 +1,6 @@
 """Edit, a dataset of episodes of other datasets."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -25,6 +25,9 @@ class Parent(Frozen):
 
 class Edit(Frozen):
     """A dataset of episodes of others, each with the split it had."""
+
+    can_rebuild: ClassVar[bool] = True
+    missing: ClassVar[None] = None
 
     kind: Literal["edit"] = "edit"
     id: Id

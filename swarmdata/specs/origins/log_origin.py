@@ -1,6 +1,6 @@
 """ImportedLogs, a dataset made of the logs of robots."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
@@ -30,6 +30,9 @@ class EstimatedClock(Frozen):
 
 class ImportedLogs(Frozen):
     """A dataset made of logs of robots by a map; the same logs and map give it again."""
+
+    can_rebuild: ClassVar[bool] = False
+    missing: ClassVar[None] = None
 
     kind: Literal["logs"] = "logs"
     id: Id

@@ -52,6 +52,16 @@ class Origin(Protocol):
         ...
 
     @property
+    def can_rebuild(self) -> bool:
+        """Whether this package makes lost files again, by a recipe or from parents."""
+        ...
+
+    @property
+    def missing(self) -> str | None:
+        """What it names and nothing installed here defines, and what to do; None: nothing."""
+        ...
+
+    @property
     def parents(self) -> tuple[Parent, ...]:
         """The datasets that it was made from, if any."""
         ...
@@ -142,6 +152,20 @@ def parse_origin(data: Any, source: str) -> Origin:
     return model.parse(data, source)
 
 
+def check_installed(origin: Origin, purpose: str) -> None:
+    """Checks that all that a dataset names is defined here.
+
+    Args:
+        origin: of the dataset.
+        purpose: what needs it, the subject of the error's sentence.
+
+    Raises:
+        SpecError: another package defines some of it.
+    """
+    if origin.missing is not None:
+        raise SpecError(f"{origin.id}: {purpose} needs {origin.missing}.")
+
+
 def task_of(origin: Origin, purpose: str) -> TaskSpec:
     """The spec of a dataset of a task of this library.
 
@@ -150,8 +174,10 @@ def task_of(origin: Origin, purpose: str) -> TaskSpec:
         purpose: what needs the task, the subject of the error's sentence, such as "coverage".
 
     Raises:
-        SpecError: the dataset was recorded in another environment.
+        SpecError: the dataset was recorded in another environment, or another package defines its
+            task, which is not installed.
     """
+    check_installed(origin, purpose)
     world = origin.spec.world
     if world is None:
         raise SpecError(

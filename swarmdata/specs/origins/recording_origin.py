@@ -1,6 +1,6 @@
 """Recording, a dataset of steps that were taken in an environment, here or elsewhere."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -14,6 +14,9 @@ Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_len
 
 class Recording(Frozen):
     """A dataset of steps that were taken in an environment; it cannot be made again."""
+
+    can_rebuild: ClassVar[bool] = False
+    missing: ClassVar[None] = None
 
     kind: Literal["recording"] = "recording"
     id: Id

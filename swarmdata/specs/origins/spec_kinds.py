@@ -48,13 +48,13 @@ class Spec(Protocol):
         ...
 
     @property
-    def observation_size(self) -> int | None:
-        """Columns of an observation, O; None where only the task's code knows."""
+    def observation_size(self) -> int:
+        """Columns of an observation, O; of agents with different spaces, the widest."""
         ...
 
     @property
-    def state_size(self) -> int | None:
-        """Columns of a state, S; None where only the task's code knows."""
+    def state_size(self) -> int:
+        """Columns of a state, S."""
         ...
 
     @property

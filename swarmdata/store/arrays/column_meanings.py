@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import OBSTACLE_COLUMNS
 from swarmdata.perception.comms.payloads import PAYLOAD_COLUMNS
@@ -27,6 +28,32 @@ def task_columns(task: Task) -> dict[str, tuple[Column, ...]]:
         "events": EVENT_COLUMNS,
         "episodes/layouts": OBSTACLE_COLUMNS,
     }
+
+
+def columns_of(task: Task, array: str, agent: int = 0) -> tuple[Column, ...]:
+    """The columns of one row of an array.
+
+    Args:
+        task: of the dataset.
+        array: one that has columns, such as `states`.
+        agent: whose actions, where robots differ.
+
+    Raises:
+        UnknownNameError: no such array has columns.
+        SchemaError: there is no such agent.
+        SpecError: a model of the spec does not fit its task.
+    """
+    robots = task.spec.robots
+    if not 0 <= agent < len(robots):
+        raise SchemaError(f"agent {agent} of {len(robots)}, expected 0 to {len(robots) - 1}")
+    known = task_columns(task) | {
+        "actions": action_columns(robots[agent], task.spec),
+        "reward_terms": term_columns(task),
+    }
+    known["layout"] = known.pop("episodes/layouts")
+    if array not in known:
+        raise UnknownNameError("array with columns", array, known)
+    return known[array]
 
 
 def term_columns(task: Task) -> tuple[Column, ...]:

@@ -35,6 +35,11 @@ def task_row_shapes(spec: TaskSpec, *, widths: bool = True) -> Mapping[str, Shap
     return MappingProxyType(known | _of_task(spec) if widths else known)
 
 
+def team_row_shapes(spec: Spec) -> Mapping[str, Shape]:
+    """Like `task_row_shapes`, of a task that another package defines: what the team alone tells."""
+    return _of_any(spec.n_agents, spec.action_size)
+
+
 def recorded_row_shapes(spec: Spec) -> Mapping[str, Shape]:
     """Like `task_row_shapes`, of a recording of another environment."""
     return _of_any(spec.n_agents, spec.action_size) | {

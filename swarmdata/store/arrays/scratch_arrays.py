@@ -2,15 +2,18 @@
 
 import mmap
 import os
+import sys
 import tempfile
+import weakref
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.runtime.atomic import disk_full_explained
+from swarmdata.runtime.mapped_pages import mapping_of
 from swarmdata.store.cache import cache_folder
 
 MEMORY_BYTES = 256 << 20
@@ -18,7 +21,54 @@ MEMORY_BYTES = 256 << 20
 
 
 class ScratchMap(mmap.mmap):
-    """A map of a file that has no name: it goes with the last array that is a view of it."""
+    """A map of a file that has no name: it goes with the last array that is a view of it.
+
+    Its descriptor is kept, so that other processes of this machine can map the file (`share`).
+    """
+
+    descriptor: int
+
+    def __new__(cls, descriptor: int, n_bytes: int, **access: int) -> "ScratchMap":
+        """Maps the file, and keeps a descriptor of its own."""
+        self = super().__new__(cls, descriptor, n_bytes, **access)
+        self.descriptor = os.dup(descriptor)
+        weakref.finalize(self, os.close, self.descriptor)
+        return self
+
+
+class SharedArray(NamedTuple):
+    """Where another process of this machine finds an array, while this one keeps it."""
+
+    path: str  # of the descriptor of the process that has it
+    file: tuple[int, int]  # device and inode
+    dtype: str
+    shape: tuple[int, ...]
+
+
+def share(array: NDArray[Any]) -> SharedArray | None:
+    """Says where other processes find an array of `new_arrays`; None: it is in no file."""
+    mapped = mapping_of(array)
+    if not isinstance(mapped, ScratchMap) or array.nbytes != len(mapped):
+        return None
+    found = os.fstat(mapped.descriptor)
+    path = f"/proc/{os.getpid()}/fd/{mapped.descriptor}"
+    return SharedArray(path, (found.st_dev, found.st_ino), array.dtype.str, array.shape)
+
+
+def map_shared(shared: SharedArray) -> NDArray[Any] | None:
+    """Maps an array of another process, read-only; None: that process, or its array, is gone."""
+    try:
+        descriptor = os.open(shared.path, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        found = os.fstat(descriptor)
+        if (found.st_dev, found.st_ino) != shared.file:
+            return None
+        mapped = ScratchMap(descriptor, found.st_size, access=mmap.ACCESS_READ)
+    finally:
+        os.close(descriptor)
+    return np.frombuffer(mapped, np.dtype(shared.dtype)).reshape(shared.shape)
 
 
 def new_arrays(
@@ -36,18 +86,29 @@ def new_arrays(
         DiskFullError: no space is left.
     """
     sizes = {name: int(np.prod(shape)) * dtype.itemsize for name, (shape, dtype) in kinds.items()}
-    if sum(sizes.values()) <= MEMORY_BYTES:
-        return {name: np.empty(shape, dtype) for name, (shape, dtype) in kinds.items()}
+    place = _in_memory if sum(sizes.values()) <= MEMORY_BYTES else _in_file
     return {
-        name: _mapped(sizes[name]).view(dtype).reshape(shape)
+        name: place(sizes[name]).view(dtype).reshape(shape)
+        if sizes[name]
+        else np.empty(shape, dtype)
         for name, (shape, dtype) in kinds.items()
     }
 
 
-def _mapped(n_bytes: int) -> NDArray[np.uint8]:
+def _in_memory(n_bytes: int) -> NDArray[np.uint8]:
+    """Bytes in memory, where the system can in a file that other processes can map."""
+    if sys.platform != "linux":
+        return np.empty(n_bytes, dtype=np.uint8)
+    descriptor = os.memfd_create("swarmdata")
+    try:
+        os.ftruncate(descriptor, n_bytes)
+        return np.frombuffer(ScratchMap(descriptor, n_bytes), dtype=np.uint8)
+    finally:
+        os.close(descriptor)
+
+
+def _in_file(n_bytes: int) -> NDArray[np.uint8]:
     """Bytes of a new file, which has its space on the disk before any of it is written to."""
-    if not n_bytes:
-        return np.empty(0, dtype=np.uint8)
     folder = _folder()
     with disk_full_explained(folder), tempfile.TemporaryFile(dir=folder) as file:
         if hasattr(os, "posix_fallocate"):  # not on macOS

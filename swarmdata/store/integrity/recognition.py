@@ -50,7 +50,18 @@ def no_dataset(folder: Path) -> str:
     """The message that a folder is no dataset."""
     return (
         f"there is no dataset at {folder}: the folder has nothing that only a dataset of swarmdata "
-        "has, such as a manifest."
+        f"has, such as a manifest.{linked_hint(folder)}"
+    )
+
+
+def linked_hint(folder: Path) -> str:
+    """How to download a dataset whose files are links, as in huggingface_hub's cache; else ""."""
+    if not (folder / MANIFEST).is_symlink():
+        return ""
+    return (
+        " Its files are links, as in the cache of huggingface_hub, and links are never followed. "
+        "Copy the files: snapshot_download(..., local_dir=FOLDER), or `swarmdata pull "
+        "hf://ORG/NAME --out FOLDER`."
     )
 
 

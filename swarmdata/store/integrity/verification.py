@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import ChecksumError
 from swarmdata.runtime.mapped_pages import release_pages
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.manifest import Manifest, logical_header, rebuild_hint
+from swarmdata.store.manifest import Manifest, logical_header, repair_hint
 
 BLOCK_BYTES = 16 << 20
 """Bytes that are hashed together."""
@@ -33,7 +33,7 @@ def check_everything(path: Path, manifest: Manifest, raw: Raw) -> None:
     if digest != manifest.digest:
         raise ChecksumError(
             f"the arrays of {path} have the logical digest {digest}, the manifest says "
-            f"{manifest.digest}. {rebuild_hint(path, manifest.id)}"
+            f"{manifest.digest}. {repair_hint(path)}"
         )
 
 
@@ -41,7 +41,7 @@ def file_changed(path: Path, manifest: Manifest, name: str) -> ChecksumError:
     """The error that a file does not have its SHA-256."""
     return ChecksumError(
         f"{path / name} was changed after it was written: its SHA-256 is not the one in the "
-        f"manifest. {rebuild_hint(path, manifest.id)}"
+        f"manifest. {repair_hint(path)}"
     )
 
 

@@ -17,6 +17,7 @@ from swarmdata.catalogue.replays.measured_files import (
 from swarmdata.catalogue.replays.packing import unpack
 from swarmdata.catalogue.result_sources import own_sources
 from swarmdata.evaluation.results.result_files import Result
+from swarmdata.runtime.batches import Failures
 from tests.support.measured import foreign, result
 
 
@@ -71,7 +72,7 @@ def test_environments_of_others_have_fewer_columns(tmp_path: Path) -> None:
 
 
 def test_runs_at_hand_are_played_again_and_others_are_said(measured: Path, tmp_path: Path) -> None:
-    (source,) = own_sources([measured])
+    (source,) = own_sources([measured], Failures(1))
     (outcome,) = source.outcomes
     notes: list[str] = []
     played = play_again(outcome.results, notes.append)

@@ -1,14 +1,26 @@
 """The integers of an episode say what happened in it."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from swarmdata.catalogue.replays.world_columns import TURN, Columns, Group, WorldColumns
 from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
-from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.appearance import MOST_MOMENTS
+from swarmdata.registry.components import (
+    TASKS,
+    appearance_of,
+    make_env,
+    make_policy,
+    make_task,
+    reward_terms,
+)
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.rules import Payload, SearchRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, X, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Episode
@@ -129,3 +141,52 @@ def test_the_description_says_how_far_robots_sense() -> None:
     lidar = WorldColumns(with_models(plain, "lidar", None)).describe()["sensor"]
     assert lidar == {"kind": "lidar", "ranges": [2.0] * 4, "rays": 16}
     assert WorldColumns(plain).describe()["radio"] is None
+
+
+@pytest.mark.parametrize("name", TASKS.own)
+def test_every_moment_of_a_task_is_one_of_its_terms(name: str) -> None:
+    spec = preset(name).with_updates(horizon=20)
+    columns = WorldColumns(spec)
+    look = appearance_of(spec)
+
+    world = columns.describe()
+
+    terms = [term.name for term in reward_terms(make_task(spec))]
+    assert [moment.term for moment in look.moments if moment.term not in terms] == []
+    assert world["moments"] == [list(moment) for moment in look.moments]
+    assert len(look.moments) <= MOST_MOMENTS
+    assert world["mark"] == look.mark
+    json.dumps(world, allow_nan=False)
+
+
+def test_rescued_victims_are_flags() -> None:
+    spec = preset("search")
+    episode = play(spec, "scripted")
+
+    found = columns_of(WorldColumns(spec).moving(episode))
+
+    _, reached = found["reached"]
+    _, codes = found["event"]
+    assert isinstance(spec.rules, SearchRules)
+    assert reached.shape == (len(episode) + 1, spec.rules.victims)
+    assert (np.diff(reached, axis=0) >= 0).all()
+    assert bool(reached[-1].all()) == episode.success
+    rescues = np.asarray(codes >> 9 & 1).any(axis=1)
+    rescued = (np.diff(reached, axis=0) > 0).any(axis=1)
+    np.testing.assert_array_equal(np.asarray(rescues)[1:], rescued)
+
+
+def test_all_bodies_of_a_users_task_are_columns() -> None:
+    """Two payloads, in a task that nothing here knows by its name."""
+
+    columns = WorldColumns(preset("transport"))
+    columns._look = replace(columns._look, bodies=(Payload(), Payload()))
+    states = np.zeros((3, N_COLUMNS * 4 + 14), np.float32)
+    states[:, N_COLUMNS * 4 + 7] = 1.5
+
+    found = columns_of(columns._bodies(states))
+
+    group, places = found["body"]
+    assert places.shape == (3, 4)
+    assert places[0, 2] * group.unit == pytest.approx(1.5)
+    assert found["body_angle"][1].shape == (3, 2)

@@ -74,7 +74,7 @@ def test_answers_are_passed_on(tmp_path: Path) -> None:
         (["--to", "d4rl", "--from", "d4rl"], "either --to"),
         (["--from", "d4rl"], "required with --from"),
         (["--from", "d4rl", "--id", "a-b-v0", "--action-bounds", "1"], "expected two numbers"),
-        (["--from", "d4rl", "--id", "a-b-v0", "--note", "x"], "expected KEY=TEXT"),
+        (["--from", "d4rl", "--id", "a-b-v0", "--note", "x"], "got 'x', expected KEY=VALUE"),
     ],
 )
 def test_wrong_options(folder: Path, tmp_path: Path, options: list[str], problem: str) -> None:

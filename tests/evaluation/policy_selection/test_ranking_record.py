@@ -10,6 +10,7 @@ import pytest
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
+    RANKING,
     CriterionQuality,
     RankedPolicy,
     Ranking,
@@ -111,7 +112,7 @@ def test_a_file_is_read_back(tmp_path: Path) -> None:
     made = scored()
     made.write(tmp_path / "new" / "folder")
     files = sorted(path.name for path in (tmp_path / "new" / "folder").iterdir())
-    assert files == ["ranking.csv", "ranking.json", "ranking.md"]
+    assert files == [RANKING.list_file, "ranking.csv", "ranking.json", "ranking.md"]
     assert Ranking.from_file(tmp_path / "new" / "folder" / "ranking.json") == made
 
 

@@ -106,8 +106,8 @@ def test_a_failure_elsewhere_names_the_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     every = evaluations(tmp_path, "scripted")
-    blocked = tmp_path / "file"
-    blocked.write_text("")
+    blocked = tmp_path / "file" / "results"
+    blocked.parent.write_text("")
     there = [
         Evaluation(e.source, e.policy, e.provenance, e.spec, N, e.block, blocked) for e in every
     ]

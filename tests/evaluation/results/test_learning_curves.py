@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import plot_learning
-from swarmdata.evaluation.results.learning_curves import Curve, group_files, interval_of
+from swarmdata.evaluation.results.curve_plots import draw_training, plot_learning
+from swarmdata.evaluation.results.learning_curves import (
+    Curve,
+    curve_files,
+    group_files,
+    interval_of,
+)
 from swarmdata.rollouts.score_intervals import SHARE
 
 
@@ -38,6 +43,41 @@ def test_files_that_do_not_fit_are_named() -> None:
         SchemaError, match=r"coop_nav.csv does not match the pattern 'algorithm-task'"
     ):
         group_files(paths("mappo/coop_nav.csv"), "algorithm-task")
+
+
+def write_run(folder: Path) -> Path:
+    """What curves need of a run whose seeds two processes trained."""
+    for seed in (0, 1):
+        inside = folder / f"seeds-{seed}"
+        inside.mkdir(parents=True)
+        (inside / "config.json").write_text("{}")
+        rows = "".join(f"{100 * k},{seed},{0.1 * k},{k}\n" for k in range(1, 4))
+        (inside / "curve.csv").write_text("frames,seed,success,return\n" + rows)
+    return folder
+
+
+def test_a_run_folder_stands_for_its_curves(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "mappo-v1.5" / "coop_nav")
+    files = [run / "seeds-0" / "curve.csv", run / "seeds-1" / "curve.csv"]
+    assert curve_files(run) == files
+    other = write_run(tmp_path / "vdn" / "coop_nav")
+    assert group_files([other], "algorithm/task")["coop_nav"]["vdn"] == curve_files(other)
+    with pytest.raises(SchemaError, match="is no training run with a learning curve"):
+        curve_files(tmp_path)
+    (files[1]).unlink()
+    with pytest.raises(SchemaError, match="is no training run with a learning curve"):
+        curve_files(run)
+
+
+def test_runs_and_files_are_drawn_together(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="figures need the plots extra")
+    run = write_run(tmp_path / "mappo")
+    copy = tmp_path / "vdn.csv"
+    copy.write_text((run / "seeds-0" / "curve.csv").read_text())
+    draw_training([run, copy], "success", tmp_path / "curves.svg")
+    assert (tmp_path / "curves.svg").stat().st_size > 1000
+    with pytest.raises(SchemaError, match="several curves are called mappo"):
+        draw_training([run, tmp_path / "mappo.csv"], "success", tmp_path / "curves.svg")
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))

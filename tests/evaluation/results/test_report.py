@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.report import shown_cases, tables_of, write_report
+from swarmdata.evaluation.results.report import REPORT, shown_cases, tables_of, write_report
 from swarmdata.evaluation.results.result_files import save_result
 from swarmdata.evaluation.results.result_set import group_results
 from tests.support.measured import EXPERT, MEDIUM, foreign, grid, result
@@ -25,7 +25,7 @@ def test_a_report_of_several_datasets(tmp_path: Path) -> None:
     files = {f"{name}{ending}" for name in tables for ending in (".md", ".csv", ".tex")}
     files |= {f"{name}{ending}" for name in figures for ending in (".png", ".pdf")}
     files |= {"report.md", "runs.csv", "marl-eval.json"}
-    assert {path.name for path in out.iterdir()} == files
+    assert {path.name for path in out.iterdir()} == files | {REPORT.list_file}
     assert [line for line in text.splitlines() if line in tables] == list(tables)
     page = (out / "report.md").read_text()
     for name in figures:
@@ -48,7 +48,7 @@ def test_results_of_other_environments_have_a_table_and_no_scores(tmp_path: Path
     save_result(foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0]}), tmp_path / "results")
     write_report([tmp_path / "results"], tmp_path / "out", suffix=".svg")
     names = {path.stem for path in (tmp_path / "out").iterdir()}
-    assert names == {"table", "report", "runs", "marl-eval"}
+    assert names - {".swarmdata-files"} == {"table", "report", "runs", "marl-eval"}
 
 
 def test_unknown_pictures_are_refused(tmp_path: Path) -> None:

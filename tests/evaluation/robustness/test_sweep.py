@@ -25,7 +25,7 @@ from swarmdata.evaluation.results.result_set import Case, read_results, referenc
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.robustness import sweep as sweep_module
-from swarmdata.evaluation.robustness.sweep import sweep
+from swarmdata.evaluation.robustness.sweep import SWEEP, sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
 from swarmdata.evaluation.robustness.sweep_estimates import change_of, estimates_of
 from swarmdata.evaluation.robustness.sweep_tables import Degradation
@@ -88,7 +88,7 @@ def test_a_sweep_leaves_results_tables_and_figures(swept: Path) -> None:
     names = {path.name for path in swept.iterdir()}
     figures = {"communication-drop.png", "observation-noise.png"}
     figures |= {name.replace(".png", ".pdf") for name in figures}
-    assert names == {"results", "sweep.csv", "sweep.md"} | figures
+    assert names == {SWEEP.list_file, "results", "sweep.csv", "sweep.md"} | figures
     points = ["trained", "communication-drop-0.0", "communication-drop-0.6"]
     points += ["observation-noise-0.2"]  # noise 0 is as trained
     folders = {path.name: path for path in (swept / "results").iterdir()}
@@ -156,7 +156,7 @@ def test_a_stopped_sweep_goes_on_where_it_was(
     calls.extend(["before"] * 4)  # no more interrupts
     run_sweep([runs / "talks"], [DROP, NOISE], tmp_path)
     assert len(calls) - 4 == 8 - 3
-    for path in (path for path in swept.rglob("*") if path.suffix in {".csv", ".md", ".json"}):
+    for path in (path for path in swept.rglob("[!.]*") if path.suffix in {".csv", ".md", ".json"}):
         assert (tmp_path / path.relative_to(swept)).read_bytes() == path.read_bytes()
 
 

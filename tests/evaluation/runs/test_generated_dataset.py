@@ -174,3 +174,23 @@ def test_seeds_follow_from_the_id(tmp_path: Path) -> None:
         for name in ("one", "other")
     )
     assert not set(one.episodes.seeds.tolist()) & set(other.episodes.seeds.tolist())
+
+
+def test_author_and_license_are_the_authors(tmp_path: Path) -> None:
+    made = {
+        name: generate(
+            SPEC, "random", id="coop_nav-mine-v0", n_steps=200, progress=False,
+            out=tmp_path / name, metadata=metadata,
+        )
+        for name, metadata in (
+            ("stated", {"author": "A. Turing", "license": "mit"}), ("silent", None)
+        )
+    }  # fmt: skip
+    cards = {name: dataset.card for name, dataset in made.items()}
+    assert "license: mit\n" in cards["stated"]
+    assert "A. Turing" in cards["stated"]
+    assert "license: unknown\n" in cards["silent"]
+    assert made["stated"].digest == made["silent"].digest
+    again = Recipe.from_file(made["stated"].path / "recipe.json")
+    assert again.metadata == {"author": "A. Turing", "license": "mit"}
+    assert "metadata" not in made["silent"].recipe.to_json(), "older recipes keep their hashes"

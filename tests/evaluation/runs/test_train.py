@@ -16,7 +16,13 @@ pytest.importorskip("torch", reason="training needs the torch extra")
 
 from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 from swarmdata.cli.main import app
-from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import (
+    BuildError,
+    CheckpointError,
+    SchemaError,
+    SpecError,
+    UnknownNameError,
+)
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
@@ -127,7 +133,7 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
         (("qmix", "--task", "coop_nav", "--regulariser", "bc"), "--regulariser: it has no effect"),
         (("vdn", "coop_nav-random", "--steps", "8"), "--steps: it has no effect"),
         (("bc",), "bc needs a dataset's ID"),
-        (("mappo", "--task", "coop_nav", "--set", "hidden"), "is not KEY=VALUE"),
+        (("mappo", "--task", "coop_nav", "--set", "hidden"), "expected KEY=VALUE"),
         (("mappo", "--task", "coop_nav", "--updates", "8"), "--updates: it has no effect"),
         (("mappo", "--task", "coop_nav", "--device", "cpu"), "--device: it has no effect"),
         (("mappo", "--task", "coop_nav", "--reward", "time=1"), "--reward: it has no effect"),
@@ -267,7 +273,7 @@ def test_processes_share_the_seeds_and_their_failures_are_told(task: Path, tmp_p
     shutil.rmtree(out / "seeds-2")
     with pytest.raises(BuildError, match="1 of 2 groups of seeds failed: seeds-0-1 of run") as told:
         train(hidden="16")
-    assert "holds another run, which differs in config" in str(told.value)
+    assert "holds another run, which differs in: config" in str(told.value)
     with pytest.raises(BuildError, match="was trained with other groups of seeds"):
         train_online("mappo", str(task), out, seeds=(0, 1, 2), changes=changes)
 
@@ -329,3 +335,48 @@ def test_a_device_that_is_not_here_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="torch has no device 'cuda:99' here, expected cpu, or"):
         train("bc", "coop_nav-random-mini", tmp_path / "run", device="cuda:99")
     assert not list(tmp_path.iterdir())
+
+
+def test_settings_may_be_of_their_own_types(tiny: Path, tmp_path: Path) -> None:
+    native = {"n_updates": 2.0, "hidden": [8, 4], "memory": None, "learning_rate": 1e-3}
+    text = {"n_updates": "2", "hidden": "8,4", "memory": "none", "learning_rate": "0.001"}
+    runs = []
+    for name, changes in (("a", native), ("b", text)):
+        train("bc", tiny, tmp_path / name, n_seeds=1, changes=changes, progress=False)
+        runs.append(read_run(tmp_path / name))
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"changes": {"n_updates": 2.5}}, "n_updates.* got '2.5', expected a whole number"),
+        ({"changes": {"hidden": object()}}, "expected values separated by commas"),
+        ({"curve_every": "often"}, "arguments of train: curve_every"),
+        ({"n_seeds": 0}, "n_seeds is 0, expected a whole number of at least 1"),
+        ({"n_seeds": "3"}, "n_seeds is '3', expected a whole number"),
+    ],
+)
+def test_arguments_of_another_type_are_refused(
+    tiny: Path, tmp_path: Path, arguments: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SpecError, match=message):
+        train("bc", tiny, tmp_path / "run", **arguments)
+    assert not (tmp_path / "run").exists()
+
+
+def test_online_training_takes_specs_and_refuses_seeds_that_are_none(tmp_path: Path) -> None:
+    spec, changes = TaskSpec(horizon=10), {**SMALL, "n_steps": 40.0}
+    train_online("mappo", spec, tmp_path / "run", seeds=[0], changes=changes, progress=False)
+    assert read_online_run(tmp_path / "run").spec == spec
+    for seeds in ([], ["a"], [-1]):
+        with pytest.raises(SpecError, match="expected whole numbers from 0 on"):
+            train_online("mappo", spec, tmp_path / "other", seeds=seeds, changes=changes)  # type: ignore[arg-type]
+
+
+def test_a_changed_run_names_only_what_changed(tiny: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    train("bc", tiny, out, n_seeds=1, changes={"n_updates": 2, "hidden": 8}, progress=False)
+    with pytest.raises(CheckpointError, match=r"config\.n_updates is 2, not 3") as told:
+        train("bc", tiny, out, n_seeds=1, changes={"n_updates": 3, "hidden": 8}, progress=False)
+    assert len(str(told.value)) < 400

@@ -189,3 +189,14 @@ def test_wrong_short_forms_are_refused(change: dict[str, Any], message: str) -> 
     content = {"name": "mine", "datasets": ["coop_nav-medium"], "algorithms": ["bc"], **change}
     with pytest.raises(SpecError, match=message):
         Study.parse(content)
+
+
+@pytest.mark.parametrize(("of_study", "asked", "expected"), [
+    (40, None, 40), (1000, None, 200), (40, 60, 60), (1000, 500, 500),
+])  # fmt: skip
+def test_other_conditions_have_the_episodes_of_the_study(
+    of_study: int, asked: int | None, expected: int
+) -> None:
+    content = {"name": "x", "datasets": ["d"], "algorithms": ["bc"], "episodes": of_study}
+    study = Study.parse(content)
+    assert study.shifted_episodes(asked) == expected

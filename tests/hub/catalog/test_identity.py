@@ -378,7 +378,7 @@ def test_every_preset_has_the_shapes_of_its_worlds() -> None:
 def test_a_folder_named_like_another_dataset_says_so(
     monkeypatch: pytest.MonkeyPatch, tiny: Path, tmp_path: Path
 ) -> None:
-    """Row 77: in the cache, where its name is what is asked for, and anywhere else."""
+    """Row 81: in the cache, where its name is what is asked for, and anywhere else."""
     monkeypatch.setattr(identity, "published", lambda: MappingProxyType({}))
     monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path))
     folder = Path(shutil.copytree(tiny, tmp_path / "datasets" / "lab-warehouse_run-v3"))

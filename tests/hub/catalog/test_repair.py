@@ -74,7 +74,7 @@ def test_an_intact_dataset_has_no_damage_and_is_not_touched(dataset: Path) -> No
     assert examine(dataset) == ()
     assert repair(dataset) == ()
     assert {path: path.stat().st_mtime_ns for path in dataset.rglob("*")} == before
-    assert {path.name for path in dataset.parent.iterdir()} == {TINY.id, f".{TINY.id}.lock"}
+    assert {path.name for path in dataset.parent.iterdir()} == {TINY.id}
 
 
 def test_every_broken_file_is_named_with_its_first_bad_chunk(dataset: Path) -> None:
@@ -167,7 +167,7 @@ def test_only_what_is_broken_is_made_again(dataset: Path) -> None:
     assert done == tuple(Repair(file, "made again from the recipe") for file in (META, STATES))
     assert content(dataset) == before
     assert (dataset / ACTIONS).stat().st_ino == whole, "an intact file is left as it is"
-    assert {path.name for path in dataset.parent.iterdir()} == {TINY.id, f".{TINY.id}.lock"}
+    assert {path.name for path in dataset.parent.iterdir()} == {TINY.id}
 
 
 def test_a_remote_is_asked_before_anything_is_built(

@@ -190,7 +190,7 @@ def test_what_a_killed_fetch_left_is_of_no_consequence(tmp_path: Path, tiny: Pat
     )
     assert found.source == f"{shelf.address}/{TINY.id}"
     Dataset.open(tmp_path / "d", "full")
-    left = {path.name for path in tmp_path.iterdir() if not path.name.endswith(".lock")}
+    left = {path.name for path in tmp_path.iterdir()}
     assert left == {"shelf", "d"}
 
 

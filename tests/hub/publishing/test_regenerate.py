@@ -25,6 +25,7 @@ from swarmdata.hub.publishing.regenerate import (
     report,
 )
 from swarmdata.registry.published import Published, changed_versions
+from swarmdata.runtime.batches import Failures
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
@@ -59,7 +60,7 @@ def publish(monkeypatch: pytest.MonkeyPatch, entries: Mapping[str, Published]) -
 
 
 def only(ids: tuple[str, ...], **options: Any) -> Check:
-    (found,) = check(ids, workers=1, progress=False, **options)
+    (found,) = check(ids, Failures(1), workers=1, progress=False, **options)
     return found
 
 

@@ -92,7 +92,7 @@ def test_malformed_addresses(text: str) -> None:
     ],
 )  # fmt: skip
 def test_passwords_are_refused_and_not_repeated(text: str) -> None:
-    """Row 76: wherever they stand."""
+    """Row 80: wherever they stand."""
     with pytest.raises((AddressError, UnknownNameError)) as caught:
         parse_address(text)
     assert "s3cret" not in str(caught.value)
@@ -150,5 +150,5 @@ def test_broken_config(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content:
     monkeypatch.delenv("SWARMDATA_REMOTES", raising=False)
     store_remotes(lambda there: ())
     config_file().write_text(content)
-    with pytest.raises(AddressError, match="Correct or delete it"):
+    with pytest.raises(AddressError, match="Correct it, or move it away"):
         configured_remotes()

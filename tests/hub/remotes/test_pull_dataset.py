@@ -81,12 +81,12 @@ def test_a_pull_is_the_published_folder(root: Path, dataset: Path, tmp_path: Pat
     assert pull(remote, RELEASE, tmp_path / ID, progress=False) == tmp_path / ID
     assert is_pulled(tmp_path / ID, dataset)
     assert remote.reads[0] == "manifest.json"
-    assert {path.name for path in tmp_path.iterdir()} == {ID, f".{ID}.pull.lock"}
+    assert {path.name for path in tmp_path.iterdir()} == {ID}
 
     remote.reads.clear()
     pull(remote, RELEASE, tmp_path / ID, progress=False)
     assert remote.reads == ["manifest.json"]
-    assert {path.name for path in tmp_path.iterdir()} == {ID, f".{ID}.pull.lock"}
+    assert {path.name for path in tmp_path.iterdir()} == {ID}
 
 
 def test_the_bar_counts_bytes(
@@ -325,7 +325,7 @@ def test_fetching_one_file(root: Path, dataset: Path, tmp_path: Path) -> None:
 def test_what_no_digest_covers_is_never_asked_for(
     root: Path, dataset: Path, tmp_path: Path
 ) -> None:
-    """Row 75: whatever stands on a remote's card, and whether it lets anybody read it."""
+    """Row 79: whatever stands on a remote's card, and whether it lets anybody read it."""
     remote = Tampered(root)
     pull(remote, RELEASE, tmp_path / ID, progress=False)
     assert sorted(remote.reads) == sorted([*read_manifest(dataset).files, "manifest.json"])

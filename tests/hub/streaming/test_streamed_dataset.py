@@ -1,5 +1,7 @@
 """Streaming from a web server: what is fetched, checked and kept, and which batches come of it."""
 
+import itertools
+import pickle
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -331,3 +333,35 @@ def test_a_dataset_of_this_machine_is_not_copied(folder: Path, cache_folder: Pat
     next(data.sampler(8))
     assert not list(cache_folder.rglob("*.chunk"))
     assert remote_arrays.RemoteArrays.__name__ in repr(type(data.blocks.source))
+
+
+@pytest.mark.parametrize("n_workers", [0, 2])
+def test_the_workers_of_a_loader_stream_for_themselves(host: StaticHost, n_workers: int) -> None:
+    loading = pytest.importorskip("torch.utils.data", reason="a DataLoader is torch's")
+    data = stream(host, window=3)
+    expected = list(itertools.islice(data.sampler(8, seed=2), 5))  # opens connections of its own
+    loader = loading.DataLoader(data.to_torch(8, seed=2), batch_size=None, num_workers=n_workers)
+    for got, batch in zip(loader, expected, strict=False):
+        assert np.array_equal(got.observations.numpy(), batch.observations)
+
+
+def test_a_slice_is_a_view(host: StaticHost) -> None:
+    data = stream(host)
+    view = data[2:5]
+    assert (type(view), len(view)) == (StreamedDataset, 3)
+    assert np.array_equal(view[0].states, data[2].states)
+    with pytest.raises(SchemaError, match="expected the number of an episode or a slice"):
+        data["a"]  # type: ignore[call-overload]
+    assert len(repr(view)) <= 300
+
+
+def test_a_stream_travels_by_its_address(host: StaticHost) -> None:
+    view = stream(host, window=3).filter(split="train")
+    content = pickle.dumps(view)
+    again = pickle.loads(content)
+    assert len(content) < 50_000  # of which the manifest has most
+    assert repr(again) == repr(view)
+    sampler = view.sampler(8)
+    next(sampler)
+    assert_same(next(pickle.loads(pickle.dumps(sampler))), next(sampler))
+    assert_same(next(again.sampler(8)), next(view.sampler(8)))

@@ -74,7 +74,7 @@ def test_the_medium_is_the_first_checkpoint_in_the_band(
     monkeypatch.setattr(checkpoint_selection, "measure", lambda *_: {"success": 0.7})
     assert find_medium(Seed(run, 1), SPEC, tmp_path) is None
     with pytest.raises(BuildError, match="none of 1 seeds has a checkpoint"):
-        ship([Seed(run, 1)], [], [], "coop_nav", SPEC, tmp_path)
+        ship([Seed(run, 1)], [], [], "coop_nav", SPEC, tmp_path / "new")
 
 
 def test_an_exported_policy_acts_as_the_trained_one(run: Path, tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_a_run_folder_holds_what_it_promises(tmp_path: Path) -> None:
 def test_another_configuration_does_not_continue_a_run(tmp_path: Path) -> None:
     train_run(RUN, tmp_path / "run")
     other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
-    with pytest.raises(BuildError, match="differs in seeds"):
+    with pytest.raises(BuildError, match="differs in: seeds"):
         train_run(other, tmp_path / "run")
 
 
@@ -157,7 +157,7 @@ def test_a_run_that_has_no_checkpoint_yet_keeps_its_folder(
         with pytest.raises(KeyboardInterrupt):
             train_run(RUN, tmp_path)
     other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
-    with pytest.raises(BuildError, match="differs in seeds"):
+    with pytest.raises(BuildError, match="differs in: seeds"):
         train_run(other, tmp_path)
 
 

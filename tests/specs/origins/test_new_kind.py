@@ -15,7 +15,7 @@ from pydantic import Field
 from swarmdata.audit import audit
 from swarmdata.cards.card import card_of, write_card
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import DatasetError, SpecError
+from swarmdata.errors import SpecError
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import ORIGIN_KINDS, Origin, Spec
 from swarmdata.specs.recipe import PolicySource, SplitRule, Splits
@@ -79,6 +79,8 @@ class RobotLog(Frozen):
     bag: str
 
     recipe: None = None
+    can_rebuild: bool = False
+    missing: None = None
     parents: tuple[()] = ()
     has_world_seeds: bool = False
     source_sha256: None = None
@@ -172,7 +174,11 @@ def test_an_audit_finds_nothing_and_what_is_wrong(dataset: Dataset) -> None:
     assert [each.check for each in audit(dataset.path, progress=False).problems] == ["card"]
 
 
-def test_an_unknown_kind_is_refused(dataset: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_kind_is_read_and_named(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delitem(ORIGIN_KINDS, "robot_log")
-    with pytest.raises(DatasetError, match="invalid Recipe"):
-        Dataset.open(dataset.path)
+    read = Dataset.open(dataset.path)
+    assert np.array_equal(read[3].observations, dataset[3].observations)
+    with pytest.raises(SpecError, match="origin 'robot_log', which is defined by another package"):
+        _ = read.task

@@ -1,5 +1,6 @@
 """Writes the pages of all questions that the studies of a folder can answer, and their index."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +20,9 @@ from swarmdata.evaluation.study.answers.online_algorithms import answer_online_a
 from swarmdata.evaluation.study.answers.safety import answer_safety
 from swarmdata.evaluation.study.answers.training_length import answer_training_length
 from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL
-from swarmdata.store import write_file
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+
+ANSWERS = OutputKind("folder of study pages")
 
 INDEX_FILE = "README.md"
 
@@ -129,38 +132,34 @@ def write_answers(studies: Path, out: Path) -> tuple[list[Path], dict[str, str]]
         The pages, the index first; and what was left out, with the reason: studies and pages.
 
     Raises:
+        OutputError: `out` has files that this did not write.
         StudyError: no study in the folder has an archive.
         MissingExtraError: matplotlib is not installed.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    check_output(out, ANSWERS)
+    place = out.absolute().parent
+    place.mkdir(parents=True, exist_ok=True)
     # pages are made beside the old ones, so that relative links hold, and take their place at once
     with (
         open_evidence(studies) as (evidence, unread),
-        TemporaryDirectory(prefix=f".{out.name}-", dir=out.absolute().parent) as folder,
+        TemporaryDirectory(prefix=f".{out.name}-", dir=place) as made,
     ):
+        folder = Path(made)
         left_out = {f"study {name}": reason for name, reason in unread.items()}
         answers: dict[str, Answer] = {}
         for question in QUESTIONS:
-            found = question.answer(evidence, Path(folder))
+            found = question.answer(evidence, folder)
             if found is None:
                 left_out[f"{question.stem}.md"] = f"no study has {question.needs}"
             else:
                 answers[question.stem] = found
                 page = _page(question, found, out)
-                write_file(Path(folder, f"{question.stem}.md"), page.encode())
-        write_file(Path(folder, INDEX_FILE), _index(answers, out, _spent(evidence)).encode())
-        for question in QUESTIONS:
-            _remove(question, out)
-        for made in Path(folder).iterdir():
-            made.replace(out / made.name)
+                (folder / f"{question.stem}.md").write_text(page, encoding="utf-8")
+        index = _index(answers, out, _spent(evidence))
+        (folder / INDEX_FILE).write_text(index, encoding="utf-8")
+        with filled(out, ANSWERS, whole=True) as target:
+            shutil.copytree(folder, target, dirs_exist_ok=True)
     return [out / INDEX_FILE, *(out / f"{stem}.md" for stem in answers)], left_out
-
-
-def _remove(question: Question, out: Path) -> None:
-    """Deletes what was written for a question before; figures are named after their page."""
-    figures = (path for ending in ("png", "pdf") for path in out.glob(f"{question.stem}*.{ending}"))
-    for path in (out / f"{question.stem}.md", *figures):
-        path.unlink(missing_ok=True)
 
 
 def _page(question: Question, answer: Answer, out: Path) -> str:

@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 
 from swarmdata.evaluation.study.cells.cells import Cell
-from swarmdata.specs.frozen import differences
+from swarmdata.specs.frozen import describe_differences
 
 CELL_FILE = "cell.json"
 DATA_FILE = "data.json"
@@ -21,9 +21,6 @@ RESULTS_FOLDER = "results"
 COST_FILE = "cost.json"
 ERROR_FILE = "error.txt"
 DONE_FILE = "done.json"
-
-MAX_SHOWN_DIFFERENCES = 3
-"""Fields that a message about another cell names."""
 
 
 def cell_folder(work: Path, cell: Cell) -> Path:
@@ -54,5 +51,4 @@ def find_conflict(cell: Cell, folder: Path) -> str | None:
     stored = read_cell(folder)
     if stored.key == cell.key:
         return None
-    pairs = list(differences(stored, cell))[:MAX_SHOWN_DIFFERENCES]
-    return "; ".join(f"{path} was {old!r}, is {new!r}" for path, old, new in pairs)
+    return describe_differences(stored, cell)

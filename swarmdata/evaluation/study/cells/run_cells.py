@@ -4,7 +4,7 @@ import shutil
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from swarmdata.evaluation.study.cells.cell_folder import (
 )
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.learn.training.run_files import LOSSES
+from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
 from swarmdata.runtime.locking import locked
@@ -148,7 +149,9 @@ class _CellQueue:
     work: Path
     bar: "tqdm[Any]"
     prints_failures: bool
-    failures: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.failures = Failures(len(self.cells))
 
     def run(self, engine: str | Executor, workers: int) -> dict[str, str]:
         """Runs all cells, each in a new process; returns why some failed, by the cell's name."""
@@ -157,7 +160,7 @@ class _CellQueue:
             engine, WORKER, n_workers=min(workers, len(jobs)), folder=self.work, renews=True
         ) as opened:
             opened.run(jobs, self._report, self._record_failure)
-        return self.failures
+        return self.failures.reasons
 
     def _job(self, cell: Cell) -> Job:
         folder = cell_folder(self.work, cell).resolve()  # for processes elsewhere
@@ -167,9 +170,10 @@ class _CellQueue:
         self.bar.update(updates)
 
     def _record_failure(self, job: Job, error: BuildError) -> None:
-        reason = str(error).removeprefix(f"{job.name} failed: ").removeprefix("BuildError: ")
-        self.failures[job.name] = reason
+        self.failures.note(job.name, error)
         if self.prints_failures:
             details = Path(job.payload["folder"]) / ERROR_FILE
             where = f" (more in {details})" if details.exists() else ""
-            tqdm.write(f"{job.name} failed: {reason}{where}", file=sys.stderr)
+            tqdm.write(
+                f"{job.name} failed: {self.failures.reasons[job.name]}{where}", file=sys.stderr
+            )

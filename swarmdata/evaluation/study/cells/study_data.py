@@ -24,7 +24,7 @@ from swarmdata.registry.published import Figures, published
 from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import task_of
+from swarmdata.specs.origins import check_installed, task_of
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.rules import changed_weights
 from swarmdata.store.cache import cache_folder
@@ -192,8 +192,10 @@ def open_dataset(
 
     Raises:
         SchemaError: the dataset has fewer steps.
+        SpecError: another package defines its task, and is not installed.
     """
     found = load(dataset, progress=False)
+    check_installed(found.recipe, "a study")
     if n_steps is not None:
         found = _first_episodes(found, n_steps)
     return found.reobserve(observation, communication, progress=False)

@@ -1,5 +1,6 @@
 """Writes a study's folder: CSV tables, figures, and a page whose sentences are computed."""
 
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -59,10 +60,12 @@ from swarmdata.evaluation.study.shifts.shift_table import (
     write_shifts,
 )
 from swarmdata.rollouts.score_intervals import target_of
-from swarmdata.runtime.locking import updating
+from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
 from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
 from swarmdata.types import Double
+
+STUDY = OutputKind("study")
 
 REPORT_FILE = "report.md"
 RESULTS_FILE = "results.csv"
@@ -97,7 +100,7 @@ def write_pages(
 
     Args:
         found: what was measured.
-        out: folder; existing files are replaced.
+        out: folder; files that a study wrote there are replaced.
         command: that runs the study again, for the page.
         sweeps: sections on sweeps by title, whose files are in `out` already.
         shifts: what policies reach in other views and tasks, by the name of the file.
@@ -106,12 +109,12 @@ def write_pages(
         The files, the page first.
 
     Raises:
+        OutputError: the folder has files that no study wrote.
         MissingExtraError: matplotlib is not installed.
     """
     missing = {name: without_folders(reason) for name, reason in found.missing.items()}
     notes = Notes(command=without_folders(command), missing=missing, sweeps=dict(sweeps or {}))
-    with updating(out / REPORT_FILE):  # the files belong together
-        before = _times(out)
+    with filled(out, STUDY) as folder:
         tables = {
             RESULTS_FILE: run_rows,
             DATA_FILE: dataset_rows,
@@ -119,14 +122,17 @@ def write_pages(
             CURVES_FILE: curve_rows,
         }
         for name, rows_of in tables.items():
-            write_file(out / name, to_csv(rows_of(found)).encode())
+            write_file(folder / name, to_csv(rows_of(found)).encode())
         plan = Study.parse(without_places(found.study.model_dump(mode="json")), PLAN_FILE)
-        write_file(out / PLAN_FILE, plan.to_yaml().encode())
+        write_file(folder / PLAN_FILE, plan.to_yaml().encode())
         for name, rows in (shifts or {}).items():
-            write_shifts(rows, out / name)
-        write_archive(found, notes, out / ARCHIVE_FILE)
-        _write_from_archive(out)
-        return _changed(out, before)
+            write_shifts(rows, folder / name)
+        write_archive(found, notes, folder / ARCHIVE_FILE)
+        files = _write_from_archive(folder, out)
+    for name in listed_files(out, STUDY).intersection(shifts or {}):
+        if out / name not in files:  # of an earlier plan, or of results that are gone
+            (out / name).unlink(missing_ok=True)
+    return files
 
 
 def rewrite_pages(out: Path) -> list[Path]:
@@ -146,29 +152,23 @@ def rewrite_pages(out: Path) -> list[Path]:
         MissingExtraError: matplotlib is not installed.
     """
     check_archive(out / ARCHIVE_FILE)
-    with updating(out / REPORT_FILE):
-        before = _times(out)
-        _write_from_archive(out)
-        return _changed(out, before)
+    with filled(out, STUDY) as folder:
+        for name in (PLAN_FILE, ARCHIVE_FILE, TRANSFER_FILE, TASKS_FILE):
+            if (out / name).exists():
+                shutil.copyfile(out / name, folder / name)
+        return _write_from_archive(folder, out)
 
 
-def _times(out: Path) -> dict[Path, int]:
-    return {path: path.stat().st_mtime_ns for path in out.rglob("[!.]*") if path.is_file()}
-
-
-def _changed(out: Path, before: Mapping[Path, int]) -> list[Path]:
-    """The files that were written since, the page first."""
-    changed = [path for path, time in sorted(_times(out).items()) if before.get(path) != time]
-    return [out / REPORT_FILE, *(path for path in changed if path != out / REPORT_FILE)]
-
-
-def _write_from_archive(out: Path) -> None:
-    study = Study.from_file(out / PLAN_FILE)
-    with tempfile.TemporaryDirectory() as folder:
-        found, notes = read_archive(study, out / ARCHIVE_FILE, Path(folder))
-        write_file(out / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
-        page = _page(found, out, notes.command, notes.sweeps)
-        write_file(out / REPORT_FILE, page.encode())
+def _write_from_archive(folder: Path, out: Path) -> list[Path]:
+    """Writes what the archive in a folder gives, and returns where all files will be in `out`."""
+    study = Study.from_file(folder / PLAN_FILE)
+    with tempfile.TemporaryDirectory() as unpacked:
+        found, notes = read_archive(study, folder / ARCHIVE_FILE, Path(unpacked))
+        write_file(folder / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
+        page = _page(found, folder, notes.command, notes.sweeps)
+        write_file(folder / REPORT_FILE, page.encode())
+    files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    return [out / REPORT_FILE, *(out / file for file in files if file != Path(REPORT_FILE))]
 
 
 def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> str:

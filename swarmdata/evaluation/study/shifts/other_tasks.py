@@ -16,12 +16,13 @@ def plan_other_tasks(found: Findings) -> list[Shift]:
     plan = found.study.tasks
     if plan is None:
         return []
+    n_episodes = found.study.shifted_episodes(plan.episodes)
     datasets = [short_name(dataset) for dataset in plan.datasets]
     shifts = []
     for cell in found.cells:
         if cell.kind == "offline" and cell.data in datasets and cell.label in plan.algorithms:
             for task in plan.tasks:
                 folder = found.work / TASKS_FOLDER / cell.label / cell.data / Path(task).stem
-                place = Shifted(cell.data, cell.label, "", task, len(cell.seeds), plan.episodes, {})
+                place = Shifted(cell.data, cell.label, "", task, len(cell.seeds), n_episodes, {})
                 shifts.append(plan_shift(found, cell, {"task": task}, folder, place))
     return shifts

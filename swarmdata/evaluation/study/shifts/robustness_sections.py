@@ -34,11 +34,13 @@ class PlannedSweep:
     label: str
     plan: SweepPlan
     cells: tuple[Cell, ...]
+    n_episodes: int  # seeds of each value
 
     @property
     def key(self) -> str:
         """Hash of everything that decides the sweep's results."""
-        content = [self.plan.model_dump(mode="json"), [cell.key for cell in self.cells]]
+        plan = {**self.plan.model_dump(mode="json"), "episodes": self.n_episodes}
+        content = [plan, [cell.key for cell in self.cells]]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def folder(self, work: Path) -> Path:
@@ -67,6 +69,7 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
     board = make_scoreboard(found.results, families, quantity_of(found.results).column.key)
     planned = []
     for label, plan in found.study.sweeps.items():
+        n_episodes = found.study.shifted_episodes(plan.episodes)
         ids = {
             found.facts[cell.name].id
             for cell in found.cells
@@ -85,7 +88,7 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
                 for family in plan.families or found.study.families
                 if family in best
             )
-            planned.append(PlannedSweep(label, plan, cells))
+            planned.append(PlannedSweep(label, plan, cells, n_episodes))
     return planned
 
 
@@ -120,7 +123,7 @@ def run_sweeps(
         names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
         (found,) = sweep(
-            names, [axis], folder, n_episodes=plan.episodes, engine=engine, workers=workers,
+            names, [axis], folder, n_episodes=each.n_episodes, engine=engine, workers=workers,
             progress=progress,
         )  # fmt: skip
         page_folder = out / SWEEPS_FOLDER / each.label
@@ -129,12 +132,13 @@ def run_sweeps(
         shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)
         plot_degradation(found, page_folder / picture, looks)
         sections[f"Robustness: {axis.parameter}"] = _section_body(
-            plan, found, f"{SWEEPS_FOLDER}/{each.label}", picture
+            each, found, f"{SWEEPS_FOLDER}/{each.label}", picture
         )
     return sections
 
 
-def _section_body(plan: SweepPlan, found: Degradation, folder: str, picture: str) -> str:
+def _section_body(planned: PlannedSweep, found: Degradation, folder: str, picture: str) -> str:
+    plan = planned.plan
     models = [
         f"{kind} `{model}`"
         for kind in ("observation", "communication")
@@ -145,9 +149,9 @@ def _section_body(plan: SweepPlan, found: Degradation, folder: str, picture: str
     target = target_of([line.n_runs for line in found.lines])
     return (
         f"The best algorithm of each family on {without_version(short_name(plan.dataset))}, "
-        f"trained on this dataset{models_used}. Each point has {plan.episodes:,} evaluation seeds; "
-        "everything else is as in training. Changes are from the same policies as trained, paired "
-        f"by training seed and episode, with 95 % intervals for {target}. "
+        f"trained on this dataset{models_used}. Each point has {planned.n_episodes:,} evaluation "
+        "seeds; everything else is as in training. Changes are from the same policies as trained, "
+        f"paired by training seed and episode, with 95 % intervals for {target}. "
         f"[All numbers]({folder}/sweep.csv).\n\n"
         f"![{found.part} {found.name}]({folder}/{picture})\n\n{lines}"
     )

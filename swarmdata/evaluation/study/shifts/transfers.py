@@ -47,7 +47,7 @@ def _from(found: Findings, view: str, cell: Cell, specs: dict[str, TaskSpec]) ->
     plan = found.study.information
     assert plan is not None
     for other, spec in specs.items():
-        dataset, n = short_name(cell.source), plan.transfer_episodes
+        dataset, n = short_name(cell.source), found.study.shifted_episodes(plan.transfer_episodes)
         place = Shifted(dataset, cell.label, view, other, len(cell.seeds), n, {})
         models = {"observation": spec.observation, "communication": spec.communication}
         folder = found.work / TRANSFER_FOLDER / cell.label / cell.data / other

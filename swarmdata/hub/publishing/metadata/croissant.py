@@ -16,6 +16,7 @@ from swarmdata.hub.publishing.metadata.episode_parquet import (
     EPISODE_COLUMNS,
     EPISODES_FILE,
 )
+from swarmdata.registry.published import license_of
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST
 
@@ -111,7 +112,7 @@ def croissant(
         "name": dataset.id,
         "description": _description(dataset),
         "version": f"{dataset.id.rpartition('-v')[2]}.0.0",
-        "license": LICENSES.get(license_of(dataset), license_of(dataset)),
+        "license": LICENSES.get(license_of(dataset.recipe), license_of(dataset.recipe)),
         "creator": {"@type": "Organization", "name": _author(dataset)},
         "citeAs": _citation(dataset),
         "keywords": [
@@ -128,11 +129,6 @@ def croissant(
         **({"recordSet": _record_sets()} if EPISODES_FILE in tables else {}),
     }
     return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"
-
-
-def license_of(dataset: Dataset) -> str:
-    """The Hub's name of the license, or `unknown`."""
-    return dataset.recipe.license
 
 
 def _author(dataset: Dataset) -> str:

@@ -11,12 +11,13 @@ import yaml
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.hub.publishing.metadata.croissant import CROISSANT_FILE, croissant, license_of
+from swarmdata.hub.publishing.metadata.croissant import CROISSANT_FILE, croissant
 from swarmdata.hub.publishing.metadata.episode_parquet import (
     EPISODES_FILE,
     episode_table,
     parquet_bytes,
 )
+from swarmdata.registry.published import license_of
 from swarmdata.runtime.documents import parse_yaml
 from swarmdata.store import SPLITS, write_file
 
@@ -137,7 +138,7 @@ def _front_matter(dataset: Dataset) -> dict[str, Any]:
     size = next((name for below, name in SIZE_CATEGORIES if dataset.n_steps < below), "1M<n<10M")
     return {
         "pretty_name": dataset.id,
-        "license": license_of(dataset),
+        "license": license_of(dataset.recipe),
         "annotations_creators": ["machine-generated"],
         "task_categories": ["reinforcement-learning", "robotics"],
         "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", recipe.spec.task, recipe.tier],

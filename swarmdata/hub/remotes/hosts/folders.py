@@ -5,15 +5,14 @@ import shutil
 from pathlib import Path
 from urllib.parse import unquote
 
-from filelock import FileLock
-
-from swarmdata.errors import AbsentFileError, HubError, VersionTakenError
+from swarmdata.errors import AbsentFileError, BuildError, HubError, VersionTakenError
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS
 from swarmdata.hub.remotes.outside_names import ID_PATTERN, is_id, split_id
 from swarmdata.hub.remotes.release_files import files_to_publish
 from swarmdata.runtime.atomic import new_folder, remove_leftovers, write_file
+from swarmdata.runtime.locking import locked
 from swarmdata.store.arrays.layout import MANIFEST
 
 
@@ -85,7 +84,7 @@ class FolderRemote:
         files = files_to_publish(folder, dataset_id, beside)
         target = self._root / dataset_id
         try:
-            with FileLock(self._root / ".publish.lock"):
+            with locked(self._root / INDEX_FILE):
                 remove_leftovers(self._root, INDEX_FILE, ID_PATTERN)
                 if not target.exists():
                     with new_folder(target) as scratch:
@@ -100,7 +99,7 @@ class FolderRemote:
                 write_file(self._root / INDEX_FILE, index_bytes(self.ids()))
         except HubError:
             raise
-        except OSError as error:
+        except (OSError, BuildError) as error:
             raise HubError(
                 f"publishing {dataset_id} to {self.address} failed: {error}. Nothing of it is "
                 "visible there; push again when the cause is gone."

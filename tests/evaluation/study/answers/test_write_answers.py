@@ -14,12 +14,14 @@ pytest.importorskip("matplotlib", reason="figures need the plots extra")
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.study.answers import write_answers as write_answers_module
 from swarmdata.evaluation.study.answers.write_answers import (
+    ANSWERS,
     OTHER_PAGES,
     QUESTIONS,
     write_answers,
 )
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, all_cells, run_study
+from swarmdata.runtime.output_folder import filled
 from tests.evaluation.study.conftest import BC, MADDPG
 
 ROOT = Path(__file__).parents[4]
@@ -51,7 +53,7 @@ def test_committed_pages_are_what_the_command_writes(tmp_path: Path) -> None:
     (tmp_path / "cards/studies").symlink_to(ROOT / "cards/studies")
     out, committed = tmp_path / "docs/results", ROOT / "docs/results"
     out.mkdir(parents=True)
-    for name in OTHER_PAGES:
+    for name in (*OTHER_PAGES, ANSWERS.list_file):
         shutil.copy(committed / name, out)
     write_answers(tmp_path / "cards/studies", out)
     written = {file.name for file in out.iterdir() if file.suffix != ".pdf"}  # not committed
@@ -183,17 +185,19 @@ def test_a_page_without_an_answer_goes_and_a_folder_without_studies_is_refused(
     tmp_path: Path,
 ) -> None:
     out = tmp_path / "results"
-    out.mkdir()
-    (out / "training-length.md").write_text("of a study that is gone")
+    with filled(out, ANSWERS) as folder:
+        (folder / "training-length.md").write_text("of a study that is gone")
+    (out / "safety-notes.png").write_text("mine")
     (tmp_path / "studies").mkdir()
     shutil.copytree(ROOT / "cards/studies/validation-medium", tmp_path / "studies/one")
     (tmp_path / "studies/two").mkdir()
     (tmp_path / "studies/two/study.yaml").write_text("not read")
     _, left_out = write_answers(tmp_path / "studies", out)
     assert not (out / "training-length.md").exists()
+    assert (out / "safety-notes.png").read_text() == "mine"
     assert left_out["study two"] == "it has no cells.tar.xz, so its episodes are not known"
     with pytest.raises(StudyError, match=r"no folder of a study with study\.yaml and cells"):
-        write_answers(tmp_path / "results", out)
+        write_answers(tmp_path / "results", tmp_path / "new")
 
 
 def test_pages_stay_if_an_answer_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,9 +206,9 @@ def test_pages_stay_if_an_answer_fails(tmp_path: Path, monkeypatch: pytest.Monke
 
     shutil.copytree(ROOT / "cards/studies/validation-medium", tmp_path / "studies/one")
     out = tmp_path / "results"
-    out.mkdir()
-    for question in QUESTIONS:
-        (out / f"{question.stem}.md").write_text("as before")
+    with filled(out, ANSWERS) as folder:
+        for question in QUESTIONS:
+            (folder / f"{question.stem}.md").write_text("as before")
     before = {file: file.read_text() for file in tmp_path.glob("results*/*")}
     failing = (*QUESTIONS[:-1], replace(QUESTIONS[-1], answer=fail))
     monkeypatch.setattr(write_answers_module, "QUESTIONS", failing)

@@ -45,7 +45,7 @@ def test_stale_cells_are_refused_and_done_again_when_asked(
 ) -> None:
     before, after = (cells(make_study(episodes=n)) for n in (4, 5))
     run_cells(before[:1], tmp_path, progress=False)
-    with pytest.raises(StaleCellError, match=r"bc/coop_nav-tiny-v0 \(n_episodes was 4.*--again"):
+    with pytest.raises(StaleCellError, match=r"bc/coop_nav-tiny-v0 \(n_episodes is 4.*--again"):
         run_cells(after, tmp_path, progress=False)
     assert is_done(before[0], cell_folder(tmp_path, before[0]))
     run_cells(after[:1], tmp_path, again=True, progress=False)

@@ -5,8 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.evaluation.study.cells.cell_folder import cell_folder, is_done
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
+from swarmdata.evaluation.study.run_study import (
+    StudyOptions,
+    collect_study,
+    list_cells,
+    run_one_cell,
+    run_study,
+)
 from tests.evaluation.study.conftest import BC, MADDPG
 
 pytestmark = pytest.mark.usefixtures("here", "empty_figures")
@@ -15,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("here", "empty_figures")
 def test_the_best_of_each_family_is_swept(
     data: Path, make_study: Callable[..., Study], tmp_path: Path
 ) -> None:
-    shared = {"dataset": str(data), "points": 2, "episodes": 2}
+    shared = {"dataset": str(data), "points": 2}
     study = make_study(
         algorithms={"bc": BC, "clipped": {**BC, "updates": 1}, "maddpg": MADDPG},
         sweeps={
@@ -26,13 +33,24 @@ def test_the_best_of_each_family_is_swept(
         },
     )  # fmt: skip
     options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
+    grid = [f"{label}/coop_nav-tiny-v0" for label in study.algorithms]
+    listed = list_cells(study, options)
+    assert [cell.name for cell in listed.cells] == grid
+    assert listed.open_sweeps == ("loss", "noise")
     failures, files = run_study(study, options, "x")
     assert failures == {}
+    listed = list_cells(study, options)
+    swept = [cell for cell in listed.cells if cell.name not in grid]
+    assert listed.open_sweeps == ()
+    assert len(swept) == 2
+    assert all(is_done(cell, cell_folder(options.work_of(study), cell)) for cell in listed.cells)
+    assert not run_one_cell(study, swept[0].name, options)
     page = files[0].read_text()
     loss, noise = (
         page.partition(f"## Robustness: {axis}")[2].partition("\n## ")[0]
         for axis in ("communication drop", "observation noise")
     )
+    assert f"Each point has {study.episodes} evaluation seeds" in loss
     assert loss.count("at drop 0.5: change of return") == 2
     assert noise.count("at noise 0.2: change of return") == 1
     assert "re-observed with communication `perfect`" in loss

@@ -91,7 +91,7 @@ def test_waits_as_long_as_the_server_asks(host: StaticHost) -> None:
 def test_what_a_server_says_controls_no_terminal(
     remote: WebRemote, host: StaticHost, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 76: the reason of its answer is shortened, on one line, and escaped; its cause too."""
+    """Row 80: the reason of its answer is shortened, on one line, and escaped; its cause too."""
     reason = "no\x1b[2J\x1b]0;title\x07\x9b31m\u202e" + "x" * 5_000
     monkeypatch.setitem(_Handler.responses, 403, (reason.encode().decode("latin-1"), ""))
     host.faults.append(Fault("manifest", 403))

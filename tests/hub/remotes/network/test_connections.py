@@ -263,7 +263,7 @@ def test_a_proxy_knows_the_names(host: StaticHost, names: Names, behind_a_proxy:
 def test_the_password_of_a_proxy_is_sent_to_it_and_not_repeated(
     host: StaticHost, behind_a_proxy: WebRemote
 ) -> None:
-    """Row 76: also where the proxy gives it away itself."""
+    """Row 80: also where the proxy gives it away itself."""
     for fault in (
         Fault("GET", 407),
         Fault("GET", 302, {"Location": "http://me:s3cret@proxy.example:none/"}),

@@ -1,0 +1,59 @@
+"""Appearance, what a task looks like in pictures, drawings and replays, as data.
+
+A task gives it by its static method `appearance(spec)`; what draws asks for it by
+`components.appearance_of`, which gives the default to tasks that have none.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from swarmdata.specs.rules import Payload
+
+
+class SharedTargets(NamedTuple):
+    """Targets that belong to no robot: their positions are the first of the task's extras."""
+
+    n: int  # x and y of each, one after the other
+    reached: int | None = None  # the extra that is positive once the first is reached, and so on
+    """None: a target is reached while a robot is on it."""
+
+
+class Moment(NamedTuple):
+    """A step in which a term of the reward is positive, as an event of a robot."""
+
+    term: str
+    one: str  # what one robot does, such as "picks up"
+    several: str  # what several do, such as "pick up"
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """How the targets of a task are drawn, and what its legend says; the default suits any task.
+
+    Attributes:
+        legend: what the marks of targets mean, whole sentences.
+        mark: of a target; a pose is the outline of the first movable body at robot 0's target.
+        radius: m, within which a target is reached; None: the radius of its robot.
+        shared: targets of no robot, which are drawn in the place of the robots' own.
+        is_linked: whether dashes lead from each robot to its own target.
+        nowhere: where the target of a robot is that has none.
+        direction: the extra with the first component of a pose's direction; None: any will do.
+        carrying: the extra of each robot that is positive while it carries something, if any.
+        bodies: that robots can push, as the task's `movables`.
+        moments: events beside contacts; at most `MOST_MOMENTS`.
+    """
+
+    legend: str = "Rings are the targets of the robots, each in the color of its robot."
+    mark: Literal["ring", "slot", "pose"] = "ring"
+    radius: float | None = None
+    shared: SharedTargets | None = None
+    is_linked: bool = False
+    nowhere: tuple[float, float] | None = None
+    direction: int | None = None
+    carrying: tuple[int, ...] = ()
+    bodies: tuple[Payload, ...] = ()
+    moments: tuple[Moment, ...] = ()
+
+
+MOST_MOMENTS = 7
+"""Kinds of moments that fit into an event's code in the data files of a catalogue."""

@@ -1,0 +1,81 @@
+"""Failures, the one rule of commands that do several things: a bad item never sinks the others."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import TracebackType
+
+from swarmdata.errors import BatchError, DiskFullError, SwarmdataError
+
+
+@dataclass
+class Failures:
+    """Which items of a batch failed, and why; the others go on.
+
+    A full disk ends the batch, for the next item needs the same space, and so does Ctrl-C. The
+    error of a batch's only item is raised as it is.
+
+    Attributes:
+        n_items: of the batch.
+        tell: gets a line about each failure when it happens.
+        reasons: why items failed, by name.
+    """
+
+    n_items: int
+    tell: Callable[[str], None] = lambda text: None
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def item(self, name: str) -> "_Item":
+        """A block that does what belongs to one item; an error is noted and ends the block only."""
+        return _Item(self, name)
+
+    def note(self, name: str, error: Exception) -> None:
+        """Notes that an item failed."""
+        is_ours = isinstance(error, SwarmdataError)
+        reason = str(error) if is_ours else f"{type(error).__name__}: {error}"
+        reason = reason.removeprefix(f"{name} failed: ").removeprefix("BuildError: ")
+        self.reasons[name] = reason
+        self.tell(f"failed: {name}: {reason}")
+
+    def check(self, what: str, advice: str = "The others are done.") -> None:
+        """Ends the batch.
+
+        Args:
+            what: the items in words, such as "datasets".
+            advice: what is kept, and what to do; whole sentences.
+
+        Raises:
+            BatchError: items failed; it names them all.
+        """
+        if self.reasons and self.n_items == 1:
+            ((name, reason),) = self.reasons.items()
+            raise BatchError(f"{name} failed: {reason}")
+        if self.reasons:
+            listed = "; ".join(f"{name}: {reason}" for name, reason in self.reasons.items())
+            raise BatchError(
+                f"{len(self.reasons)} of {self.n_items} {what} failed: {listed}"
+                f"{'' if listed.endswith('.') else '.'} {advice}"
+            )
+
+
+@dataclass(frozen=True)
+class _Item:
+    """One item of a batch, as a context manager."""
+
+    failures: Failures
+    name: str
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> bool:
+        ends_all = not isinstance(error, Exception) or isinstance(error, DiskFullError)
+        if ends_all or self.failures.n_items == 1:
+            return False
+        assert isinstance(error, Exception)  # a user's own task or algorithm may raise anything
+        self.failures.note(self.name, error)
+        return True
