@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from platformdirs import user_cache_path
 from typer.testing import CliRunner
 
 import swarmdata
@@ -31,6 +32,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The home of a user, where everything of theirs is."""
     found = tmp_path / "home" / USER
     found.mkdir(parents=True)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(user_cache_path()))  # of compiled kernels
     for name in ("USER", "LOGNAME", "USERNAME"):
         monkeypatch.setenv(name, USER)
     monkeypatch.setenv("HOME", str(found))
