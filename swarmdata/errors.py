@@ -43,15 +43,44 @@ SwarmdataError
 """
 
 import difflib
+import re
 from collections.abc import Iterable
+
+MOST_QUOTED = 200
+"""Characters of a text from outside that a message repeats."""
+
+_USER_PART = re.compile(r"(?<=://)[^\s/?#]*@")
+_QUERY = re.compile(r"(://[^\s?'\"<>]*)\?[^\s'\"<>]+")
+
+
+def printable(text: str) -> str:
+    """Text as a terminal may show it: nothing controls it, and no address gives a secret away.
+
+    Control characters and those that change the direction of text become their escapes, but for
+    ends of lines and tabs. Addresses lose their user and password, and their query, in which signed
+    links have their signature.
+    """
+    shown = _QUERY.sub(r"\1?…", _USER_PART.sub("", text))
+    if shown.isprintable():
+        return shown
+    return "".join(
+        each if each.isprintable() or each in "\n\t" else each.encode("unicode_escape").decode()
+        for each in shown
+    )
+
+
+def quoted(text: object) -> str:
+    """What somebody else wrote, as a message repeats it: one line, shortened, and `printable`."""
+    line = printable(" ".join(str(text).split()))
+    return line if len(line) <= MOST_QUOTED else f"{line[:MOST_QUOTED]}…"
 
 
 class SwarmdataError(Exception):
     """Base class of every error that this library raises."""
 
     def __str__(self) -> str:
-        """Returns the plain message, which `KeyError` would show in quotes."""
-        return str(self.args[0]) if self.args else ""
+        """Returns the `printable` message, without the quotes in which `KeyError` shows it."""
+        return printable(str(self.args[0])) if self.args else ""
 
 
 INSTALL_HINT = "If another package defines it, install that package."

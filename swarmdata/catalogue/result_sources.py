@@ -61,7 +61,7 @@ class ResultSource:
 
     Attributes:
         title: of the source.
-        place: where it comes from.
+        place: where it comes from: the name of its folder, or its path in this repository.
         outcomes: by dataset and label.
         data: mean score of each dataset's own episodes, where it is known.
         charts: learning curves and sweeps.
@@ -117,7 +117,7 @@ def with_families(
 
 def _of_place(place: Path) -> ResultSource:
     if (place / ESTIMATES_FILE).is_file():
-        return _of_study(place, str(place))
+        return _of_study(place, place.resolve().name)
     if not place.exists():
         raise DatasetNotFoundError(
             f"there are no results at {place}. Name the folder of a study, one that `swarmdata "
@@ -131,13 +131,14 @@ def _of_place(place: Path) -> ResultSource:
         for label, runs in case.runs.items():
             origin = runs[0].provenance
             found = {each.column.key: estimate(each, case, label) for each in quantities_of(case)}
-            names = tuple(str(run.run_folder) for run in runs if run.run_folder is not None)
+            names = tuple(sorted({run.run_name for run in runs if run.run_name is not None}))
             updates = "" if origin.updates is None else str(origin.updates)
             family = origin.algorithm or "policy without training"
             outcomes.append(
                 Outcome(label, family, case.name, found, len(runs), updates, "", names, runs)
             )
-    return ResultSource(place.name, str(place), tuple(outcomes), data)
+    name = place.resolve().name  # who reads the pages need not know the rest
+    return ResultSource(name, name, tuple(outcomes), data)
 
 
 def _is_shown(folder: Path) -> bool:
@@ -168,7 +169,7 @@ def _of_study(folder: Path, place: str) -> ResultSource:
         for row in _read_if_there(folder / "data.csv", ("dataset", "score"))
         if row["score"]
     }
-    title = str(_plan(folder).get("title") or folder.name)
+    title = str(_plan(folder).get("title") or folder.resolve().name)
     if not _is_shown(folder) and "validation" not in title:
         title = f"{title} (validation seeds)"
     charts = (*_curves(folder), *_sweeps(folder))

@@ -48,7 +48,7 @@ from swarmdata.cli.shared_options import (
     Task,
 )
 from swarmdata.cli.task_commands import task_app
-from swarmdata.errors import SwarmdataError
+from swarmdata.errors import SwarmdataError, printable
 
 SECTIONS = {
     "First": ("list", "info", "train", "evaluate", "report", "render", "generate"),
@@ -175,7 +175,7 @@ class _Messages(logging.Handler):
         self._shown: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        text = record.getMessage()
+        text = printable(record.getMessage())
         if text not in self._shown:
             self._shown.add(text)
             typer.echo(text, err=True)
@@ -220,7 +220,7 @@ def _format_warning(
     line: str | None = None,
 ) -> str:
     """A warning without the line of code that raised it, which says nothing to users."""
-    return f"{category.__name__}: {message}\n"
+    return f"{category.__name__}: {printable(str(message))}\n"
 
 
 def _is_output_closed() -> bool:
@@ -255,10 +255,10 @@ def _reword(error: typer.BadParameter) -> None:
 def _describe(error: OSError) -> str:
     """The system's message and the file; very long names are shortened."""
     if error.strerror is None:
-        return str(error)
+        return printable(str(error))
     name = "" if error.filename is None else f": {str(error.filename)!r}"
     cut = f"{name[:120]}… ({len(str(error.filename))} characters)" if len(name) > 300 else name
-    return f"{error.strerror}{cut}"
+    return printable(f"{error.strerror}{cut}")
 
 
 def _show_version(wanted: bool) -> None:
@@ -304,13 +304,15 @@ def info(dataset: IdOrPath) -> None:
     """
     from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
     from swarmdata.hub.catalog.catalog import dataset_folder, find_folder, list_datasets
-    from swarmdata.hub.catalog.identity import judge
+    from swarmdata.hub.catalog.identity import judge, misnamed
     from swarmdata.hub.remotes.outside_names import is_folder
     from swarmdata.store import open_store
 
     if is_folder(dataset) or not is_dataset(dataset):
         stored = open_store(find_folder(dataset), "none")
         typer.echo(f"folder: {stored.path}\ndigest: {stored.manifest.digest}")
+        if (sentence := misnamed(stored.path, stored.manifest)) is not None:
+            typer.echo(f"{sentence}.", err=True)
         typer.echo(f"{judge(stored.manifest).sentence}\n{stored.recipe.to_yaml()}", nl=False)
         return
     recipe = find_recipe(dataset)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.extras import require_extra
@@ -40,7 +41,7 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
         robots=target.spec.agent_names,
         features=[feature.name for feature in features_of(make_task(target.spec))],
         about={
-            "provenance": target.provenances[k].model_dump(mode="json"),
+            "provenance": without_places(target.provenances[k].model_dump(mode="json")),
             "spec": target.spec.model_dump(mode="json"),
         },
     )

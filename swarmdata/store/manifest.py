@@ -34,6 +34,7 @@ from swarmdata.errors import (
 )
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.origins import missing_parts, parse_origin
+from swarmdata.specs.plain_names import Text
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     FORMAT_VERSION,
@@ -138,15 +139,15 @@ class Manifest(_Section):
     """Identity, contents and checksums of one dataset."""
 
     format_version: int
-    id: str
+    id: Text
     recipe_hash: Sha256
     n_episodes: Annotated[int, Field(ge=1)]
     n_steps: Annotated[int, Field(ge=1)]
     digest: Sha256  # of the arrays' names, dtypes, shapes and values; see `logical_header`
     arrays: dict[ArrayName, ArrayEntry]
-    files: dict[str, FileEntry]  # every file but the manifest; paths relative to the folder
+    files: dict[Text, FileEntry]  # every file but the manifest; paths relative to the folder
     statistics: StatisticsEntry
-    provenance: dict[str, str]  # versions and platform; in no digest
+    provenance: dict[Text, Text]  # versions and platform; in no digest
 
     @cached_property
     def plan(self) -> dict[str, ArrayPlan]:

@@ -91,11 +91,13 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
     (outcome,) = found.outcomes
     assert (outcome.label, outcome.dataset, outcome.n_runs) == ("bc", MEDIUM, 2)
     assert outcome.updates == "3000"
-    assert all(run.endswith("runs/bc") for run in outcome.runs)
+    assert outcome.runs == ("bc",)
     estimate = outcome.estimates["return"]
     assert estimate.low < estimate.value < estimate.high
     assert found.data[MEDIUM] > 0
-    assert "runs/bc" in results_page([found], frozenset({MEDIUM})).body
+    page = results_page([found], frozenset({MEDIUM})).body
+    assert "results; runs bc" in page
+    assert str(tmp_path) not in page
 
 
 def test_absent_results_are_one_sentence(tmp_path: Path) -> None:

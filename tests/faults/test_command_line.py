@@ -1,17 +1,33 @@
 """What a shell does to a command: closed pipes, full files, names that no system takes."""
 
+import json
+import logging
 import os
 import subprocess
 import sys
+import traceback
+import warnings
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
-from swarmdata.errors import DatasetNotFoundError, UnknownNameError
+from swarmdata.cli.main import app, main
+from swarmdata.errors import (
+    MOST_QUOTED,
+    DatasetNotFoundError,
+    HubError,
+    ManifestError,
+    SpecError,
+    SwarmdataError,
+    UnknownNameError,
+    quoted,
+)
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.hub.catalog.catalog import find_folder, load
+from swarmdata.store import read_manifest
+from swarmdata.testing.synthetic import make_dataset
+from tests.support.tiny import sign
 
 LONG = "x" * 300
 
@@ -95,3 +111,62 @@ def test_a_cache_that_is_a_dangling_link(
     assert [path.name for path in tmp_path.iterdir()] == ["cache"]
     (tmp_path / "unmounted").mkdir()
     assert CliRunner().invoke(app, ["list"]).exit_code == 0
+
+
+HOSTILE = "a\x1b[2J\x07b\r\x9b\u202ec https://me:s3cret@host/x?sig=s3cret"
+"""Clears a screen, rings, overwrites its line, turns text around, and names two secrets."""
+
+
+def is_harmless(text: str) -> bool:
+    return "s3cret" not in text and all(each.isprintable() or each in "\n\t" for each in text)
+
+
+def test_what_others_wrote_is_one_short_line() -> None:
+    """Row 80: of servers, files and libraries, as messages repeat it."""
+    assert is_harmless(quoted(HOSTILE))
+    assert quoted("two\n  lines") == "two lines"
+    assert len(quoted("x" * 10_000)) == MOST_QUOTED + 1
+    assert quoted("Zürich, 東京") == "Zürich, 東京"
+
+
+@pytest.mark.parametrize("kind", [HubError, UnknownNameError, SpecError])
+def test_no_error_controls_a_terminal(kind: type[SwarmdataError]) -> None:
+    """Row 80: whatever the message was made of, and whoever shows it."""
+    error = kind("name", HOSTILE, []) if kind is UnknownNameError else kind(HOSTILE)
+    assert is_harmless(str(error))
+    assert is_harmless("".join(traceback.format_exception_only(error)))
+
+
+def test_nor_does_a_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Row 80: in warnings, notes and errors of the system, too."""
+
+    def hostile() -> list[object]:
+        logging.getLogger("swarmdata").warning(HOSTILE)
+        raise OSError(5, HOSTILE, HOSTILE)
+
+    monkeypatch.setattr("swarmdata.hub.catalog.catalog.list_datasets", hostile)
+    monkeypatch.setattr("sys.argv", ["swarmdata", "list"])
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert is_harmless(warnings.formatwarning(HOSTILE, UserWarning, "file", 1))
+    shown = capsys.readouterr().err
+    assert caught.value.code == 1
+    assert shown.count("\\x1b[2J") >= 2
+    assert is_harmless(shown)
+
+
+@pytest.mark.parametrize("section", ["id", "files", "provenance"])
+def test_nor_does_a_manifest(tmp_path: Path, section: str) -> None:
+    """Row 80: what it names is printed by many commands, so it is refused where it is read."""
+    make_dataset(tmp_path / "d", [[3] * 10])
+    content = json.loads((tmp_path / "d" / "manifest.json").read_bytes())
+    found = content[section]
+    entry = next(iter(found.values())) if isinstance(found, dict) else None
+    content[section] = HOSTILE if entry is None else {**found, HOSTILE: entry}
+    sign(tmp_path / "d", content)
+    with pytest.raises(ManifestError, match="all printable") as caught:
+        read_manifest(tmp_path / "d")
+    assert is_harmless(str(caught.value))

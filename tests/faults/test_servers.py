@@ -26,8 +26,8 @@ from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
     dataset,
     hub,
     impatient,
+    is_pulled,
     remote,
-    same_files,
     successor,
 )
 from tests.hub.remotes.faults import Fault, FaultyServer
@@ -141,7 +141,7 @@ def test_faults_that_pass(
     """Row 22: a fault that passes costs time and nothing else."""
     server, remote, release = served
     server.faults = [make(pattern(server, "manifest.json")), make(pattern(server, ARRAY))]
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
     assert all(fault.times == 0 for fault in server.faults)
 
 
@@ -154,7 +154,7 @@ def test_several_faults_of_a_hub_at_once(on_a_hub: Served, dataset: Path, tmp_pa
         Fault(pattern(server, ARRAY), cut=700, times=1),
         Fault(pattern(server, "data.zarr/zarr.json"), 429, {"Retry-After": "0"}, times=1),
     ]
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
     assert all(fault.times == 0 for fault in server.faults)
 
 
@@ -179,7 +179,7 @@ def test_faults_that_stay(
 
     server.faults = []
     server.log.clear()
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
     assert not any(arrived in line for line in server.log)
 
 
@@ -201,7 +201,7 @@ def test_a_stalled_hub_is_left(
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_DOWNLOAD_TIMEOUT", 2.0)
     server, remote, release = on_a_hub
     server.faults = [Fault(pattern(server, ARRAY), stall=9.0, times=1)]
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
 
 
 @pytest.mark.slow
@@ -244,7 +244,7 @@ def test_wrong_bytes_of_the_right_length(
     assert not (tmp_path / ID).exists()
 
     server.faults = [Fault(pattern(server, file), corrupt=True, times=1)]
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
     assert server.faults[0].times == 0
 
 

@@ -30,7 +30,7 @@ from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
     dataset,
     hub,
     impatient,
-    same_files,
+    is_pulled,
 )
 from tests.hub.remotes.faults import Clock, Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub
@@ -89,7 +89,7 @@ def test_a_least_rate_of_bodies(
             pull(remote, release, tmp_path / ID, progress=False)
         assert not (tmp_path / ID).exists()
     host.faults = []
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
 
 
 @pytest.mark.usefixtures("one_file_at_a_time")

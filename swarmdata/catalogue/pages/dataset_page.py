@@ -123,12 +123,12 @@ def _loading(entry: Entry, spec: Spec) -> Html:
 
 
 def _name_to_load(entry: Entry) -> str:
-    """What `load` takes: the id of a published or cached dataset, else its address or folder."""
+    """What `load` takes: the id of a published or cached dataset, else an address or a folder."""
     dataset = entry.dataset
     is_cached = dataset is not None and dataset.path == cache_folder() / "datasets" / entry.id
     if dataset is None or is_cached or dataset.source in ("cache", "rebuilt"):
         return entry.id
-    return str(dataset.path) if dataset.source == "folder" else dataset.source
+    return dataset.path.resolve().name if dataset.source == "folder" else dataset.source
 
 
 def _is_learned(entry: Entry) -> bool:

@@ -97,10 +97,10 @@ def _explanation(outcome: Outcome, n_replays: int) -> str:
 
 def _why_absent(outcome: Outcome, n_replays: int) -> str:
     """What is said of an episode without a replay."""
-    folder = outcome.results[0].run_folder
-    if n_replays and folder is not None:
+    run = outcome.results[0].run_name
+    if n_replays and run is not None:
         return (
-            f"has no replay here. swarmdata render {folder} --episode NUMBER --out clip.gif plays "
+            f"has no replay here. swarmdata render {run} --episode NUMBER --out clip.gif plays "
             "any episode of the first training seed."
         )
     return (
@@ -119,8 +119,7 @@ def _runs(results: Sequence[Result]) -> Html:
         for key, _, factor, digits in shown:
             mean = _mean(result, key)
             figures.append("–" if mean is None else f"{factor * mean:.{digits}f}")
-        folder = "not kept" if result.run_folder is None else str(result.run_folder)
-        rows.append((name, *figures, folder))
+        rows.append((name, *figures, result.run_name or "not kept"))
     head = ("run", *(each[1] for each in shown), "run folder")
     return element(
         "section",

@@ -59,6 +59,15 @@ class Result:
         run = self.provenance.run
         return None if run is None or self.path is None else self.path.parent / run
 
+    @property
+    def run_name(self) -> str | None:
+        """The run folder as others may read it: a path below that of the file, else its name."""
+        folder = self.run_folder
+        if folder is None or self.path is None:
+            return None
+        found = Path(os.path.relpath(folder, self.path.parent))
+        return folder.resolve().name if found.parts[:1] in ((), ("..",)) else found.as_posix()
+
 
 Seed = Annotated[int, Field(ge=0, lt=1 << 64)]
 

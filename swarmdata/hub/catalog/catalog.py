@@ -17,8 +17,8 @@ from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.datasets.reobservation import check_messages
-from swarmdata.errors import SpecError, SwarmdataError
-from swarmdata.hub.catalog.identity import judge
+from swarmdata.errors import DatasetError, SpecError, SwarmdataError
+from swarmdata.hub.catalog.identity import judge, misnamed
 from swarmdata.hub.catalog.request import is_offline, parse_request
 from swarmdata.hub.catalog.sources import (
     Cache,
@@ -52,7 +52,7 @@ class RebuiltDifferentlyWarning(UserWarning):
 
 
 class AnotherDatasetWarning(UserWarning):
-    """A dataset has the id of a published one, and is another."""
+    """A dataset has the id of a published one and is another, or its folder is named like one."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,8 @@ def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
 def _info_of_folder(folder: Path) -> DatasetInfo:
     stored = open_store(folder, "none")
     manifest, recipe = stored.manifest, stored.recipe
+    if (sentence := misnamed(folder, manifest)) is not None:
+        raise DatasetError(f"{sentence}.")
     return DatasetInfo(
         id=manifest.id,
         task=recipe.spec.task,
@@ -309,6 +311,8 @@ def _open(
     if not identity.is_as_named:
         kind = RebuiltDifferentlyWarning if identity.kind == "rebuilt" else AnotherDatasetWarning
         warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=3)
+    if (sentence := misnamed(stored.path, stored.manifest)) is not None:
+        warnings.warn(f"{sentence}.", AnotherDatasetWarning, stacklevel=3)
     if rewards:
         dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
     return dataset.reobserve(observation, communication, progress=progress)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
+from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.replaced_worlds import LAST_WITH_VERSION_0, REPLACED_IDS
 from swarmdata.store import Damage, Manifest, read_manifest
@@ -56,6 +57,20 @@ def identify(folder: Path, damage: Sequence[Damage]) -> Identity:
             "damaged", f"this is a damaged dataset: {files}{more} are not as they were written"
         )
     return judge(read_manifest(folder))
+
+
+def misnamed(folder: Path, manifest: Manifest) -> str | None:
+    """Says that a folder is named like another dataset than it holds; None if it is not.
+
+    In the cache, an id is looked for by the name of the folder.
+    """
+    name = folder.resolve().name
+    if name == manifest.id or not is_id(name):
+        return None
+    return (
+        f"the folder {folder} is named like {name}, and holds {manifest.id}. Rename the folder to "
+        f"{manifest.id}, or to what is no id of a dataset"
+    )
 
 
 def judge(manifest: Manifest) -> Identity:

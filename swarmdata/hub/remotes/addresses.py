@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 import yaml
 from platformdirs import user_config_path
@@ -35,6 +35,9 @@ REMOTES = ComponentTable(
     },
 )
 """Kinds of remotes by the scheme of their addresses."""
+
+_IP_LITERAL = re.compile(r"^\[[0-9A-Fa-f:.]+\]")
+"""An address of IPv6 in place of a host's name."""
 
 _HUB_NAME = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9._-]*[A-Za-z0-9_])?")
 
@@ -75,20 +78,22 @@ def parse_address(text: str) -> Address:
     scheme, separator, rest = text.partition("://")
     if not separator:
         raise AddressError(
-            f"{text!r} is not an address, expected one such as 'hf://org', or "
+            f"{text.rpartition('@')[2]!r} is not an address, expected one such as 'hf://org', or "
             "'file:///an/absolute/folder' for a folder."
         )
     if scheme not in REMOTES:
         raise UnknownNameError("kind of remote", scheme, REMOTES)
-    if re.search(r"[\s\\?#]|[^\x20-\x7e]", rest) or "://" in rest or "::" in rest:
-        raise _malformed(scheme, "it has a space, a query or a character outside of ASCII")
-    if scheme in HUB_SCHEMES:
-        return _hub_address(rest)
-    parts = urlsplit(text)
-    if "@" in parts.netloc:
+    place = _IP_LITERAL.sub("", rest) if scheme in WEB_SCHEMES else rest
+    if re.search(r"[\s\\?#\[\]]|[^\x20-\x7e]", place) or "://" in place or "::" in place:
+        raise _malformed(scheme, "it has a space, a query, brackets or characters outside of ASCII")
+    is_hub = scheme in HUB_SCHEMES  # whose addresses have a revision after the @, and no port
+    if ":" in rest.rpartition("@")[0] if is_hub else "@" in rest.partition("/")[0]:
         raise _malformed(
             scheme, "it has a password. Credentials belong into the environment or a config file"
         )
+    if is_hub:
+        return _hub_address(rest)
+    parts = _split(scheme, text)
     path = parts.path.rstrip("/")
     if any(part in ("", ".", "..") for part in path.split("/")[1:]):
         raise _malformed(scheme, "its path has an empty component or dots")
@@ -97,6 +102,15 @@ def parse_address(text: str) -> Address:
     head, _, last = path.rpartition("/")
     root = f"{scheme}://{parts.netloc}"
     return Address(root + head, last) if is_id(last) else Address(root + path)
+
+
+def _split(scheme: str, text: str) -> SplitResult:
+    try:
+        parts = urlsplit(text)
+        _ = parts.port  # checked when it is read
+    except ValueError as error:
+        raise _malformed(scheme, "expected a host, and a port of at most 65535") from error
+    return parts
 
 
 _EXAMPLES = {

@@ -1,6 +1,5 @@
 """Pulling a dataset: manifest first, every file checked on the way in, visible at once or never."""
 
-import contextlib
 import shutil
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -10,7 +9,6 @@ from typing import Any
 from tqdm import tqdm
 
 from swarmdata.errors import (
-    AbsentFileError,
     ChecksumError,
     DatasetError,
     FormatVersionError,
@@ -19,7 +17,7 @@ from swarmdata.errors import (
 )
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.network.threads import bytes_in, run_all
-from swarmdata.hub.remotes.release_files import MAX_SMALL_FILE_BYTES, SIDE_FILES, contradictions
+from swarmdata.hub.remotes.release_files import contradictions
 from swarmdata.runtime.atomic import disk_full_explained, is_vacant, put_in_place, sync, sync_tree
 from swarmdata.runtime.locking import beside, locked
 from swarmdata.store.arrays.layout import MANIFEST
@@ -49,6 +47,9 @@ def pull(
     progress: bool = True,
 ) -> Path:
     """Fetches a release into a new folder and returns the folder.
+
+    Only what the manifest lists is fetched. The card and the references are in no digest, so they
+    are taken from nobody: `cards.side_files.finish` writes them from the other files.
 
     Files are collected and checked beside the folder, in `scratch_folder(folder, "pull")`; the
     folder appears in one rename, when all of them are on the disk. Kill the process at any time and
@@ -91,7 +92,6 @@ def pull(
                 disable=not progress,
             ) as bar:
                 _fetch_all(remote, release, manifest, scratch, bar)
-            _fetch_side_files(remote, release, scratch)
             _publish(manifest, scratch, whole)
     return folder
 
@@ -226,7 +226,7 @@ def _read_manifest(remote: Remote, release: Release, folder: Path) -> Manifest:
             (folder / MANIFEST).unlink()
             if attempt == 2:
                 raise ChecksumError(
-                    f"{release.address} has no usable manifest, it was fetched twice: {error.args} "
+                    f"{release.address} has no usable manifest, it was fetched twice: {error} "
                     "Pull from another remote, and tell whoever publishes there."
                 ) from error
     raise AssertionError("the second attempt returns or raises")
@@ -274,17 +274,10 @@ def _fetch_all(
     run_all([partial(fetch, name) for name in order], N_WORKERS, show, BAR_SECONDS)
 
 
-def _fetch_side_files(remote: Remote, release: Release, scratch: Path) -> None:
-    """Fetches what the manifest does not list; a release without it is complete."""
-    for name in SIDE_FILES:
-        with contextlib.suppress(AbsentFileError):
-            remote.read(release, name, scratch / name, MAX_SMALL_FILE_BYTES)
-
-
 def _publish(manifest: Manifest, scratch: Path, folder: Path) -> None:
     """Makes the finished folder visible in one rename, with everything on the disk before."""
     shutil.copyfile(scratch / _INCOMING / MANIFEST, scratch / MANIFEST)
-    expected = {scratch / name for name in (*manifest.files, *SIDE_FILES, MANIFEST)}
+    expected = {scratch / name for name in (*manifest.files, MANIFEST)}
     for path in sorted(scratch.rglob("*"), reverse=True):  # what is in a folder before the folder
         if path.is_dir() and not path.is_symlink():
             if not any(path.iterdir()):

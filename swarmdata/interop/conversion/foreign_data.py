@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.errors import quoted
 from swarmdata.interop.conversion.episode_cuts import (
     Span,
     Timeline,
@@ -86,8 +87,7 @@ def unread_note(names: Sequence[str]) -> dict[str, str]:
     if not shown:
         return {}
     more = f" and {n_more} more" if n_more > 0 else ""
-    printable = (name if name.isprintable() else repr(name) for name in shown)
-    return {"unread_arrays": ", ".join(printable) + more}
+    return {"unread_arrays": ", ".join(map(quoted, shown)) + more}
 
 
 def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:

@@ -6,10 +6,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from swarmdata.errors import ConversionError, SwarmdataError
-
-MOST_WORDS = 200
-"""Characters of a library's message that an error repeats."""
+from swarmdata.errors import ConversionError, SwarmdataError, quoted
 
 FREE_BYTES = 1 << 28
 """Bytes that any file may unfold to."""
@@ -26,11 +23,6 @@ FREE_ARRAY_BYTES = 16 << 20
 Item = TypeVar("Item")
 
 _END = object()
-
-
-def printable(text: str) -> str:
-    """Text of a file on one line, without characters that would control a terminal."""
-    return "".join(each if each.isprintable() else "?" for each in text)
 
 
 class ForeignFile:
@@ -63,8 +55,8 @@ class ForeignFile:
         except SwarmdataError:
             raise
         except Exception as error:
-            name, words = type(error).__name__, str(error).strip()
-            raise self.broken(f"{name}: {words:.{MOST_WORDS}}" if words else name) from error
+            name, words = type(error).__name__, quoted(error)
+            raise self.broken(f"{name}: {words}" if words else name) from error
 
     def each(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yields the items of an iterable of the library; what it raises is turned as by `call`.
@@ -97,9 +89,9 @@ class ForeignFile:
 
     def broken(self, problem: str) -> ConversionError:
         """The error for a problem at the place."""
-        place = f"{self.place}: " if self.place else ""
+        place = f"{quoted(self.place)}: " if self.place else ""
         hint = f" {self._hint}" if self._hint else ""
-        said = printable(f"{place}{problem.rstrip('. ')}.{hint}")
+        said = " ".join(f"{place}{problem.rstrip('. ')}.{hint}".split())
         return ConversionError(f"{self.path} cannot be read: {said}")
 
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.foreign_file import printable
+from swarmdata.errors import ConversionError, quoted
 from swarmdata.interop.logs.bag_files import METADATA, raw_messages
 from swarmdata.interop.logs.decoded_messages import decoded
 from swarmdata.interop.logs.log_tables import MOST_NANOSECONDS, Cells, LogTable, stacked
@@ -88,7 +87,7 @@ def read_bag(path: Path, topics: Collection[str]) -> BagContents:
     }
     transforms = tuple(_transforms(path, static))
     read = {*tables, *([STATIC_TOPIC] if static else [])}
-    return BagContents(tables, transforms, tuple(sorted(map(printable, known - read))))
+    return BagContents(tables, transforms, tuple(sorted(map(quoted, known - read))))
 
 
 class _DepthError(ValueError):

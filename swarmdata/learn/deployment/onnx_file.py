@@ -88,4 +88,7 @@ def _traced(step: RobotStep) -> Any:
     finally:
         log.setLevel(level)
     assert program is not None
-    return program.model_proto
+    model = program.model_proto
+    for node in model.graph.node:  # torch's: the lines of code behind each, with their paths
+        node.ClearField("metadata_props")
+    return model

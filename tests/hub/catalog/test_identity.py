@@ -373,3 +373,27 @@ def test_every_preset_has_the_shapes_of_its_worlds() -> None:
         assert shapes["observations"] == (spec.n_agents, env.observation_size), name
         assert shapes["states"] == (env.state_size,), name
         assert shapes["actions"] == (spec.n_agents, env.action_size), name
+
+
+def test_a_folder_named_like_another_dataset_says_so(
+    monkeypatch: pytest.MonkeyPatch, tiny: Path, tmp_path: Path
+) -> None:
+    """Row 81: in the cache, where its name is what is asked for, and anywhere else."""
+    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({}))
+    monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path))
+    folder = Path(shutil.copytree(tiny, tmp_path / "datasets" / "lab-warehouse_run-v3"))
+    holds = f"is named like {folder.name}, and holds {TINY.id}"
+    with pytest.warns(AnotherDatasetWarning, match=holds):
+        assert load(folder.name, offline=True).id == TINY.id
+    with pytest.warns(AnotherDatasetWarning, match=holds):
+        load(folder)
+    for command in ("info", "verify"):
+        result = RUNNER.invoke(app, [command, str(folder)])
+        assert result.exit_code == 0, result.output
+        assert holds in result.stderr
+    assert holds in RUNNER.invoke(app, ["list"]).stderr
+    for name in (TINY.id, "mine"):
+        folder = folder.rename(tmp_path / name)
+        with warnings.catch_warnings(action="error"):
+            load(folder)
+        assert "is named like" not in RUNNER.invoke(app, ["info", str(folder)]).output

@@ -9,6 +9,7 @@ import pytest
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Meter
+from swarmdata.hub.remotes.release_files import SIDE_FILES
 from swarmdata.testing.synthetic import RELEASE_CARD, write_release
 from tests.hub.remotes.faults import Clock
 from tests.hub.remotes.loopback_hub import LoopbackHub
@@ -86,12 +87,18 @@ def remote(hub: LoopbackHub, backoff: Backoff) -> HubRemote:
 
 def same_files(one: Path, two: Path) -> bool:
     """Whether two folders hold the same bytes under the same names."""
+    return _contents(one) == _contents(two)
 
-    def contents(folder: Path) -> dict[str, bytes]:
-        return {
-            str(path.relative_to(folder)): path.read_bytes()
-            for path in folder.rglob("*")
-            if path.is_file()
-        }
 
-    return contents(one) == contents(two)
+def is_pulled(folder: Path, published: Path) -> bool:
+    """Whether a folder has the dataset's own files, and none that the manifest does not list."""
+    own = _contents(published)
+    return _contents(folder) == {name: own[name] for name in own.keys() - set(SIDE_FILES)}
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }

@@ -35,6 +35,9 @@ from tests.hub.remotes.conftest import ID
         (f"file:///a/b/{ID}", Address("file:///a/b", ID)),
         ("https://host:8000/a", Address("https://host:8000/a")),
         (f"http://host/{ID}", Address("http://host", ID)),
+        ("https://host/a@b", Address("https://host/a@b")),
+        ("http://[::1]:8000/a", Address("http://[::1]:8000/a")),
+        (f"https://[fd00::2]/a/{ID}", Address("https://[fd00::2]/a", ID)),
     ],
 )
 def test_addresses(text: str, expected: Address) -> None:
@@ -62,6 +65,13 @@ def test_addresses(text: str, expected: Address) -> None:
         "file://relative/path",
         "file://",
         "https://host/a::s3://x",
+        "https://[::1]/a::b",
+        "https://[::1",
+        "https://[::1::2]/a",
+        "https://[host]/a",
+        "s3://[::1]/a",
+        "https://host:port/a",
+        "https://host:99999/a",
         "https://höst/a",
         "https://host/a\\b",
         "https://host/\n",
@@ -72,10 +82,21 @@ def test_malformed_addresses(text: str) -> None:
         parse_address(text)
 
 
-def test_passwords_are_refused_and_not_repeated() -> None:
-    with pytest.raises(AddressError, match="password") as caught:
-        parse_address("https://me:s3cret@host/x")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "https://me:s3cret@host/x", "https://me:s3cret@ho st/x", "https://me:s3cret@/x",
+        "https://me:s3cret/x@host/x", "hf://me:s3cret@org", "hf://me:s3cret@org/name",
+        "hf://me:s3cret/x@org", "s3://key:s3cret@bucket/x", "file://me:s3cret@host/x",
+        "sftp://me:s3cret@host/x", "me:s3cret@host/x",
+    ],
+)  # fmt: skip
+def test_passwords_are_refused_and_not_repeated(text: str) -> None:
+    """Row 80: wherever they stand."""
+    with pytest.raises((AddressError, UnknownNameError)) as caught:
+        parse_address(text)
     assert "s3cret" not in str(caught.value)
+    assert "s3cret" not in repr(caught.value)
 
 
 def test_unknown_scheme() -> None:

@@ -17,7 +17,7 @@ from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.store.scratch import scratch_folder
 from tests.hub.remotes import nginx
-from tests.hub.remotes.conftest import ID, same_files
+from tests.hub.remotes.conftest import ID, is_pulled
 from tests.hub.remotes.nginx import Nginx
 
 pytestmark = [
@@ -61,7 +61,7 @@ def test_round_trip(serve: Serve, dataset: Path, tmp_path: Path) -> None:
     assert release is not None
     assert found.ids() == (ID,)
     assert found.find("coop_nav-nothing-v0") is None
-    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
 
 
 def test_a_pull_that_was_cut_goes_on_with_ranges(
@@ -77,7 +77,7 @@ def test_a_pull_that_was_cut_goes_on_with_ranges(
     begun.parent.mkdir(parents=True)
     begun.write_bytes((dataset / ARRAY).read_bytes()[:1000])
     release = Release(ID, f"{server.url}/{ID}")
-    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
     (line,) = [each for each in server.log() if ARRAY in each]
     left = (dataset / ARRAY).stat().st_size - 1000
     assert f" 206 {left} " in line
@@ -138,7 +138,7 @@ def test_a_server_with_a_higher_limit_is_waited_for(
     server = serve("limit_rate 20k;")
     found = remote(server, pace=Pace(5.0, 1000.0, 1.0))
     release = Release(ID, f"{server.url}/{ID}")
-    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
 
 
 def test_redirects_of_a_real_server(serve: Serve) -> None:

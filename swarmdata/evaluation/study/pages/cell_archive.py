@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from swarmdata.errors import StudyError
+from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells.cell_folder import (
     CELL_FILE,
     COST_FILE,
@@ -62,8 +63,11 @@ def write_archive(found: Findings, notes: Notes, file: Path) -> None:
         _add(archive, NOTES_FILE, notes.to_json().encode())
         for cell in sorted(found.cells, key=lambda cell: cell.name):
             for path in _files(found, cell):
-                is_result = path.parent.name == RESULTS_FOLDER
-                data = _shortened(path) if is_result else path.read_bytes()
+                data = path.read_bytes()
+                if path.parent.name == RESULTS_FOLDER:
+                    data = _shortened(data)
+                elif path.name == CELL_FILE:
+                    data = Cell.parse(without_places(json.loads(data))).to_json().encode()
                 _add(archive, path.relative_to(found.work).as_posix(), data)
     write_file(file, content.getvalue())
 
@@ -86,9 +90,11 @@ def _files(found: Findings, cell: Cell) -> Iterator[Path]:
     yield from sorted((folder / RESULTS_FOLDER).glob("*.json"))
 
 
-def _shortened(path: Path) -> bytes:
+def _shortened(result: bytes) -> bytes:
     """A result whose kept metrics are rounded, and whose other metrics are undefined."""
-    document = json.loads(path.read_text(encoding="utf-8"))
+    document = json.loads(result)
+    if document["provenance"]["run"] is not None:
+        document["provenance"]["run"] = Path(document["provenance"]["run"]).name
     document["metrics"] = {
         name: [
             None if value is None or name not in RUN_METRICS else round(value, DECIMALS)

@@ -11,6 +11,7 @@ from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
+from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.cell_archive import (
@@ -111,7 +112,8 @@ def write_pages(
         OutputError: the folder has files that no study wrote.
         MissingExtraError: matplotlib is not installed.
     """
-    notes = Notes(command=command, missing=dict(found.missing), sweeps=dict(sweeps or {}))
+    missing = {name: without_folders(reason) for name, reason in found.missing.items()}
+    notes = Notes(command=without_folders(command), missing=missing, sweeps=dict(sweeps or {}))
     with filled(out, STUDY) as folder:
         tables = {
             RESULTS_FILE: run_rows,
@@ -121,7 +123,8 @@ def write_pages(
         }
         for name, rows_of in tables.items():
             write_file(folder / name, to_csv(rows_of(found)).encode())
-        write_file(folder / PLAN_FILE, found.study.to_yaml().encode())
+        plan = Study.parse(without_places(found.study.model_dump(mode="json")), PLAN_FILE)
+        write_file(folder / PLAN_FILE, plan.to_yaml().encode())
         for name, rows in (shifts or {}).items():
             write_shifts(rows, folder / name)
         write_archive(found, notes, folder / ARCHIVE_FILE)

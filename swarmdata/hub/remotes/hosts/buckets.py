@@ -13,6 +13,7 @@ from swarmdata.errors import (
     HubError,
     MissingExtraError,
     VersionTakenError,
+    quoted,
 )
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
@@ -241,16 +242,18 @@ class BucketRemote:
             except (HubError, TransientError):
                 raise
             except FileNotFoundError as error:
-                raise AbsentFileError(f"{what} failed: it is not there ({error}).") from error
+                raise AbsentFileError(
+                    f"{what} failed: it is not there ({quoted(error)})."
+                ) from error
             except Exception as error:
                 if isinstance(error, OSError) and error.errno in LOCAL_ERRNOS:
                     raise
                 if isinstance(error, PermissionError) or type(error).__name__ in FINAL_ERRORS:
                     raise HubError(
-                        f"{what} failed: {error}. Look whether your credentials are set and give "
-                        "access."
+                        f"{what} failed: {quoted(error)}. Look whether your credentials are set "
+                        "and give access."
                     ) from error
-                raise TransientError(f"{type(error).__name__}: {error}") from error
+                raise TransientError(f"{type(error).__name__}: {quoted(error)}") from error
 
         return self._backoff.run(what, attempt)
 

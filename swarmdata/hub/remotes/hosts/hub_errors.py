@@ -4,15 +4,19 @@ Written for versions 0.34 to 2.x, whose HTTP libraries differ (requests, httpx, 
 told apart by the answer's status and by the library that they come from.
 """
 
+import errno
 import json
 import re
 from typing import Any
 
-from swarmdata.errors import AbsentFileError, ConflictError, HubError
+from swarmdata.errors import AbsentFileError, ConflictError, HubError, quoted
 from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS, TransientError, seconds
 
 HTTP_LIBRARIES = ("requests", "urllib3", "httpx", "httpx2", "httpcore", "httpcore2", "hf_xet")
 """Whose errors are failures of the network, or of the server behind it."""
+
+NAME_ERRNOS = (errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR, errno.EINVAL)
+"""What a system says of a file's name that leads nowhere."""
 
 
 def explained(error: Exception, what: str) -> Exception | None:
@@ -25,6 +29,11 @@ def explained(error: Exception, what: str) -> Exception | None:
     status = status_of(error)
     if status is not None:
         return _of_status(error, status, what)
+    if isinstance(error, OSError) and error.errno in NAME_ERRNOS and _is_partial(error.filename):
+        return HubError(
+            f"{what} failed: the server's ETag cannot be part of a file's name, as the client has "
+            "it. Tell whoever runs it, or pull from another remote."
+        )
     if isinstance(error, OSError) and (error.filename is not None or error.errno in LOCAL_ERRNOS):
         return None
     problem = _words(error)
@@ -34,6 +43,11 @@ def explained(error: Exception, what: str) -> Exception | None:
     if isinstance(error, ValueError):  # of names, and of the card's front matter
         return HubError(f"{what} failed: {problem}")
     return None
+
+
+def _is_partial(file: object) -> bool:
+    """Whether this is one of the client's partial files, whose names have the server's ETag."""
+    return str(file).endswith(".incomplete")
 
 
 def _of_status(error: Exception, status: int, what: str) -> Exception:
@@ -86,7 +100,7 @@ def _words(error: BaseException) -> str:
     cause = error.__cause__
     if cause is not None and str(cause) not in text:
         text += f" ({type(cause).__name__}: {cause})"
-    return scrub(" ".join(text.split()))
+    return quoted(scrub(text))
 
 
 def scrub(text: str) -> str:

@@ -9,7 +9,7 @@ from typing import BinaryIO
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote
 
-from swarmdata.errors import AbsentFileError, HubError
+from swarmdata.errors import AbsentFileError, HubError, quoted
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, MAX_INDEX_BYTES, read_index
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline, seconds
@@ -147,10 +147,14 @@ class WebRemote:
             if isinstance(error.reason, HubError):
                 raise error.reason from error
             if isinstance(error.reason, ssl.SSLCertVerificationError):
-                raise HubError(f"{url} has no valid certificate: {error.reason}.") from error
-            raise TransientError(f"no connection to {url}: {error.reason}") from error
+                raise HubError(
+                    f"{url} has no valid certificate: {quoted(error.reason)}."
+                ) from error
+            raise TransientError(f"no connection to {url}: {quoted(error.reason)}") from error
         except (TimeoutError, ConnectionError, ssl.SSLError, http.client.HTTPException) as error:
-            raise TransientError(f"the connection to {url} was lost: {error!r}") from error
+            raise TransientError(
+                f"the connection to {url} was lost: {quoted(repr(error))}"
+            ) from error
 
 
 class _UnsatisfiableRangeError(Exception):
@@ -162,10 +166,12 @@ def _explained(error: HTTPError, url: str) -> Exception:
         return AbsentFileError(f"there is no {url}.")
     if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE:
         return _UnsatisfiableRangeError()
-    problem = f"{url} answered HTTP {error.code} {error.reason}"
+    error.msg = quoted(error.reason)  # a traceback shows it too
+    problem = f"{url} answered HTTP {error.code} {error.msg}"
     if error.code in TRANSIENT_STATUS:
         return TransientError(problem, seconds(error.headers.get("Retry-After")))
-    return HubError(f"{problem}. Look whether the address is right and open to you.")
+    more = "; buckets without a public list answer so for what they lack" * (error.code == 403)
+    return HubError(f"{problem}. Look whether the address is right and open to you{more}.")
 
 
 def _starts_at(response: Response, offset: int) -> bool:

@@ -24,7 +24,7 @@ from urllib.request import (
     build_opener,
 )
 
-from swarmdata.errors import HubError
+from swarmdata.errors import HubError, quoted
 from swarmdata.hub.remotes.network.interruption import SLICE_SECONDS, check_stop
 from swarmdata.hub.remotes.network.pace import Meter, Pace
 
@@ -94,7 +94,8 @@ def opened(
         response = opener.open(Request(url, headers=headers), timeout=timeout)
     except ValueError as error:
         raise HubError(
-            f"{url} redirects to an address that is none: {error}. Tell whoever publishes there."
+            f"{url} redirects to an address that is none: {quoted(error)}. Tell whoever publishes "
+            "there."
         ) from error
     with response:
         yield response
@@ -113,10 +114,20 @@ class _Redirects(HTTPRedirectHandler):
     def redirect_request(
         self, req: Request, fp: Any, code: int, msg: str, headers: Any, newurl: str
     ) -> Request | None:
+        try:
+            return self._checked(req, fp, code, msg, headers, newurl)
+        except BaseException:
+            fp.close()  # urllib only does after a redirect that it follows
+            raise
+
+    def _checked(
+        self, req: Request, fp: Any, code: int, msg: str, headers: Any, newurl: str
+    ) -> Request | None:
         old, new = urlsplit(req.full_url), urlsplit(newurl)
         if new.scheme not in ("http", "https") or (old.scheme, new.scheme) == ("https", "http"):
+            target = quoted(f"{new.scheme}://{new.hostname}")
             raise HubError(
-                f"{req.full_url} redirects to {new.scheme}://{new.hostname}, expected another "
+                f"{req.full_url} redirects to {target}, expected another "
                 f"{old.scheme}:// address. It is not followed; tell whoever publishes there."
             )
         made = super().redirect_request(req, fp, code, msg, headers, newurl)
@@ -148,9 +159,9 @@ def _check_public(host: str, addresses: list[str]) -> None:
     for address in addresses:
         if is_private(address):
             raise HubError(
-                f"a redirect leads to {host} at {address}, which is not an address of the public "
-                "internet. The remote itself has a public one, so it is not followed; tell whoever "
-                "publishes there."
+                f"a redirect leads to {quoted(host)} at {address}, which is not an address of the "
+                "public internet. The remote itself has a public one, so it is not followed; tell "
+                "whoever publishes there."
             )
 
 

@@ -10,7 +10,7 @@ from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.testing.synthetic import RELEASE_CARD
-from tests.hub.remotes.conftest import ID, NEXT, TOKEN, same_files
+from tests.hub.remotes.conftest import ID, NEXT, TOKEN, is_pulled
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.loopback_hub import LoopbackHub
 
@@ -171,6 +171,6 @@ def test_real_xet(
         hub.register_xet(path)
 
     hub.log.clear()
-    assert same_files(pull(remote, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
     assert any("xet-read-token" in line for line in hub.log)
     assert not any("_lfs" in line for line in hub.log)

@@ -12,7 +12,7 @@ from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from tests.hub.remotes.conftest import ID
 from tests.hub.remotes.faults import Clock, Fault
-from tests.hub.remotes.static_host import StaticHost
+from tests.hub.remotes.static_host import StaticHost, _Handler
 
 
 @pytest.fixture
@@ -86,6 +86,20 @@ def test_waits_as_long_as_the_server_asks(host: StaticHost) -> None:
     host.faults.append(Fault("manifest", 503, {"Retry-After": "86400"}, times=1))
     assert patient.find(ID) is not None
     assert waits == [7.0, 2.0, 30.0]
+
+
+def test_what_a_server_says_controls_no_terminal(
+    remote: WebRemote, host: StaticHost, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Row 80: the reason of its answer is shortened, on one line, and escaped; its cause too."""
+    reason = "no\x1b[2J\x1b]0;title\x07\x9b31m\u202e" + "x" * 5_000
+    monkeypatch.setitem(_Handler.responses, 403, (reason.encode().decode("latin-1"), ""))
+    host.faults.append(Fault("manifest", 403))
+    with pytest.raises(HubError, match="answered HTTP 403 no") as caught:
+        remote.find(ID)
+    for error in (caught.value, caught.value.__cause__):
+        assert str(error).isprintable()
+        assert len(str(error)) < 500
 
 
 def test_refusals_are_final(remote: WebRemote, host: StaticHost, tmp_path: Path) -> None:

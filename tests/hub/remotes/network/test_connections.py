@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import HubError
+from swarmdata.hub.remotes.addresses import parse_address
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
@@ -14,7 +15,7 @@ from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.connections import Network, is_private
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, same_files
+from tests.hub.remotes.conftest import ID, is_pulled
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.static_host import StaticHost
 
@@ -101,6 +102,16 @@ def test_names_are_resolved_once_and_connected_to_what_was_found(
     assert names.dialled == [PUBLIC]
 
 
+def test_a_remote_at_an_address_of_ipv6(
+    host: StaticHost, names: Names, dataset: Path, tmp_path: Path
+) -> None:
+    found = remote(names, parse_address(f"http://[2001:db8::7]:8080/{ID}").remote)
+    release = found.find(ID)
+    assert release == Release(ID, f"http://[2001:db8::7]:8080/{ID}")
+    assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
+    assert set(names.dialled) == {"2001:db8::7"}
+
+
 def test_a_public_remote_may_redirect_to_a_public_one(
     host: StaticHost, names: Names, dataset: Path, tmp_path: Path
 ) -> None:
@@ -109,7 +120,7 @@ def test_a_public_remote_may_redirect_to_a_public_one(
     release = found.find(ID)
     assert release == Release(ID, f"http://data.example/{ID}")
     assert names.dialled == [PUBLIC, OTHER_PUBLIC]
-    assert same_files(pull(found, release, tmp_path / ID, progress=False), dataset)
+    assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
 
 
 @pytest.mark.parametrize(
@@ -227,7 +238,7 @@ def behind_a_proxy(host: StaticHost, names: Names, monkeypatch: pytest.MonkeyPat
     """A remote that is reached over a proxy, which alone knows the names."""
     for name in ("NO_PROXY", "no_proxy"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("http_proxy", f"http://proxy.example:{host.server_port}")
+    monkeypatch.setenv("http_proxy", f"http://me:s3cret@proxy.example:{host.server_port}")
 
     def some(name: str, port: int) -> list[str]:
         if name.endswith("proxy.example"):
@@ -247,6 +258,21 @@ def test_a_proxy_knows_the_names(host: StaticHost, names: Names, behind_a_proxy:
     path = f"{ID}/manifest.json"
     assert host.log == [f"GET http://{name}.example/{path}" for name in ("data", "mirror")]
     assert names.dialled == ["10.0.0.9"] * 2
+
+
+def test_the_password_of_a_proxy_is_sent_to_it_and_not_repeated(
+    host: StaticHost, behind_a_proxy: WebRemote
+) -> None:
+    """Row 80: also where the proxy gives it away itself."""
+    for fault in (
+        Fault("GET", 407),
+        Fault("GET", 302, {"Location": "http://me:s3cret@proxy.example:none/"}),
+        Fault("GET", 302, {"Location": "ftp://me:s3cret@host/"}),
+    ):
+        host.faults = [fault]
+        with pytest.raises(HubError) as caught:
+            behind_a_proxy.find(ID)
+        assert "s3cret" not in str(caught.value)
 
 
 def test_a_proxy_is_not_sent_into_a_private_network(
