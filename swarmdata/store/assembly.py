@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
 from swarmdata.runtime.atomic import new_folder
@@ -58,6 +59,7 @@ def assemble(
     optional: Sequence[str] | None = None,
     checkpoints: Mapping[str, bytes] = MappingProxyType({}),
     consume: bool = False,
+    progress: bool = False,
 ) -> Manifest:
     """Writes the finished dataset folder, manifest last, and publishes it in one rename.
 
@@ -77,6 +79,7 @@ def assemble(
         consume: whether files of parts are deleted as soon as they are copied, so that the disk
             never holds everything twice. Where that is interrupted, the parts that are
             `is_consumed` have to be made again.
+        progress: whether to show a bar over the arrays.
 
     Raises:
         RecipeConflictError: `out` holds a dataset of another recipe.
@@ -88,7 +91,8 @@ def assemble(
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
     names = (*FIELDS, *_optional(parts, optional))
-    return write_dataset(out, recipe, _Parts(parts, order, table, names, consume), checkpoints)
+    source = _Parts(parts, order, table, names, consume)
+    return write_dataset(out, recipe, source, checkpoints, progress=progress)
 
 
 class Source(Protocol):
@@ -122,6 +126,8 @@ def write_dataset(
     recipe: Origin,
     source: Source,
     checkpoints: Mapping[str, bytes] = MappingProxyType({}),
+    *,
+    progress: bool = False,
 ) -> Manifest:
     """Writes the finished dataset folder from any source of rows; otherwise as `assemble`.
 
@@ -141,7 +147,7 @@ def write_dataset(
     with new_folder(out) as temporary:
         create_metadata(temporary, shards, _attributes(recipe), described)
         kept = _keep(temporary, checkpoints)
-        manifest = _write(temporary, recipe, source, shards, kept)
+        manifest = _write(temporary, recipe, source, shards, kept, progress)
         (temporary / MANIFEST).write_bytes(manifest.to_bytes())
     published = _existing(out, recipe)
     if published.digest != manifest.digest:
@@ -282,7 +288,12 @@ def _keep(folder: Path, checkpoints: Mapping[str, bytes]) -> list[str]:
 
 
 def _write(
-    folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard], kept: Sequence[str]
+    folder: Path,
+    recipe: Origin,
+    source: Source,
+    shards: dict[str, Shard],
+    kept: Sequence[str],
+    progress: bool,
 ) -> Manifest:
     """Writes all arrays and the recipe, and returns the manifest that lists them.
 
@@ -292,6 +303,7 @@ def _write(
         source: of the rows.
         shards: of the arrays.
         kept: further files there that the manifest lists.
+        progress: whether to show a bar over the arrays.
     """
     logical = hashlib.sha256()
     train = source.table.split == SPLITS.index("train")
@@ -302,7 +314,8 @@ def _write(
         )
     moments = {"observations": Moments(), "rewards": Moments()}
     entries = {}
-    for name, shard in shards.items():
+    hidden = None if progress else True  # None: hidden where there is no terminal
+    for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
         observe = _observer(moments.get(name), train)
         entries[name] = write_shard(folder, name, shard, observe(source.blocks(name)), logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
