@@ -177,18 +177,13 @@ def _byte_of(turn: str) -> int:
 def _wait_for_turn(root: Path, turn: str) -> bool:
     """Waits until no other process compiles a kernel; whether one did so meanwhile.
 
-    Without locks, as on some network file systems and in a folder that cannot be written to, every
-    process compiles for itself.
+    Without locks, as on some network file systems, every process compiles for itself.
     """
-    try:
-        lock = _lock_file(root)
-    except OSError:  # of a cache of another user, which is no lock that somebody holds
-        return False
     end = time.monotonic() + MAX_WAIT
     has_waited = False
     while time.monotonic() < end:
         try:
-            fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _byte_of(turn))
+            fcntl.lockf(_lock_file(root), fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _byte_of(turn))
         except OSError as error:
             if error.errno not in (errno.EACCES, errno.EAGAIN):
                 return has_waited

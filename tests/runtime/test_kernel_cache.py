@@ -149,23 +149,6 @@ def test_without_locks_every_process_compiles(cache: Path, monkeypatch: pytest.M
     assert [each(3.0) for each in compiled_twice()] == [1.5, 1.5]
 
 
-def test_a_cache_of_another_user_is_not_waited_for(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its lock may not even be opened, which does not mean that somebody holds it."""
-
-    def refuse(root: Path) -> int:
-        raise PermissionError(errno.EACCES, "Permission denied", str(root / "compiling.lock"))
-
-    def asleep(seconds: float) -> None:
-        raise AssertionError("it waits")
-
-    monkeypatch.setattr(kernel_cache, "_lock_file", refuse)
-    monkeypatch.setattr(kernel_cache.time, "sleep", asleep)
-
-    assert compiled_twice()[0](3.0) == 1.5
-
-
 def test_one_does_not_wait_for_ever(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The process that compiles may have been stopped."""
 
