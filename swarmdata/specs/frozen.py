@@ -40,13 +40,6 @@ class Frozen(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    @model_validator(mode="after")
-    def _without_negative_zeros(self) -> Self:
-        """-0.0 equals 0.0, and has another text."""
-        fields = self.__dict__
-        fields.update({name: _positive_zeros(value) for name, value in fields.items()})
-        return self
-
     @classmethod
     def parse(cls, data: Any, source: str = "") -> Self:
         """Builds the model from plain data.
@@ -71,6 +64,13 @@ class Frozen(BaseModel):
     def hash(self) -> str:
         """SHA-256 of the canonical JSON, hex; stable across processes and platforms."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
+
+    @model_validator(mode="after")
+    def _without_negative_zeros(self) -> Self:
+        """-0.0 equals 0.0, and has another text."""
+        fields = self.__dict__
+        fields.update({name: _positive_zeros(value) for name, value in fields.items()})
+        return self
 
     @classmethod
     def from_text(cls, text: str, source: str = "text") -> Self:
