@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -288,13 +288,9 @@ def _keep(folder: Path, checkpoints: Mapping[str, bytes]) -> list[str]:
 
 
 def _write(
-    folder: Path,
-    recipe: Origin,
-    source: Source,
-    shards: dict[str, Shard],
-    kept: Sequence[str],
+    folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard], kept: Sequence[str],
     progress: bool,
-) -> Manifest:
+) -> Manifest:  # fmt: skip
     """Writes all arrays and the recipe, and returns the manifest that lists them.
 
     Args:
@@ -314,8 +310,7 @@ def _write(
         )
     moments = {"observations": Moments(), "rewards": Moments()}
     entries = {}
-    hidden = None if progress else True  # None: hidden where there is no terminal
-    for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
+    for name, shard in _shown(shards, recipe.id, progress):
         observe = _observer(moments.get(name), train)
         entries[name] = write_shard(folder, name, shard, observe(source.blocks(name)), logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
@@ -341,6 +336,12 @@ def _write(
         ),
         provenance=provenance(recipe.spec.world),
     )
+
+
+def _shown(shards: dict[str, Shard], name: str, progress: bool) -> Iterable[tuple[str, Shard]]:
+    """The arrays, under a bar that is hidden where there is no terminal."""
+    hidden = None if progress else True
+    return tqdm(shards.items(), name, unit="array", leave=False, disable=hidden)
 
 
 Blocks = Iterator[NDArray[Any]]

@@ -1,4 +1,4 @@
-"""Rows 01, 58: a command that is killed at any moment is finished by running it again."""
+"""A command that is killed at any moment is finished by running it again."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ pytest.importorskip("matplotlib", reason="figures need the plots extra")
 def test_kills_are_survived(
     tmp_path: Path, command: str, how: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Ten kills: workers end, the next run gives the bytes of an undisturbed one, no leftovers."""
+    """Rows 01, 58: workers end, the next run gives the bytes of an undisturbed one, no leftovers."""
     if command == "export-policy":
         pytest.importorskip("onnx", reason="the exported file is ONNX")
     process = start("killed_commands", command, tmp_path, how, "10")
