@@ -17,7 +17,7 @@ pytest.importorskip("matplotlib", reason="figures need the plots extra")
 def test_kills_are_survived(
     tmp_path: Path, command: str, how: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Rows 01, 58: workers end, the next run gives the bytes of an undisturbed one, no leftovers."""
+    """Rows 01, 58: workers end, the next run gives the bytes of an undisturbed one."""
     if command == "export-policy":
         pytest.importorskip("onnx", reason="the exported file is ONNX")
     process = start("killed_commands", command, tmp_path, how, "10")
