@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
@@ -59,7 +60,10 @@ def record_batches(
     try:
         folder.claim(Session(recording=recording, log_probs=False, masks=False))
         seeds = SeedStream(recording.seed, {drawn(seed) for seed in folder.seeds()})
-        try:
+        with tqdm(
+            total=n_episodes, initial=folder.n_episodes, desc=recording.id, unit="episode",
+            leave=False, disable=None,
+        ) as bar:  # fmt: skip
             while (missing := n_episodes - folder.n_episodes) > 0:
                 for episode in play(seeds)[:missing]:
                     check_episode(episode)
@@ -68,9 +72,10 @@ def record_batches(
                         acting = episode.alive[:-1]
                     allowed.check(episode.actions, acting, spec.agent_names)
                     folder.add(episode)
-        except SchemaError:
-            folder.flush()
-            raise
+                    bar.update()
         return folder.finish()
+    except SchemaError:
+        folder.flush()
+        raise
     finally:
         folder.release()

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from swarmdata.store.arrays.layout import TIME_FIELDS
 from swarmdata.types import END_REASONS, Bool, Counts, Episode, Float, FloatOrByte
 
 
@@ -114,6 +115,11 @@ class EpisodeBuffer:
         )
 
 
+ARRAY_BYTES = 128
+"""What an array takes in memory besides its values: most of an episode of a single step."""
+
+
 def episode_bytes(episode: Episode) -> int:
-    """Size of an episode's largest arrays in memory."""
-    return episode.observations.nbytes + episode.states.nbytes + episode.actions.nbytes
+    """What the arrays of an episode take in memory."""
+    names = (*TIME_FIELDS, *episode.optional)
+    return sum(getattr(episode, name).nbytes + ARRAY_BYTES for name in names)

@@ -54,11 +54,23 @@ class Session(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When finished episodes are written as a part; a killed process loses those not written."""
+    """When finished episodes are written as a part; a killed process loses those not written.
 
-    episodes: int = 50
+    Attributes:
+        episodes: that are not written yet; None: 50, or a sixteenth of those that are if that is
+            more, so that a recording of many short episodes has few parts.
+        n_bytes: that these episodes take in memory.
+        seconds: since the last part was written.
+    """
+
+    episodes: int | None = None
     n_bytes: int = 32 << 20
     seconds: float = 60.0
+
+    def is_reached(self, n_waiting: int, n_written: int, n_bytes: int, seconds: float) -> bool:
+        """Whether episodes that wait are to be written."""
+        most = max(50, n_written // 16) if self.episodes is None else self.episodes
+        return n_waiting >= most or n_bytes >= self.n_bytes or seconds >= self.seconds
 
 
 class RecordingFolder:
@@ -124,9 +136,9 @@ class RecordingFolder:
         self._unwritten.setdefault(episode.policy, []).append(episode)
         self._n_episodes += 1
         self._n_bytes += episode_bytes(episode)
-        count = sum(map(len, self._unwritten.values()))
-        is_late = time.monotonic() - self._since >= self.limits.seconds
-        if is_late or count >= self.limits.episodes or self._n_bytes >= self.limits.n_bytes:
+        n_waiting = sum(map(len, self._unwritten.values()))
+        n_written, seconds = self._n_episodes - n_waiting, time.monotonic() - self._since
+        if self.limits.is_reached(n_waiting, n_written, self._n_bytes, seconds):
             self.flush()
 
     def flush(self) -> None:
@@ -290,7 +302,9 @@ def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) 
     optional = ["action_masks"] * session.masks
     optional += ["reward_terms"] * (recording.spec.world is not None)
     optional += LEAVING_ARRAYS if any(_agents_leave(folder) for folder in parts.values()) else ()
-    return assemble(path, recipe=recording, parts=streams, order=order, optional=optional)
+    return assemble(
+        path, recipe=recording, parts=streams, order=order, optional=optional, progress=True
+    )
 
 
 def _agents_leave(part: Path) -> bool:

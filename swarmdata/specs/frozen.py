@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, Self, TypeVar, get_args
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, did_you_mean, listed
 from swarmdata.runtime.documents import parse_document, read_document
@@ -30,7 +37,7 @@ Probability = Annotated[float, Field(ge=0, le=1)]
 
 
 class Frozen(BaseModel):
-    """A frozen pydantic model that refuses unknown keys."""
+    """A frozen pydantic model that refuses unknown keys; equal ones have one text and one hash."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -64,6 +71,13 @@ class Frozen(BaseModel):
         """SHA-256 of the canonical JSON, hex; stable across processes and platforms."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
+    @model_validator(mode="after")
+    def _without_negative_zeros(self) -> Self:
+        """-0.0 equals 0.0, and has another text."""
+        fields = self.__dict__
+        fields.update({name: _positive_zeros(value) for name, value in fields.items()})
+        return self
+
     @classmethod
     def from_text(cls, text: str, source: str = "text") -> Self:
         """Builds the model from YAML or JSON text.
@@ -82,6 +96,17 @@ class Frozen(BaseModel):
             SpecError: it is malformed, with the place.
         """
         return cls.parse(read_document(Path(path)), str(path))
+
+
+def _positive_zeros(value: Any) -> Any:
+    """The same value with 0.0 for each -0.0; values without any are returned as they are."""
+    if isinstance(value, float):
+        return value + 0.0
+    if isinstance(value, tuple | list):
+        return type(value)(_positive_zeros(each) for each in value)
+    if isinstance(value, dict):
+        return {key: _positive_zeros(each) for key, each in value.items()}
+    return value
 
 
 TaggedModel = TypeVar("TaggedModel", bound=Frozen)

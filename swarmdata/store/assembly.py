@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
 from swarmdata.runtime.atomic import is_vacant, new_folder
@@ -60,6 +61,7 @@ def assemble(
     optional: Sequence[str] | None = None,
     checkpoints: Mapping[str, bytes] = MappingProxyType({}),
     consume: bool = False,
+    progress: bool = False,
 ) -> Manifest:
     """Writes the finished dataset folder, manifest last, and publishes it in one rename.
 
@@ -79,6 +81,7 @@ def assemble(
         consume: whether files of parts are deleted as soon as they are copied, so that the disk
             never holds everything twice. Where that is interrupted, the parts that are
             `is_consumed` have to be made again.
+        progress: whether to show a bar over the arrays.
 
     Raises:
         RecipeConflictError: `out` holds a dataset of another recipe.
@@ -90,7 +93,8 @@ def assemble(
         return _existing(out, recipe)
     table = _episode_table(recipe, parts, order, splits)
     names = (*FIELDS, *_optional(parts, optional))
-    return write_dataset(out, recipe, _Parts(parts, order, table, names, consume), checkpoints)
+    source = _Parts(parts, order, table, names, consume)
+    return write_dataset(out, recipe, source, checkpoints, progress=progress)
 
 
 class Source(Protocol):
@@ -124,6 +128,8 @@ def write_dataset(
     recipe: Origin,
     source: Source,
     checkpoints: Mapping[str, bytes] = MappingProxyType({}),
+    *,
+    progress: bool = False,
 ) -> Manifest:
     """Writes the finished dataset folder from any source of rows; otherwise as `assemble`.
 
@@ -143,7 +149,7 @@ def write_dataset(
     with new_folder(out, last=MANIFEST) as temporary:
         create_metadata(temporary, shards, _attributes(recipe), described)
         kept = _keep(temporary, checkpoints)
-        manifest = _write(temporary, recipe, source, shards, kept)
+        manifest = _write(temporary, recipe, source, shards, kept, progress)
         (temporary / MANIFEST).write_bytes(manifest.to_bytes())
     published = _existing(out, recipe)
     if published.digest != manifest.digest:
@@ -284,8 +290,9 @@ def _keep(folder: Path, checkpoints: Mapping[str, bytes]) -> list[str]:
 
 
 def _write(
-    folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard], kept: Sequence[str]
-) -> Manifest:
+    folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard], kept: Sequence[str],
+    progress: bool,
+) -> Manifest:  # fmt: skip
     """Writes all arrays and the recipe, and returns the manifest that lists them.
 
     Args:
@@ -294,6 +301,7 @@ def _write(
         source: of the rows.
         shards: of the arrays.
         kept: further files there that the manifest lists.
+        progress: whether to show a bar over the arrays.
     """
     logical = hashlib.sha256()
     train = source.table.split == SPLITS.index("train")
@@ -304,7 +312,7 @@ def _write(
         )
     moments = {"observations": Moments(), "rewards": Moments()}
     entries = {}
-    for name, shard in shards.items():
+    for name, shard in _shown(shards, recipe.id, progress):
         observe = _observer(moments.get(name), train)
         entries[name] = write_shard(folder, name, shard, observe(source.blocks(name)), logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
@@ -330,6 +338,12 @@ def _write(
         ),
         provenance=provenance(recipe.spec.world, recipe.policies),
     )
+
+
+def _shown(shards: dict[str, Shard], name: str, progress: bool) -> Iterable[tuple[str, Shard]]:
+    """The arrays, under a bar that is hidden where there is no terminal."""
+    hidden = None if progress else True
+    return tqdm(shards.items(), name, unit="array", leave=False, disable=hidden)
 
 
 Blocks = Iterator[NDArray[Any]]

@@ -279,9 +279,7 @@ def check_recipe(folder: Path, manifest: Manifest, recipe: Recipe) -> None:
     Raises:
         RecipeConflictError: it was made from another one.
     """
-    if manifest.recipe_hash == recipe_hash(recipe):
-        return
-    expected = recipe.hash()  # of equal recipes, another one where a zero has another sign
+    expected = recipe_hash(recipe)
     if manifest.recipe_hash != expected:
         raise RecipeConflictError(
             f"{folder} holds {manifest.id} made from another recipe "

@@ -72,11 +72,12 @@ def _check(name: str, values: NDArray[Any], dtypes: Sequence[str]) -> None:
 
 def _join(name: str, values: Sequence[NDArray[Any]], dtypes: Sequence[str]) -> NDArray[Any]:
     """Concatenates over time, refusing to cast or to mix shapes."""
-    kinds = {(str(value.dtype), value.shape[1:]) for value in values}
+    kinds = {(value.dtype, value.shape[1:]) for value in values}
     if len(kinds) > 1:
         raise SchemaError(
             f"episode field {name!r} has (dtype, shape after the first axis) "
-            f"{sorted(map(str, kinds))}, expected one kind with dtype {' or '.join(dtypes)}"
+            f"{sorted((str(dtype), shape) for dtype, shape in kinds)}, expected one kind with "
+            f"dtype {' or '.join(dtypes)}"
         )
     joined = np.concatenate(values)
     _check(name, joined, dtypes)

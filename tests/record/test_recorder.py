@@ -45,6 +45,29 @@ def reason(dataset: Dataset, index: int = 0) -> str:
     return END_REASONS[dataset[index].end_reason]
 
 
+def test_parts_stay_few_however_many_short_episodes_there_are(tmp_path: Path) -> None:
+    recorder = Recorder(Counting(length=1), id=ID, path=tmp_path / "ds")
+    play(recorder, 1600, steady)
+    waiting = recorder.n_episodes - sum(
+        n for _, n, _ in inspect_recording(tmp_path / "ds").policies
+    )
+    parts = list(unfinished_folder(tmp_path / "ds").glob("part-*"))
+    assert waiting <= 100
+    assert len(parts) < 30  # the first sixteen have 50 episodes
+    recorder.pause()
+    named = record(tmp_path / "named", Counting(length=1), 60, limits=Limits(episodes=10))
+    assert len(named) == 60
+
+
+def test_episodes_that_wait_are_counted_with_their_arrays(tmp_path: Path) -> None:
+    """An episode of one step has few values, and takes kilobytes."""
+    limits = Limits(episodes=1000, n_bytes=40_000)
+    recorder = Recorder(Counting(length=1), id=ID, path=tmp_path / "ds", limits=limits)
+    play(recorder, 60, steady)
+    assert len(list(unfinished_folder(tmp_path / "ds").glob("part-*"))) >= 2
+    recorder.pause()
+
+
 def test_rows_are_aligned_and_copied(tmp_path: Path) -> None:
     dataset = record(tmp_path / "ds", Counting(length=5))
     assert dataset.n_episodes == 12

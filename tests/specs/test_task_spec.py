@@ -12,6 +12,7 @@ from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -56,6 +57,25 @@ def test_yaml_and_json_give_the_same_spec_and_hash(spec: TaskSpec) -> None:
 @given(spec=specs())
 def test_any_change_changes_the_hash(spec: TaskSpec) -> None:
     assert spec.with_updates(horizon=spec.horizon + 1).hash() != spec.hash()
+
+
+def test_equal_specs_have_one_text_whatever_the_sign_of_a_zero() -> None:
+    class Nested(Frozen):
+        pair: tuple[float, float] = (-0.0, -1.0)
+        table: dict[str, Any]
+        rows: list[list[float]]
+
+    signed, plain = (
+        Nested.parse({"pair": (zero, 1), "table": {"a": [zero, "-0.0"]}, "rows": [[zero]]})
+        for zero in (-0.0, 0.0)
+    )
+    assert signed == plain
+    assert signed.to_json() == plain.to_json()
+    assert signed.table["a"][1] == "-0.0"
+    shares = [{"task": "coop_nav", "rewards": {"team_share": zero}} for zero in (-0.0, 0.0, "-0.0")]
+    assert len({TaskSpec.parse({"rules": rules}).hash() for rules in shares}) == 1
+    weights = changed_weights(TaskSpec().rules.rewards, {"team_share": "-0.0"})
+    assert str(weights.team_share) == "0.0"
 
 
 def test_the_hash_of_the_default_is_stable() -> None:

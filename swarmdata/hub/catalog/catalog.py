@@ -17,14 +17,13 @@ from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.datasets.reobservation import check_messages
-from swarmdata.errors import DatasetError, SpecError, SwarmdataError
+from swarmdata.errors import SpecError
 from swarmdata.hub.catalog.identity import judge, misnamed
 from swarmdata.hub.catalog.request import is_offline, parse_request
 from swarmdata.hub.catalog.sources import (
     Cache,
     Rebuild,
     Remotes,
-    cached_ids,
     obtain,
     unknown_dataset,
 )
@@ -79,41 +78,6 @@ def dataset_folder(recipe: Recipe) -> Path:
 def list_datasets() -> list[DatasetInfo]:
     """Returns every dataset of this version of the package, in the order of their ids."""
     return [_info(recipe) for _, recipe in sorted(shipped_recipes().items())]
-
-
-def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
-    """Returns the datasets in the cache that the package has no recipe of, by id.
-
-    Returns:
-        Them, and for each folder that is no usable dataset one sentence that says why.
-    """
-    place, known = cache_folder() / "datasets", shipped_recipes()
-    found, problems = [], []
-    for name in sorted(set(cached_ids(place)) - known.keys()):
-        try:
-            found.append(_info_of_folder(place / name))
-        except SwarmdataError as error:
-            problems.append(f"{place / name}: {error}")
-    return found, problems
-
-
-def _info_of_folder(folder: Path) -> DatasetInfo:
-    stored = open_store(folder, "none")
-    manifest, recipe = stored.manifest, stored.recipe
-    if (sentence := misnamed(folder, manifest)) is not None:
-        raise DatasetError(f"{sentence}.")
-    return DatasetInfo(
-        id=manifest.id,
-        task=recipe.spec.task,
-        tier=recipe.tier,
-        n_agents=recipe.spec.n_agents,
-        n_steps=manifest.n_steps,
-        n_episodes=manifest.n_episodes,
-        n_bytes=sum(file.size for file in manifest.files.values()),
-        score=None,
-        digest=manifest.digest,
-        is_cached=True,
-    )
 
 
 def _info(recipe: Recipe) -> DatasetInfo:

@@ -1,6 +1,7 @@
 """Maps the files of an array into memory, several of them one after the other, as one array."""
 
 import ctypes
+import errno
 import mmap
 import os
 from collections.abc import Sequence
@@ -25,7 +26,23 @@ def map_array(path: Path, plan: ArrayPlan) -> tuple[NDArray[np.uint8], tuple[byt
 
     Returns:
         All chunks, one after the other and read-only, and the shard index of each file.
+
+    Raises:
+        OSError: a file cannot be read, or the process has too few addresses left for it.
     """
+    try:
+        return _mapped(path, plan)
+    except OSError as error:
+        if error.errno != errno.ENOMEM:
+            raise
+        reason = (
+            f"{plan.shard.nbytes / 1e6:.0f} MB cannot be mapped into memory. That takes addresses, "
+            "not memory; raise their limit (`ulimit -v unlimited`) or use a smaller dataset"
+        )
+        raise OSError(error.errno, reason, str(path / plan.files[0])) from error
+
+
+def _mapped(path: Path, plan: ArrayPlan) -> tuple[NDArray[np.uint8], tuple[bytes, ...]]:
     shard, files, *_ = plan
     if not files:
         return np.zeros(0, dtype=np.uint8), ()

@@ -112,9 +112,9 @@ def _checked(
     name: str, shard: Shard, blocks: Iterable[NDArray[Any]]
 ) -> Iterator[NDArray[np.uint8]]:
     """Yields the bytes of each block."""
-    rows = 0
+    rows, dtype = 0, np.dtype(shard.dtype)
     for block in blocks:
-        if str(block.dtype) != shard.dtype or block.shape[1:] != shard.shape[1:]:
+        if block.dtype != dtype or block.shape[1:] != shard.shape[1:]:
             raise SchemaError(
                 f"array {name!r} got rows of dtype {block.dtype} and shape {block.shape[1:]}, "
                 f"expected {shard.dtype} and {shard.shape[1:]}"

@@ -1,0 +1,26 @@
+"""Files that cannot be mapped are named."""
+
+import errno
+import mmap
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from swarmdata.store import open_store
+from swarmdata.store.arrays import mapped_files
+
+
+def test_too_few_addresses_are_one_sentence(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under `ulimit -v`, mmap fails without a path and without a reason."""
+
+    def refuse(*arguments: object, **options: object) -> None:
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    refusing = SimpleNamespace(mmap=refuse, ACCESS_READ=mmap.ACCESS_READ)
+    monkeypatch.setattr(mapped_files, "mmap", refusing)
+
+    named = re.escape(str(tiny / "data.zarr"))
+    with pytest.raises(OSError, match=rf"cannot be mapped.*`ulimit -v unlimited`.*{named}"):
+        open_store(tiny)
