@@ -156,5 +156,7 @@ def test_references_of_the_same_spec_anchor_the_score(
 
 @pytest.mark.usefixtures("tiny")
 def test_folder_without_manifest_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(DatasetNotFoundError, match="nothing that only a dataset"):
         load("x", path=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]

@@ -35,7 +35,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def place(cache_folder: Path, tiny: Path) -> Path:
     """The cache's datasets: two of them."""
     shutil.copytree(tiny, cache_folder / "datasets" / TINY.id)
-    shutil.copytree(tiny, cache_folder / "datasets" / OTHER)
+    make_tiny(cache_folder / "datasets" / OTHER, id=OTHER)
     return cache_folder / "datasets"
 
 
@@ -52,7 +52,7 @@ def test_what_changed_is_opened_again(place: Path, opened: list[str], tmp_path: 
     opened.clear()
     before = (place / OTHER / "manifest.json").stat()
     shutil.rmtree(place / OTHER)
-    make_tiny(tmp_path / OTHER, n_steps=120).rename(place / OTHER)
+    make_tiny(tmp_path / OTHER, id=OTHER, n_steps=120).rename(place / OTHER)
     os.utime(place / OTHER / "manifest.json", ns=(before.st_atime_ns, before.st_mtime_ns))
     (found, _), opened_after = own_datasets(), list(opened)
     assert opened_after == [OTHER]
@@ -134,7 +134,7 @@ def test_processes_that_write_it_at_once_agree(place: Path, opened: list[str]) -
     opened.clear()
     assert own_datasets() == first
     assert opened == []
-    assert sorted(path.name for path in place.parent.iterdir()) == ["datasets", INDEX]
+    assert {path.name for path in place.parent.iterdir()} == {"built", "datasets", INDEX}
 
 
 def test_a_cache_without_an_index_is_listed_all_the_same(
