@@ -39,7 +39,7 @@ from swarmdata.registry.replaced_worlds import is_simulated
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.output_folder import check_output
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.model_choice import Source, chosen_models, is_same_world
+from swarmdata.specs.model_choice import Source, chosen_models, is_same_world, with_models
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
@@ -180,9 +180,11 @@ def _shown_spec(entry: Entry, choices: CatalogueChoices) -> Spec:
     spec = entry.spec.world
     if spec is None or (choices.observation is None and choices.communication is None):
         return entry.spec
-    found = chosen_models(spec, choices.observation, choices.communication)
-    if entry.dataset is not None:
-        check_messages(found, spec)
+    models = choices.observation, choices.communication
+    if entry.dataset is None:  # no episodes are shown, so there is nothing to say
+        return with_models(spec, *models)
+    found = chosen_models(spec, *models)
+    check_messages(found, spec)
     return found
 
 

@@ -33,7 +33,7 @@ def scratch_folder(path: Path, purpose: str) -> Path:
     if folder.is_symlink():
         raise DatasetError(
             f"{folder} is a symbolic link, expected a folder of unfinished work on {whole.name} or "
-            "nothing. It was not followed; remove it."
+            "nothing. It was not followed; move it away."
         )
     return folder
 

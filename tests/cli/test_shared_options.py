@@ -39,7 +39,6 @@ BOUNDARIES = (
     "swarmdata.evaluation.runs.generated_dataset.build",
     "swarmdata.evaluation.runs.train.train_seeds",
     "swarmdata.evaluation.runs.train.train_run",
-    "swarmdata.catalogue.build_catalogue.write_data",
 )
 """Functions that do the work which follows, and end the command here."""
 

@@ -71,7 +71,7 @@ def admit_exported(rows: Arrays, n_rows: int, where: str) -> None:
     if wrong:
         raise ConversionError(
             f"{where} has {', '.join(wrong)}, expected {n_rows} rows as they were exported. It was "
-            "changed after the export: remove the note of swarmdata to convert it as foreign data."
+            "changed since: without the note of swarmdata it is converted as foreign data."
         )
 
 
