@@ -228,7 +228,9 @@ def _remove(scratch: Path) -> None:
             shutil.rmtree(scratch)
             return
         except OSError as error:
-            if error.errno != errno.ENOTEMPTY:
+            if not scratch.exists():  # the next writer took the empty folder for a leftover
+                return
+            if error.errno not in (errno.ENOTEMPTY, errno.ENOENT):
                 raise
             time.sleep(REMOVAL_PAUSE)
     shutil.rmtree(scratch)
@@ -297,7 +299,11 @@ def _remove_if_abandoned(folder: Path) -> None:
     try:
         if folder.is_symlink() or not lock.acquire(0.0, create=False):
             return
-    except (OSError, BuildError):  # no marker, no folder, or not ours to write in
+    except FileNotFoundError:  # killed before the marker was there, or after it was removed
+        with contextlib.suppress(OSError):  # it has content, which is somebody's, or is gone
+            folder.rmdir()
+        return
+    except (OSError, BuildError):  # no folder, or not ours to write in
         return
     shutil.rmtree(folder)
     lock.release()

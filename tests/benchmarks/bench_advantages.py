@@ -184,7 +184,7 @@ count whose return misses at most a tenth (`python -m tests.benchmarks.bench_adv
 
 def measure(dataset_id: str, folder: Path, n_episodes: int = N_EPISODES) -> tuple[str, ...]:
     """Trains on a dataset, and returns its row of the table."""
-    loaded = trained(dataset_id, folder / dataset_id)
+    loaded = trained(dataset_id, folder / Path(dataset_id).name)
     algorithm = loaded.algorithm
     assert isinstance(algorithm, MADDPGBC)
     split = swarmdata.load(dataset_id).split("validation")

@@ -255,3 +255,10 @@ def test_many_writers_of_one_file_leave_one_whole_file(tmp_path: Path) -> None:
     assert [process.wait(300) for process in writers] == [0, 0, 0]
     assert path.read_bytes() in (b"a" * 1000, b"b" * 1000, b"c" * 1000)
     assert names(tmp_path) == ["x"]
+
+
+def test_what_was_killed_without_its_marker_is_empty_and_goes(tmp_path: Path) -> None:
+    """Between the folder and its marker, or between the marker's end and the folder's."""
+    (tmp_path / f".tmp-x-{HEX}").mkdir()
+    remove_leftovers(tmp_path, "x")
+    assert names(tmp_path) == []

@@ -1,6 +1,7 @@
 """A cell that is run again to check it: what is the same, what differs, what an archive keeps."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -53,8 +54,9 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
 
 
 def test_a_cell_from_an_archive_is_compared_with_the_digits_that_it_has(
-    make_study: Make, tmp_path: Path
+    make_study: Make, data: Path, cache_folder: Path, tmp_path: Path
 ) -> None:
+    shutil.copytree(data, cache_folder / "datasets" / data.name)  # an archive names no folder
     study = make_study()
     found, archive = cells_of(study, digest_of), tmp_path / "cells.tar.xz"
     run_cells(found, tmp_path / "work", progress=False)

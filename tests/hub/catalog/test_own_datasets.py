@@ -11,6 +11,7 @@ import pytest
 
 from swarmdata.hub.catalog import own_datasets as module
 from swarmdata.hub.catalog.own_datasets import INDEX, own_datasets
+from swarmdata.store import open_store
 from tests.support.tiny import TINY, make_tiny
 
 OTHER = "coop_nav-other-v0"
@@ -20,7 +21,6 @@ OTHER = "coop_nav-other-v0"
 def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the folders that were opened; files count as settled at once."""
     names: list[str] = []
-    open_store = module.open_store
 
     def noted(folder: Path, *options: str) -> object:
         names.append(folder.name)
