@@ -83,7 +83,10 @@ def origin_of(path: Path, manifest: Manifest | None) -> Recipe | Edit:
     attributes = root_attributes(path)
     known = attributes.get("recipe_hash") if manifest is None else manifest.recipe_hash
     name = attributes.get("id", path.resolve().name) if manifest is None else manifest.id
-    beside, shipped = _origin_beside(path), shipped_recipes().get(str(name))
+    beside, recipes = _origin_beside(path), shipped_recipes()
+    shipped = recipes.get(str(name))
+    if shipped is None:  # the name may be what is damaged
+        shipped = next((each for each in recipes.values() if each.hash() == known), None)
     for recipe in (beside, shipped):
         if isinstance(recipe, Recipe | Edit) and known in (None, recipe.hash()):
             return recipe

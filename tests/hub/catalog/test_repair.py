@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError, ManifestError
@@ -371,6 +371,7 @@ FLIPPED_BYTES = st.none() | st.integers(0, 200)  # None: the file is absent
 @given(
     damage=st.dictionaries(st.sampled_from([*FILES, "manifest.json"]), FLIPPED_BYTES, min_size=1)
 )
+@example(damage={"recipe.json": None, "data.zarr/zarr.json": 31, "manifest.json": None})
 def test_any_set_of_files_is_repaired(
     intact: Path, published: Published, damage: dict[str, int | None]
 ) -> None:
