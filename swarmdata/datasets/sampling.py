@@ -78,7 +78,7 @@ def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: In
     """Returns the transitions at `index`, fields [*index.shape, ...].
 
     `ndarray.take` per field runs at the memory's random-access speed; overlapped row views, packed
-    rows and numba loops were measured slower or equal (tests/benchmarks/bench_sampling.py).
+    rows and numba loops were measured slower or equal.
 
     Args:
         arrays: the stored arrays.

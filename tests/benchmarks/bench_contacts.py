@@ -2,10 +2,8 @@
 
     python -m tests.benchmarks.bench_contacts [SECTION ...]
 
-Sections: today recorded variants. `today` measures the four tasks under three teams, `recorded` the
-deepest overlaps and highest speeds of published datasets (which it builds if need be), `variants`
-what smaller physics steps, more iterations of the solver and a stronger correction would change,
-and cost.
+Sections: today recorded. `today` measures the tasks under three teams, `recorded` the deepest
+overlaps and highest speeds of published datasets (which it builds if need be).
 """
 
 import os
@@ -13,20 +11,16 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
-from unittest import mock
 
 import numpy as np
 
 from swarmdata.behavior_policies.tiers import checkpoints
-from swarmdata.envs.physics import fast_backend
 from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.episode_bodies import payload_rows
-from swarmdata.envs.physics.public_backend import SOLVER_ITERATIONS, PublicBackend, build_space
+from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.transport.payload import place_row, shape_of
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy, VecEnv
@@ -38,8 +32,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Episode, Float, Step
-from tests.benchmarks.engines import Run, swarm
-from tests.benchmarks.measuring import Rate, table, write_section
+from tests.benchmarks.measuring import table, write_section
 
 TEAMS = ("random", "scripted", "expert")
 RECORDED = (
@@ -57,7 +50,6 @@ RECORDED = (
 
 N_EPISODES = 192
 N_COPIES = 64
-ROUNDS = 9
 N_REPLAYS = 2000
 """Steps that are done again from their state alone, at most."""
 
@@ -75,46 +67,6 @@ class Figures(NamedTuple):
     payload: Double  # of a robot and the payload
     excess: Double  # speed / max_speed - 1 of robots in contact, where above 0
     deviation: Double  # of the state after a step with contact, done again from the state alone, m
-
-
-class Variant(NamedTuple):
-    """A change of the physics."""
-
-    name: str
-    division: int = 1  # of the physics step
-    iterations: int = SOLVER_ITERATIONS
-    bias: float | None = None  # part of an overlap that is left after a second; None: Munk2D's own
-
-
-TODAY = Variant("today")
-
-VARIANTS = (
-    TODAY,
-    Variant("20 iterations", iterations=20),
-    Variant("correction of all overlap", bias=1e-12),
-    Variant("step / 2", 2),
-)
-
-
-@contextmanager
-def changed(variant: Variant) -> Iterator[None]:
-    """Worlds that are built meanwhile have the variant's solver; their spec has its steps."""
-
-    def build(*arguments: object) -> object:
-        space, bodies = build_space(*arguments)  # type: ignore[arg-type]
-        space.iterations = variant.iterations
-        if variant.bias is not None:
-            space.collision_bias = variant.bias
-        return space, bodies
-
-    with mock.patch.object(fast_backend, "build_space", build):
-        yield
-
-
-def spec_of(task: str, variant: Variant) -> TaskSpec:
-    """The task's headline preset with the variant's physics steps."""
-    spec = preset(task)
-    return spec.with_updates(physics_dt=spec.physics_dt / variant.division)
 
 
 def team(name: str, spec: TaskSpec, task: str) -> Policy:
@@ -215,24 +167,23 @@ def counted_free_motion(env: VecEnv) -> list[float]:
     return shares
 
 
-def measure(task: str, name: str, variant: Variant, n_replays: int, n_episodes: int) -> Figures:
-    """Plays a team in a variant of a task."""
-    spec = spec_of(task, variant)
+def measure(task: str, name: str, n_replays: int, n_episodes: int) -> Figures:
+    """Plays a team in the task's headline preset."""
+    spec = preset(task)
     top = np.array([robot.max_speed for robot in spec.robots])
     found: list[Double] = []
     excess: list[Double] = []
     deviation: list[float] = []
-    with changed(variant):
-        env = make_env(spec, min(N_COPIES, n_episodes))
-        free = counted_free_motion(env)
-        seeds = np.arange(n_episodes, dtype=np.uint64)
-        for episode in rollout(env, team(name, spec, task), seeds):
-            deep = depths(episode, spec)
-            found.append(deep.reshape(-1, 3))
-            teams = robots_of(episode.states, spec.n_agents).astype(np.float64)
-            speed = np.hypot(teams[..., VX], teams[..., VY]) / top - 1.0
-            excess.append(speed[(deep > 0).any(-1)])
-            deviation += deviations(episode, spec, n_replays - len(deviation))
+    env = make_env(spec, min(N_COPIES, n_episodes))
+    free = counted_free_motion(env)
+    seeds = np.arange(n_episodes, dtype=np.uint64)
+    for episode in rollout(env, team(name, spec, task), seeds):
+        deep = depths(episode, spec)
+        found.append(deep.reshape(-1, 3))
+        teams = robots_of(episode.states, spec.n_agents).astype(np.float64)
+        speed = np.hypot(teams[..., VX], teams[..., VY]) / top - 1.0
+        excess.append(speed[(deep > 0).any(-1)])
+        deviation += deviations(episode, spec, n_replays - len(deviation))
     deep = np.concatenate(found)
     over = np.concatenate(excess)
     robots, static, payload = (column[column > 0] for column in deep.T)
@@ -266,7 +217,7 @@ def today_section() -> None:
     rows: list[tuple[str, ...]] = []
     for task in TASKS:
         for name in TEAMS:
-            f = measure(task, name, TODAY, N_REPLAYS, N_EPISODES)
+            f = measure(task, name, N_REPLAYS, N_EPISODES)
             shares = f"{100 * f.free:.3g} %", f"{100 * f.touching:.2g} %"
             depths_mm = (shown(each, 1e3) for each in (f.robots, f.static, f.payload))
             excess, deviation = shown(f.excess, 100), shown(f.deviation, 1e3)
@@ -311,68 +262,9 @@ def recorded_section() -> None:
     )
 
 
-def variants_section() -> None:
-    """What other physics would give and cost; digests would change with any of them."""
-    rows: list[tuple[str, ...]] = []
-    for task in TASKS:
-        speeds = ratios({variant.name: built(task, variant) for variant in VARIANTS})
-        for variant in VARIANTS:
-            figures = [measure(task, name, variant, 0, N_EPISODES // 3) for name in TEAMS]
-            deep = np.concatenate(
-                [each for f in figures for each in (f.robots, f.static, f.payload)]
-            )
-            excess = np.concatenate([f.excess for f in figures])
-            speed = speeds[variant.name]
-            cells = (f"{speed.median:.2f}", f"{speed.low:.2f} to {speed.high:.2f}")
-            rows.append((task, variant.name, shown(deep, 1e3), shown(excess, 100), *cells))
-            print(" | ".join(rows[-1]), flush=True)
-    head = ("task", "physics", "overlaps, mm", "over max_speed, %", "speed / today's", "quartiles")
-    write_section(
-        "Contacts under other physics",
-        "Overlaps of all kinds and teams as above. Speed is the number of environment steps per "
-        "second of processor time, with 64 copies and random actions, relative to today's physics "
-        f"in the same round: median and quartiles of {ROUNDS} rounds.\n\n" + table(head, rows),
-    )
-
-
-def ratios(runs: Mapping[str, Run]) -> dict[str, Rate]:
-    """Rates by today's in the same round: median and quartiles.
-
-    Per second of processor time, since others use the machine.
-    """
-    found: dict[str, list[float]] = {name: [] for name in runs}
-    for run in runs.values():
-        run(0.05)  # the first use is slower
-    for _ in range(ROUNDS):
-        rates = {}
-        for name, run in runs.items():
-            wall, used = time.perf_counter(), time.process_time()
-            rate = run(0.25)
-            rates[name] = rate * (time.perf_counter() - wall) / (time.process_time() - used)
-        for name, rate in rates.items():
-            found[name].append(rate / rates[TODAY.name])
-    return {name: Rate(*np.quantile(each, [0.5, 0.25, 0.75])) for name, each in found.items()}
-
-
-def built(task: str, variant: Variant) -> Run:
-    """A run whose worlds have the variant's physics."""
-    spec = spec_of(task, variant)
-    with changed(variant):
-        run = swarm(spec, N_COPIES)
-    if make_task(spec).movables:  # each reset builds a new world
-        return lambda seconds: _within(variant, run, seconds)
-    return run
-
-
-def _within(variant: Variant, run: Run, seconds: float) -> float:
-    with changed(variant):
-        return run(seconds)
-
-
 SECTIONS: dict[str, Callable[[], None]] = {
     "today": today_section,
     "recorded": recorded_section,
-    "variants": variants_section,
 }
 
 

@@ -28,9 +28,6 @@ N_STEPS = 560_000
 
 ROUNDS = 3
 
-GOALS = {"swarmdata, verify='none'": 0.005, "swarmdata, verify='fast'": 0.25}
-"""Seconds."""
-
 
 def memory(what: str) -> float:
     """One line of this process's status, in bytes: VmRSS, VmHWM (its peak) or RssAnon."""
@@ -98,19 +95,9 @@ def compare(folder: Path, names: list[str]) -> str:
         )
         for name, found in medians.items()
     ]
-    for name, goal in GOALS.items():
-        found = medians[name]["processor"]
-        print(f"{name}: {found:.4f} s, goal {goal} s{'' if found <= goal else ' MISSED'}")
     head = (
-        "format",
-        "core s",
-        "ratio",
-        "wall s",
-        "peak MB",
-        "private MB",
-        "on disk MB",
-        "what it is",
-    )
+        "format", "core s", "ratio", "wall s", "peak MB", "private MB", "on disk MB", "what it is",
+    )  # fmt: skip
     return table(head, rows)
 
 

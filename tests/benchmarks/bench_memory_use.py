@@ -14,15 +14,92 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+from swarmdata.audit.checks import audit
+from swarmdata.building.edit import subsample_dataset
+from swarmdata.cards.sections.measured_content import measure as measure_content
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.interop.convert import import_dataset
+from swarmdata.interop.export import export_dataset
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import assemble, find_damage, merge_order, open_store, write_part
+from swarmdata.testing.synthetic import SPEC, make_episode, make_recipe
 from tests.benchmarks.bench_load import memory, size_of
 from tests.benchmarks.measuring import table, write_section
-from tests.benchmarks.memory_operations import OPERATIONS, SIZES, make
+
+PER_PART = 256
+"""Episodes of a part."""
+
+
+class Size(NamedTuple):
+    """How large a dataset is."""
+
+    n_episodes: int
+    length: int  # joint steps of each episode
+    spec: TaskSpec = SPEC  # two robots, a quarter of a kilobyte a step
+    shapes: Mapping[str, int] = {}  # of `make_episode`
+
+    @property
+    def n_steps(self) -> int:
+        """Joint steps."""
+        return self.n_episodes * self.length
+
+
+FOUR_ROBOTS = {"n_agents": 4, "n_features": 53, "n_states": 32, "n_values": 0, "n_obstacles": 6}
+"""A kilobyte a step, as in the published datasets."""
+
+SIZES = {
+    "1M": Size(8_000, 125, TaskSpec(), FOUR_ROBOTS),
+    "5M": Size(40_000, 125, TaskSpec(), FOUR_ROBOTS),
+    "20M": Size(160_000, 125, TaskSpec(), FOUR_ROBOTS),
+    "200k-episodes": Size(200_000, 25),
+    "tiny": Size(40, 25),
+}
+"""Datasets by the name of their column."""
+
+OPERATIONS: dict[str, Callable[[Path, Path], object]] = {
+    "load": lambda data, out: open_store(data, "fast"),
+    "transitions()": lambda data, out: Dataset.open(data, "none").transitions(),
+    "reobserve": lambda data, out: (
+        Dataset.open(data, "none").reobserve("lidar-8", progress=False).moments
+    ),
+    "audit": lambda data, out: audit(data, progress=False),
+    "verify": lambda data, out: (open_store(data, "full"), find_damage(data)),
+    "card": lambda data, out: measure_content(open_store(data, "none")),
+    "to HDF5": lambda data, out: export_dataset(
+        Dataset.open(data, "none"), out / "flat.hdf5", format="d4rl"
+    ),
+    "from HDF5": lambda data, out: import_dataset(
+        out / "flat.hdf5", out / "imported", format="d4rl", id="coop_nav-imported-v0"
+    ),
+    "to Parquet": lambda data, out: export_dataset(
+        Dataset.open(data, "none"), out / "rows", format="parquet"
+    ),
+    "subsample": lambda data, out: subsample_dataset(
+        Dataset.open(data, "none"), out / "smaller", id="coop_nav-smaller-v0",
+        n_steps=open_store(data, "none").manifest.n_steps // 10,
+    ),
+}  # fmt: skip
+"""By the first cell of their row; each takes a dataset and a folder for what it writes."""
 
 KEPT = {"to HDF5"}
 """Operations whose result is read by the next one."""
+
+
+def make(name: str, out: Path) -> None:
+    """Writes a dataset of random numbers."""
+    size = SIZES[name]
+    parts = []
+    for first in range(0, size.n_episodes, PER_PART):
+        seeds = range(first, min(first + PER_PART, size.n_episodes))
+        parts.append(out.parent / f"{name}-part-{first:06d}")
+        write_part(parts[-1], [make_episode(size.length, seed, **size.shapes) for seed in seeds])
+    recipe = make_recipe(size.n_steps, spec=size.spec)
+    order = merge_order(recipe, [[size.length] * size.n_episodes]).order
+    assemble(out, recipe=recipe, parts={0: parts}, order=order, consume=True)
 
 
 def measure(operation: str, data: Path, out: Path) -> dict[str, float]:

@@ -1,11 +1,10 @@
 """Seed-updates a second of offline training, into docs/benchmarks.md.
 
-    python -m tests.benchmarks.bench_offline [--og-marl CHECKOUT] [--eager] [--device cuda]
+    python -m tests.benchmarks.bench_offline [--eager]
 
 All runs of a table learn from the same dataset in one process on one core, in turns, and are timed
 by processor time, which the load of others changes less than the clock. A seed-update is one
 update of one seed; five sequential runs make as many in a second as one of them.
-OG-MARL is measured from a checkout of instadeepai/og-marl (f4eb8f0 is what was measured).
 """
 
 import argparse
@@ -13,9 +12,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,15 +26,12 @@ from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.normalizer import Normalizer
 from swarmdata.learn.networks.robot_views import RobotViews
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.products.stacked_products import tiled_product
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.setup import Setup
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.runtime.native_libraries import keep_freed_memory
-from swarmdata.types import Batch
 from tests.benchmarks.measuring import Rate, table, write_section
-from tests.benchmarks.og_marl import SYSTEMS, og_marl
 from tests.benchmarks.plain_loops import PlainBC, PlainTD3BC
 
 DATASET, HIDDEN, N_SEEDS, ROUNDS, BATCH = "coop_nav-medium-mini", (64, 128), 5, 5, 128
@@ -55,31 +49,10 @@ reached on this core in the same run. Everything else that an update does, and p
 matrices, which no code makes at that rate, keep it below 1.
 """
 
-OG_MARL = """\
-OG-MARL's torch systems run from its source with the defaults of their constructors: a GRU of 64
-units over windows of 20 steps, batches of 32 windows. They have no limit here.
-"""
-
 Update = Callable[[], object]
 
 PLAIN, ONE, STACK = "plain loop, 1 seed", "ours, 1 seed", f"ours, {N_SEEDS} seeds stacked"
 ONE_COMPILED, STACK_COMPILED = f"{ONE}, compiled", f"{STACK}, compiled"
-
-
-def everything(data: Any) -> tuple[Batch, Statistics]:
-    """All transitions in order, with normalized observations and states, and the statistics."""
-    sampler = data.sampler(256, seed=0)
-    statistics = Statistics.measure(data, 0.95)
-    batch = sampler.gather(np.sort(sampler.rows.valid)).to_torch()
-    known = Normalizer(statistics, "cpu")
-    return replace(
-        batch,
-        observations=known.observations(batch.observations),
-        next_observations=known.observations(batch.next_observations),
-        states=known.states(batch.states),
-        next_states=known.states(batch.next_states),
-        rewards=batch.rewards / statistics.return_std,
-    ), statistics
 
 
 def tensors_of(data: Any) -> dict[str, Tensor]:
@@ -104,12 +77,12 @@ def tensors_of(data: Any) -> dict[str, Tensor]:
     }
 
 
-def ours(name: str, data: Any, hidden: int, n_seeds: int, device: str) -> Update:
+def ours(name: str, data: Any, hidden: int, n_seeds: int) -> Update:
     """An algorithm as the trainer runs it: draw, gather, update."""
     samplers = [data.sampler(BATCH, seed=seed) for seed in range(n_seeds)]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
     both = (hidden, hidden)
-    setup = Setup(sizes, range(n_seeds), Statistics.measure(data, 0.95), device)
+    setup = Setup(sizes, range(n_seeds), Statistics.measure(data, 0.95), "cpu")
     algorithm: BC | MADDPGBC
     if name == "bc":
         algorithm = BC(setup, BCConfig(hidden=both))
@@ -121,7 +94,7 @@ def ours(name: str, data: Any, hidden: int, n_seeds: int, device: str) -> Update
 
     def update() -> object:
         index = np.stack([sampler.draw() for sampler in samplers])
-        return algorithm.update(samplers[0].gather(index).to_torch(device))
+        return algorithm.update(samplers[0].gather(index).to_torch())
 
     return update
 
@@ -134,10 +107,9 @@ def operations(update: Update) -> float:
 
 
 def fastest_rate(seconds: float) -> float:
-    """Floating-point operations a second of the best product of square matrices, [1024, 1024]."""
+    """Floating-point operations a second of a product of square matrices, [1024, 1024]."""
     one = torch.ones(1, 1024, 1024)
-    products = [partial(function, one, one) for function in (torch.bmm, tiled_product)]
-    rates = [_rate(make, seconds, time.process_time) for make in products for _ in range(ROUNDS)]
+    rates = [_rate(partial(torch.bmm, one, one), seconds) for _ in range(ROUNDS)]
     return max(rates) * 2 * 1024**3
 
 
@@ -154,7 +126,6 @@ def measure(
     runs: Mapping[str, Update],
     is_compiled: Sequence[str],
     seconds: float,
-    clock: Callable[[], float],
 ) -> dict[str, list[float]]:
     """Updates a second of each run in each round; every other update moves the actors."""
     rates: dict[str, list[float]] = {name: [] for name in runs}
@@ -162,15 +133,15 @@ def measure(
         for turn in range(ROUNDS + 1):
             for name, update in runs.items():
                 with nullcontext() if name in is_compiled else uncompiled():
-                    rate = _rate(update, seconds, clock)
+                    rate = _rate(update, seconds)
                 if turn:  # the first warms up
                     rates[name].append(rate)
     return rates
 
 
-def _rate(update: Update, seconds: float, clock: Callable[[], float]) -> float:
-    begin, n = clock(), 0
-    while (spent := clock() - begin) < seconds or n < 2:
+def _rate(update: Update, seconds: float) -> float:
+    begin, n = time.process_time(), 0
+    while (spent := time.process_time() - begin) < seconds or n < 2:
         update(), update()
         n += 2
     return n / spent
@@ -189,60 +160,35 @@ def rows_of(
     return rows
 
 
-def networks_table(
-    name: str, data: Any, whole: Batch, hidden: int, arguments: argparse.Namespace
-) -> str:
-    """Measures networks of one size; OG-MARL's systems, whose sizes are fixed, beside the first."""
+def networks_table(name: str, data: Any, hidden: int, arguments: argparse.Namespace) -> str:
+    """Measures networks of one size."""
     plain = (PlainBC if name == "bc" else PlainTD3BC)(tensors_of(data), hidden, BATCH)
     work = operations(plain.train)
     runs: dict[str, Update] = {
         PLAIN: plain.train,
-        ONE: ours(name, data, hidden, 1, "cpu"),
-        STACK: ours(name, data, hidden, N_SEEDS, "cpu"),
+        ONE: ours(name, data, hidden, 1),
+        STACK: ours(name, data, hidden, N_SEEDS),
     }
     if not arguments.eager:
-        runs[ONE_COMPILED] = compiled(ours(name, data, hidden, 1, "cpu"))
-        runs[STACK_COMPILED] = compiled(ours(name, data, hidden, N_SEEDS, "cpu"))
-    if arguments.og_marl is not None and name == "maddpg_bc" and hidden == HIDDEN[0]:
-        for system in SYSTEMS:
-            runs[f"OG-MARL `{system}`"] = og_marl(arguments.og_marl, system, whole)
+        runs[ONE_COMPILED] = compiled(ours(name, data, hidden, 1))
+        runs[STACK_COMPILED] = compiled(ours(name, data, hidden, N_SEEDS))
     is_compiled = [run for run in (ONE_COMPILED, STACK_COMPILED) if run in runs]
     limit = fastest_rate(arguments.seconds) / work
-    rates = measure(runs, is_compiled, arguments.seconds, time.process_time)
+    rates = measure(runs, is_compiled, arguments.seconds)
     n_seeds = {run: N_SEEDS if run in (STACK, STACK_COMPILED) else 1 for run in runs}
     rows = rows_of(rates, n_seeds, PLAIN)
     own = [row[2] for row in rows_of(rates, n_seeds, ONE)]
-    shares = [
-        "—" if "OG-MARL" in run else f"{np.median(rates[run]) * n_seeds[run] / limit:.2f}"
-        for run in runs
-    ]
+    shares = [f"{np.median(rates[run]) * n_seeds[run] / limit:.2f}" for run in runs]
     head = ("run", "seed-updates a second", "/ plain loop", "/ ours, 1 seed", "/ limit")
     lines = [(*row, ratio, share) for row, ratio, share in zip(rows, own, shares, strict=True)]
     title = f"`{name}`, two hidden layers of {hidden}"
     return f"{title} ({work / 1e6:.0f} million operations an update):\n\n{table(head, lines)}"
 
 
-def on_device(data: Any, device: str, seconds: float) -> None:
-    """Prints seed-updates a second of 20 seeds against one; a GPU is timed by the clock."""
-    many = 20
-
-    def clock() -> float:
-        torch.cuda.synchronize(device)
-        return time.perf_counter()
-
-    for hidden in HIDDEN:
-        runs = {f"{k} seeds": ours("maddpg_bc", data, hidden, k, device) for k in (1, many)}
-        rates = measure(runs, (), seconds, clock)
-        rows = rows_of(rates, {"1 seeds": 1, f"{many} seeds": many}, "1 seeds")
-        print(f"hidden {hidden}\n{table(('run', 'seed-updates a second', '/ 1 seed'), rows)}")
-
-
 def main() -> None:
     """Measures and writes the section."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--og-marl", type=Path, help="checkout of instadeepai/og-marl")
     parser.add_argument("--eager", action="store_true", help="without the compiled runs")
-    parser.add_argument("--device", default="cpu", help="cuda measures 20 seeds against one")
     parser.add_argument("--seconds", type=float, default=0.4, help="of each turn")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
@@ -250,15 +196,11 @@ def main() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     data = load(DATASET).split("train")
-    if arguments.device != "cpu":
-        on_device(data, arguments.device, arguments.seconds)
-        return
-    body = [INTRODUCTION, *([] if arguments.og_marl is None else [OG_MARL])]
-    whole, _ = everything(data)
+    body = [INTRODUCTION]
     for name in ("bc", "maddpg_bc"):
         for hidden in HIDDEN:
             print(f"{name}, hidden {hidden}", flush=True)
-            body.append(networks_table(name, data, whole, hidden, arguments))
+            body.append(networks_table(name, data, hidden, arguments))
     write_section("Offline training", "\n".join(body))
     print("\n".join(body))
 

@@ -22,13 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.evaluation.runs.train import measure_curve_point
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
-from swarmdata.learn.training.overrides import override
-from swarmdata.learn.training.trainer import train_seeds
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.testing.synthetic import RELEASE_CARD, make_large_dataset
 from tests.benchmarks.bench_load import size_of
 from tests.benchmarks.measuring import short, table, write_section
@@ -38,9 +33,6 @@ BATCH, N_BATCHES = 256, 1000
 WINDOWS = (4, 8, 16, 32)
 N_DRAWN = 2000
 """Batches whose randomness is measured."""
-
-LEARNED, LEARNED_WINDOW = ("bc", "iql"), 8
-N_UPDATES, N_SEEDS, N_EPISODES = 3000, 2, 64
 
 WAYS = {
     "stream, nothing kept yet": ("stream", "cold"),
@@ -183,41 +175,11 @@ def lost(name: str) -> str:
     return text + table(head, rows)
 
 
-def learned(name: str) -> str:
-    """The table of what algorithms learn from windows of different sizes."""
-    windows: dict[str, Dataset | StreamedDataset]
-    windows = {f"{LEARNED_WINDOW} blocks": _streamed(name, LEARNED_WINDOW), "all": load(name)}
-    rows: list[tuple[str, ...]] = []
-    for algorithm in LEARNED:
-        for label, data in windows.items():
-            kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
-            config = override(kind.Config(), {"n_updates": str(N_UPDATES)})
-            with tempfile.TemporaryDirectory() as folder:
-                policies = train_seeds(
-                    algorithm, data.split("train"), folder, seeds=range(N_SEEDS), config=config,
-                    frame=frame_of(data.spec, "auto"), progress=False,
-                )  # fmt: skip
-            found = [measure_curve_point(each, data.task, N_EPISODES) for each in policies]
-            scores = [float(data.normalized_score(each["return"])) for each in found]
-            rows.append(
-                (algorithm, label, f"{np.mean(scores):.1f}",
-                 " ".join(f"{each:.1f}" for each in sorted(scores)),
-                 f"{np.mean([each['success'] for each in found]):.2f}")
-            )  # fmt: skip
-            print(rows[-1], file=sys.stderr, flush=True)
-    text = (
-        f"\n{N_UPDATES:,} updates on `{name}` with all other settings as they are, {N_SEEDS} "
-        f"seeds, on {N_EPISODES} validation episodes (`--learn`):\n\n"
-    )
-    return text + table(("algorithm", "window", "score", "of the seeds", "success"), rows)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measures both, and writes the section."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--steps", type=int, default=500_000)
     parser.add_argument("--data", default="coop_nav-expert", help="whose order is measured")
-    parser.add_argument("--learn", metavar="DATA", help="also train on it, which takes long")
     parser.add_argument("--only-print", action="store_true", help="leave docs/ alone")
     parser.add_argument("--one", nargs=2, metavar=("WAY", "URL"))
     given = parser.parse_args(arguments)
@@ -227,7 +189,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     load(given.data)  # built where it is not on this machine
     with tempfile.TemporaryDirectory() as folder:
         body = speed(given.steps, Path(folder)) + lost(given.data)
-    body += learned(given.learn) if given.learn else ""
     print(body)
     if not given.only_print:
         write_section("Streaming", body)

@@ -34,12 +34,6 @@ ROUNDS, SECONDS = 5, 2.0
 OUR_EPOCHS = 3
 """Passes over each frame, `MAPPOConfig.n_epochs`; BenchMARL is measured with as many as well."""
 
-RECORDED = 621
-"""Frames a second of BenchMARL with its defaults, recorded on one core of another machine."""
-
-BUSY = 0.9
-"""Below this part of its core, a run was held up by others."""
-
 
 class Trainee:
     """A process that trains when told to.
@@ -148,20 +142,6 @@ def speed_table(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str
     return table((*head, *(f"times {peer}" for peer in peers)), rows)
 
 
-def share_table(turns: dict[str, list[list[Turn]]]) -> str:
-    """Where the time goes; what a run does not tell is left out."""
-    rows = []
-    for name, its in turns.items():
-        flat = [turn for answers in its for turn in answers]
-        total = sum(turn.processor for turn in flat)
-        rollout, worlds = (sum(t) / total for t in zip(*((t[3], t[4]) for t in flat), strict=True))
-        known = not np.isnan(worlds)
-        parts = (worlds, rollout - worlds) if known else (None, rollout)
-        shown = ("—" if part is None else f"{100 * part:.0f} %" for part in (*parts, 1 - rollout))
-        rows.append((name, *shown))
-    return table(("run", "worlds", "rest of the rollouts", "updates"), rows)
-
-
 def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
     """The section of docs/benchmarks.md."""
     parts = [
@@ -169,36 +149,16 @@ def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
         "settings: rollouts, updates and resets, from the first update on, without evaluation and "
         "files. Frames of seeds stacked in one process are added. A process has one core; the "
         "rates of two processes are added.",
-        _about_the_peer(peers),
-    ]
-    if min(map(share_of_core, turns.values())) < BUSY:
-        parts.append(
-            "**The machine was busy with other work.** If a run did not get its cores, its frames "
-            "a second are too low by the missing share. Frames per second of processor time do "
-            "not count the waiting; on an idle machine both are the same, except for shared "
-            "caches. Trust the ratios."
-        )
-    parts.append(speed_table(turns, peers).rstrip())
-    parts.append("Where the processor time goes:\n\n" + share_table(turns).rstrip())
-    return "\n\n".join(parts)
-
-
-def _about_the_peer(peers: Sequence[str]) -> str:
-    recorded = f"{RECORDED} frames a second with its defaults were recorded on one core of another"
-    if not peers:
-        return (
-            "BenchMARL is not installed here, so it was not measured. For its MAPPO on VMAS "
-            f"navigation, {recorded} machine, which is only a rough guide."
-        )
-    return (
         "BenchMARL: its MAPPO on VMAS navigation with its defaults, on one core: 3 robots, 60 "
         f"copies, 6000 frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, networks "
         f"of 256 units. Ours uses each frame {OUR_EPOCHS} times, in minibatches of 2048 robot "
         "samples, with networks of 64 units; BenchMARL is therefore also measured with "
-        f"{OUR_EPOCHS} epochs, which is not its default. {recorded} machine. Ratios compare frames "
-        "per second of processor time in the same round; the ratio of two processes compares two "
-        "cores with one."
-    )
+        f"{OUR_EPOCHS} epochs, which is not its default. Ratios compare frames per second of "
+        "processor time in the same round; the ratio of two processes compares two cores with one. "
+        "Where a run got less than all of its cores, compare the ratios only.",
+    ]
+    parts.append(speed_table(turns, peers).rstrip())
+    return "\n\n".join(parts)
 
 
 def main() -> None:

@@ -20,9 +20,7 @@ from swarmdata.specs.sensing_models import Broadcast, LidarModel
 from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
 from tests.benchmarks.measuring import Rate, interleave, short, table, write_section
-from tests.benchmarks.processes import measure_processes
-from tests.benchmarks.replays import Recording, Replay, record
-from tests.benchmarks.teams import members
+from tests.benchmarks.replays import Recording, Replay, members, record
 
 ALL_CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}
 
@@ -194,7 +192,7 @@ def one_section() -> None:
 
 
 def growth_section() -> None:
-    """Cost per robot-step, and two processes."""
+    """Cost per robot-step."""
     rows = []
     for name, change in (("state", team), ("lidar", lambda n: scanning(team(n)))):
         rates = interleave({str(n): swarm(change(n), 64) for n in SIZES})
@@ -202,16 +200,7 @@ def growth_section() -> None:
         rows.append((name, *(f"{c:.0f}" for c in cost), f"{cost[-1] / cost[0]:.2f}"))
         print(" | ".join(rows[-1]), flush=True)
     head = ("observations", *(f"{n} robots" for n in SIZES), "32 robots / 4")
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, ALL_CORES)
-    ours, loops = (Rate.of(ratios) for ratios in measure_processes(team(4)))
-    write_section(
-        "Growth",
-        f"Nanoseconds per robot and step, 64 copies:\n\n{table(head, rows)}\n"
-        f"Two processes, 64 copies each, make {ours} times the steps of one. Two processes that "
-        f"only count reach {loops} times the rate of one: the machine allows no more, and less "
-        "than 2 if others use it.",
-    )
+    write_section("Growth", f"Nanoseconds per robot and step, 64 copies:\n\n{table(head, rows)}")
 
 
 def tasks_section() -> None:

@@ -17,35 +17,10 @@ PACKAGES = (
 
 DOCS = Path(__file__).parents[2] / "docs"
 
-HEADS = {
-    "benchmarks.md": """# Benchmarks
-
-This page has the speed of worlds, training and loading, beside other libraries where they offer
-the same. `make bench` measures every section but the summary again and rewrites it. The engines of
-a table take turns in the same run, on one core. Rates are medians over the rounds, with the
-smallest and the largest in brackets. The rates of a virtual machine vary by up to a factor of two
-between runs, so compare the ratios within one table. [Measurements](measurements.md) has figures
-that are not of speed.
-
-""",
-    "measurements.md": """# Measurements
-
-This page has figures of contacts, rewards, intervals, memory, of what critics know and do to a
-clone, of the algorithms beside code of others, and of ten tasks in a new clone. `make bench`
-measures every section again but memory, large datasets, the ten tasks, and those that need
-policies of a study. [Benchmarks](benchmarks.md) has the speed.
-
-""",
-}
-"""How each page begins, by its file."""
-
 MEASUREMENTS = (
-    "Contacts", "Contacts in datasets", "Contacts under other physics", "What rewards prefer",
-    "Coverage of intervals", "What critics know of actions", "What values change in a clone",
-    "Where policies push", "Algorithms beside others", "Memory", "Memory of large datasets",
-    "Ten tasks by the clock",
+    "Contacts", "Contacts in datasets", "Coverage of intervals", "Memory of large datasets",
 )  # fmt: skip
-"""Sections that are not of speed."""
+"""Sections of docs/measurements.md; the others are of speed."""
 
 
 class Rate(NamedTuple):
@@ -106,13 +81,12 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 def write_section(title: str, body: str, folder: Path = DOCS) -> None:
     """Puts a section into its page: in its old place, or at the end."""
-    name = "measurements.md" if title in MEASUREMENTS else "benchmarks.md"
-    file = folder / name
-    old = file.read_text(encoding="utf-8") if file.exists() else ""
-    parts = dict(part.split("\n", 1) for part in f"\n{old}".split("\n## ")[1:])
+    file = folder / ("measurements.md" if title in MEASUREMENTS else "benchmarks.md")
+    head, *old = file.read_text(encoding="utf-8").split("\n## ")
+    parts = dict(part.split("\n", 1) for part in old)
     parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"
     sections = (f"## {section}\n{text.rstrip()}\n" for section, text in parts.items())
-    file.write_text(HEADS[name] + "\n".join(sections), encoding="utf-8")
+    file.write_text("\n".join([head, *sections]), encoding="utf-8")
 
 
 def _machine() -> str:

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmdata.behavior_policies.tiers import TRAINED_TIERS, sources
 from swarmdata.interfaces import Policy, VecEnv
-from swarmdata.registry.components import make_env
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Int, Seeds, Step
 
@@ -28,6 +30,19 @@ class Recording(NamedTuple):
     start: Reset
     actions: Float  # [K, E, N, A]
     resets: Mapping[int, Reset]  # by step
+
+
+def members(team: str, preset: str, spec: TaskSpec) -> list[Policy]:
+    """The policies of a team, which have equal shares; none if a tier has no checkpoints.
+
+    Args:
+        team: a registered policy, or a tier, whose checkpoints act without noise.
+        preset: whose checkpoints are meant.
+        spec: the task to act in.
+    """
+    if team not in TRAINED_TIERS:
+        return [make_policy(team, spec)]
+    return [make_source_policy(source, spec) for source in sources(preset, team, noise=0.0)]
 
 
 def joint_actions(policies: Sequence[Policy], step: Step) -> Float:

@@ -5,12 +5,13 @@ import pytest
 
 from swarmdata.envs.physics.impacts import CREEP, DEEPEST_OVERLAP
 from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Episode
 from tests.benchmarks import bench_contacts as bench
 
-RANDOM = bench.spec_of("coop_nav", bench.TODAY)
+RANDOM = preset("coop_nav")
 
 
 @pytest.fixture(scope="module")
@@ -50,25 +51,6 @@ def test_without_contact_a_state_tells_everything(episodes: list[Episode]) -> No
 
 
 def test_no_overlap_is_deep() -> None:
-    today = bench.measure("coop_nav", "random", bench.TODAY, 0, 16)
+    today = bench.measure("coop_nav", "random", 0, 16)
     assert 0.5 * DEEPEST_OVERLAP < today.static.max() < DEEPEST_OVERLAP + CREEP
     assert 0.5 * DEEPEST_OVERLAP < today.robots.max() < DEEPEST_OVERLAP + CREEP
-
-
-def test_a_variant_is_in_the_worlds_that_are_built() -> None:
-    solver = bench.Variant("one iteration", iterations=1, bias=0.5)
-    with bench.changed(solver):
-        env = make_env(RANDOM)
-        env.reset(np.zeros(1, dtype=np.uint64))
-        space, _ = env._blocks[0]._world._backend._owners[0]  # type: ignore[attr-defined]
-        assert (space.iterations, space.collision_bias) == (1, 0.5)
-    env = make_env(RANDOM)
-    env.reset(np.zeros(1, dtype=np.uint64))
-    assert env._blocks[0]._world._backend._owners[0][0].iterations == bench.SOLVER_ITERATIONS  # type: ignore[attr-defined]
-
-
-def test_quantiles() -> None:
-    assert bench.summary(np.arange(1001.0)) == (500.0, 999.0, 1000.0)
-    assert bench.summary([]) is None
-    assert bench.shown([], 1e3) == "—"
-    assert bench.shown([0.001, 0.002, 0.003], 1e3) == "2 / 3 / 3"

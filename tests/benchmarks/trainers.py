@@ -31,8 +31,6 @@ class Turn(NamedTuple):
     frames: int  # joint steps of one copy, all seeds together
     seconds: float  # of the wall clock
     processor: float  # seconds of processor time, all threads
-    rollout: float  # part of `processor` that was spent on rollouts
-    worlds: float  # part of `rollout` in which the worlds step and reset; NaN if unknown
 
     @property
     def per_second(self) -> float:
@@ -62,43 +60,20 @@ class Meter:
         if not line:
             sys.exit(0)
         self.wanted = float(line)
-        self.frames, self.rollout, self.worlds = 0, 0.0, 0.0
+        self.frames = 0
         self.wall, self.processor = time.perf_counter(), time.process_time()
 
-    def add(self, frames: int, rollout: float, worlds: float) -> None:
+    def add(self, frames: int) -> None:
         """Counts one update; answers if the turn is over, and then waits for the next."""
         self.frames += frames
-        self.rollout += rollout
-        self.worlds += worlds
         seconds = time.perf_counter() - self.wall
         if seconds < self.wanted:
             return
         spent = time.process_time() - self.processor
-        turn = Turn(self.frames, seconds, spent, self.rollout, self.worlds)
+        turn = Turn(self.frames, seconds, spent)
         self.answers.write(json.dumps(turn) + "\n")
         self.answers.flush()
         self.begin()
-
-
-class Stopwatch:
-    """Processor time that a method takes; takes the method's place."""
-
-    def __init__(self, owner: Any, name: str) -> None:
-        self.method: Callable[..., Any] = getattr(owner, name)
-        self.seconds = 0.0
-        setattr(owner, name, self)
-
-    def __call__(self, *args: Any) -> Any:
-        """Calls the method."""
-        begin = time.process_time()
-        result = self.method(*args)
-        self.seconds += time.process_time() - begin
-        return result
-
-    def read(self) -> float:
-        """Seconds since it was last read."""
-        seconds, self.seconds = self.seconds, 0.0
-        return seconds
 
 
 def train_ours(meter: Meter, n_seeds: int) -> None:
@@ -109,11 +84,10 @@ def train_ours(meter: Meter, n_seeds: int) -> None:
 
     run = describe_run("mappo", MAPPOConfig(), preset("coop_nav"), range(n_seeds))
     algorithm: Any = run.build(Path())
-    rollout, worlds = Stopwatch(algorithm, "_collect"), Stopwatch(algorithm.worlds, "advance")
     while True:
         before = algorithm.frames
         algorithm.update()
-        meter.add(n_seeds * (algorithm.frames - before), rollout.read(), worlds.read())
+        meter.add(n_seeds * (algorithm.frames - before))
 
 
 def train_benchmarl(meter: Meter, n_epochs: int) -> None:
@@ -130,16 +104,11 @@ def train_benchmarl(meter: Meter, n_epochs: int) -> None:
     task = import_module("benchmarl.environments").VmasTask.NAVIGATION.get_from_yaml()
     task.config["n_agents"] = PEER_ROBOTS
     callback = experiments.Callback()
-    times = {"begin": time.process_time(), "rollout": 0.0}
-
-    def on_batch_collected(batch: Any) -> None:
-        times["rollout"] = time.process_time() - times["begin"]
 
     def on_train_end(training: Any, group: str) -> None:
-        meter.add(PEER_FRAMES, times["rollout"], float("nan"))
-        times["begin"] = time.process_time()
+        meter.add(PEER_FRAMES)
 
-    callback.on_batch_collected, callback.on_train_end = on_batch_collected, on_train_end
+    callback.on_train_end = on_train_end
     with tempfile.TemporaryDirectory() as folder:
         config.save_folder = folder
         experiment = experiments.Experiment(
