@@ -1,5 +1,4 @@
 """What remotes and the network do to a dataset on its way: nothing lost, nothing half visible."""
-# ruff: noqa: F811  # fixtures of tests/hub/remotes are imported, and asked for by their names
 
 import socket
 from collections.abc import Callable, Iterator
@@ -7,7 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.errors import AddressError, ChecksumError, ConflictError, HubError
+from swarmdata.errors import (
+    AddressError,
+    ChecksumError,
+    ConflictError,
+    HubError,
+    VersionTakenError,
+)
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
@@ -18,18 +23,7 @@ from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.store import read_manifest
 from swarmdata.store.scratch import scratch_folder
-from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
-    ID,
-    NEXT,
-    backoff,
-    beside,
-    dataset,
-    hub,
-    impatient,
-    is_pulled,
-    remote,
-    successor,
-)
+from tests.hub.remotes.conftest import ID, NEXT, is_pulled
 from tests.hub.remotes.faults import Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub, Repository
 from tests.hub.remotes.static_host import StaticHost
@@ -370,3 +364,26 @@ def test_two_pushers(hub: LoopbackHub, remote: HubRemote, dataset: Path, success
     assert set(repository.tags) == {"v0"}
 
     assert HubRemote("hf://org").publish(successor, NEXT).id == NEXT
+
+
+@pytest.mark.parametrize("is_ours", [False, True], ids=["another commit", "ours"])
+def test_a_tag_that_somebody_else_made_meanwhile(
+    hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path, is_ours: bool
+) -> None:
+    """Row 25: between our commit and our tag; a version is never said to hold what it does not."""
+    remote.publish(successor, NEXT)
+    repository, answer = hub.repositories[NAME], hub.fault_of
+    theirs = repository.tags["v1"]
+
+    def tag_first(request: str) -> Fault | None:
+        if "/tag/" in request:
+            repository.tags["v0"] = list(repository.commits)[-1] if is_ours else theirs
+        return answer(request)
+
+    hub.fault_of = tag_first  # type: ignore[method-assign]
+    if is_ours:
+        assert remote.publish(dataset, ID).address.endswith(repository.tags["v0"])
+    else:
+        with pytest.raises(VersionTakenError, match="another coop_nav-synthetic-v0"):
+            remote.publish(dataset, ID)
+    assert (repository.tags["v0"] == theirs) is not is_ours

@@ -1,12 +1,11 @@
 """Servers that give a byte now and then: left in time for the next source, and for Ctrl-C."""
-# ruff: noqa: F811  # fixtures of tests/hub/remotes are imported, and asked for by their names
 
 import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -21,17 +20,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
-    ID,
-    TOKEN,
-    backoff,
-    beside,
-    clock,
-    dataset,
-    hub,
-    impatient,
-    is_pulled,
-)
+from tests.hub.remotes.conftest import ID, is_pulled
 from tests.hub.remotes.faults import Clock, Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
@@ -183,10 +172,17 @@ def interrupted(server: FaultyServer, *arguments: str) -> tuple[int, str]:
     return process.returncode, words
 
 
-@pytest.mark.parametrize("fault", [slow_body, slow_headers], ids=["body", "headers"])
-@pytest.mark.parametrize("file", ["manifest.json", ARRAY])
+@pytest.mark.parametrize(
+    ("file", "fault"),
+    [
+        ("manifest.json", slow_headers),
+        (ARRAY, slow_body),
+        pytest.param("manifest.json", slow_body, marks=pytest.mark.slow),
+        pytest.param(ARRAY, slow_headers, marks=pytest.mark.slow),
+    ],
+)
 def test_ctrl_c_ends_a_pull_from_a_slow_server(
-    host: StaticHost, tmp_path: Path, fault: type[Fault], file: str
+    host: StaticHost, tmp_path: Path, file: str, fault: Callable[[str], Fault]
 ) -> None:
     """Row 60: wherever it hangs, with one line; `test_threads.py` has the seconds."""
     host.faults = [fault(f"GET .*{file}")]

@@ -1,5 +1,4 @@
 """Servers that lie, change while they are read, or keep things to themselves."""
-# ruff: noqa: F811  # fixtures of tests/hub/remotes are imported, and asked for by their names
 
 import contextlib
 import shutil
@@ -21,17 +20,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
-    ID,
-    NEXT,
-    backoff,
-    dataset,
-    hub,
-    impatient,
-    is_pulled,
-    remote,
-    successor,
-)
+from tests.hub.remotes.conftest import ID, NEXT, is_pulled
 from tests.hub.remotes.faults import Fault, FaultyHandler
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost

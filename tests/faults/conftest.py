@@ -1,0 +1,12 @@
+"""Remotes and servers are those of tests/hub/remotes."""
+
+from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
+    backoff,
+    beside,
+    clock,
+    dataset,
+    hub,
+    impatient,
+    remote,
+    successor,
+)
