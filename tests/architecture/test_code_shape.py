@@ -2,29 +2,14 @@
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 
-import pytest
+from tests.support.package_sources import FOLDERS, sources, trees
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("swarmdata", "envs", "behavior_policies", "offline_algos", "online_algos", "cards")
-SOURCES = sorted(
-    path
-    for folder in FOLDERS
-    for path in (ROOT / folder).rglob("*.py")
-    if not any(parent.is_symlink() for parent in path.parents)
-)
 MODULE_LINES = 500
 FUNCTION_LINES = 40
 KERNEL_LINES = 60  # so that nobody splits one thought to please a counter
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
-
-
-@pytest.fixture(scope="module")
-def sources() -> dict[str, str]:
-    """The text of every module."""
-    return {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in SOURCES}
 
 
 def code_lines(function: Function) -> int:
@@ -73,26 +58,27 @@ def is_overload(node: ast.AST) -> bool:
 
 
 def test_sources_were_found() -> None:
-    assert {path.relative_to(ROOT).parts[0] for path in SOURCES} == set(FOLDERS)
+    assert {path.parts[0] for path in sources()} == set(FOLDERS)
 
 
-def test_modules_are_short(sources: dict[str, str]) -> None:
-    lengths = {name: len(source.splitlines()) for name, source in sources.items()}
+def test_modules_are_short() -> None:
+    lengths = {path: len(text.splitlines()) for path, text in sources().items()}
 
-    assert {name: length for name, length in lengths.items() if length > MODULE_LINES} == {}
+    assert {path: length for path, length in lengths.items() if length > MODULE_LINES} == {}
 
 
-def test_functions_are_short(sources: dict[str, str]) -> None:
-    too_long = {}
-    for name, source in sources.items():
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, Function) and code_lines(node) > most_lines(node):
-                too_long[f"{name}:{node.name}"] = code_lines(node)
+def test_functions_are_short() -> None:
+    too_long = {
+        f"{path}:{node.name}": code_lines(node)
+        for path, tree in trees().items()
+        for node in ast.walk(tree)
+        if isinstance(node, Function) and code_lines(node) > most_lines(node)
+    }
 
     assert too_long == {}
 
 
-def test_public_names_are_documented(sources: dict[str, str]) -> None:
-    found = {name: list(undocumented(ast.parse(source))) for name, source in sources.items()}
+def test_public_names_are_documented() -> None:
+    found = {path: list(undocumented(tree)) for path, tree in trees().items()}
 
-    assert {name: names for name, names in found.items() if names} == {}
+    assert {path: names for path, names in found.items() if names} == {}

@@ -2,10 +2,8 @@
 
 import ast
 import re
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-PACKAGES = ("swarmdata", "envs", "behavior_policies", "offline_algos", "online_algos", "cards")
+from tests.support.package_sources import trees
 
 DELETION = re.compile(r"\b(delete|remove|erase|discard|rm|wipe)\b", re.IGNORECASE)
 
@@ -41,9 +39,8 @@ class Strings(ast.NodeVisitor):
 
 def test_messages_advise_to_delete_only_what_is_made_again() -> None:
     strings = Strings()
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            strings.visit(ast.parse(path.read_text("utf-8")))
+    for tree in trees().values():
+        strings.visit(tree)
     advice = {text for text in strings.found if DELETION.search(text) and " " in text}
     unexplained = {text for text in advice if not any(known in text for known in MADE_AGAIN)}
     assert not unexplained

@@ -1,19 +1,73 @@
-"""The floor plan: where modules go, how many share a folder, and one meaning for each name."""
+"""The floor plan: where modules go, which deserve a file, and one meaning for each name."""
 
+import ast
+import re
 import tomllib
 from collections import Counter
+from collections.abc import Container
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("swarmdata", "envs", "behavior_policies", "offline_algos", "online_algos", "cards")
+from tests.support.package_sources import FOLDERS, ROOT, sources, trees
+
 LOOSE = {"__init__.py", "__main__.py", "errors.py", "interfaces.py", "types.py"}
-MODULES_IN_A_FOLDER = 16
+LINES_OF_A_THOUGHT = 80
+COMMANDS = "swarmdata.cli."  # modules that the command line registers
 FOLDERS_IN_THE_PACKAGE = 20
 
 SAME_MEANING = {"vdn", "qmix"}
 """Names of two modules each that do mean the same: an algorithm, offline and online."""
+
+SMALL_AND_ALONE = [
+    "swarmdata.audit.reward_checks",
+    "swarmdata.cards.card_refresh",
+    "swarmdata.cards.publish",
+    "swarmdata.cards.sections.fields",
+    "swarmdata.cards.sections.measured_content",
+    "swarmdata.cards.sections.reward_terms",
+    "swarmdata.catalogue.drawings.rewards_drawing",
+    "swarmdata.catalogue.replays.episode_choice",
+    "swarmdata.envs.coop_nav.lanes",
+    "swarmdata.envs.physics.interpreter_exit",
+    "swarmdata.envs.physics.kinematic",
+    "swarmdata.envs.render.notebook",
+    "swarmdata.evaluation.figures.difference_matrix",
+    "swarmdata.evaluation.figures.line_panels",
+    "swarmdata.evaluation.figures.profile_plot",
+    "swarmdata.evaluation.policy_selection.ranking_scores",
+    "swarmdata.evaluation.robustness.sweep_estimates",
+    "swarmdata.evaluation.study.answers.data_efficiency",
+    "swarmdata.evaluation.study.answers.data_regimes",
+    "swarmdata.evaluation.study.answers.ingredients",
+    "swarmdata.evaluation.study.answers.training_length",
+    "swarmdata.evaluation.study.shifts.other_tasks",
+    "swarmdata.evaluation.study.shifts.transfers",
+    "swarmdata.hub.catalog.streams",
+    "swarmdata.hub.publishing.blockers",
+    "swarmdata.hub.remotes.push_dataset",
+    "swarmdata.hub.streaming.open_stream",
+    "swarmdata.interop.conversion.framed_export",
+    "swarmdata.interop.d4rl.d4rl_foreign",
+    "swarmdata.interop.logs.decoded_messages",
+    "swarmdata.interop.parquet.parquet_foreign",
+    "swarmdata.learn.evaluation.validation",
+    "swarmdata.learn.memory.team_memory",
+    "swarmdata.numerics.student_t",
+    "swarmdata.online_algos.continuation.offline_critics",
+    "swarmdata.online_algos.ppo.learned_deviation",
+    "swarmdata.online_algos.ppo.state_values",
+    "swarmdata.online_algos.ppo.value_scale",
+    "swarmdata.online_algos.shaping.contact_cost",
+    "swarmdata.online_algos.shaping.passing_side",
+    "swarmdata.online_algos.shaping.team_share",
+    "swarmdata.perception.sensing.smallest",
+    "swarmdata.registry.ablations",
+    "swarmdata.rollouts.spec_check",
+    "swarmdata.runtime.engines.dask_executor",
+    "swarmdata.runtime.engines.ray_executor",
+]
+"""Modules that should be merged into their only importer; the list only becomes shorter."""
 
 SUITES = {
     "architecture", "benchmarks", "contract", "docs", "examples", "faults", "golden", "support",
@@ -21,32 +75,75 @@ SUITES = {
 """Folders of tests that mirror no folder of the package."""
 
 
-def modules() -> list[Path]:
-    """Every module of the package, by its path in the repository."""
-    return [
-        path.relative_to(ROOT)
-        for folder in FOLDERS
-        for path in sorted((ROOT / folder).rglob("*.py"))
-        if not any(parent.is_symlink() for parent in path.parents)
-    ]
-
-
 def test_only_five_modules_are_loose() -> None:
-    assert {path.name for path in modules() if path.parent == Path("swarmdata")} == LOOSE
+    assert {path.name for path in sources() if path.parent == Path("swarmdata")} == LOOSE
 
 
 def test_the_package_has_few_folders() -> None:
-    inner = {path.parts[1] for path in modules() if path.parts[0] == "swarmdata"} - LOOSE
+    inner = {path.parts[1] for path in sources() if path.parts[0] == "swarmdata"} - LOOSE
     assert len(inner) <= FOLDERS_IN_THE_PACKAGE
 
 
-def test_folders_hold_few_modules() -> None:
-    counts = Counter(path.parent for path in modules() if path.name != "__init__.py")
-    assert {str(f): n for f, n in counts.items() if n > MODULES_IN_A_FOLDER} == {}
+def dotted(path: Path) -> str:
+    """The name that a module is imported by; of a package, that of its folder."""
+    parts = path.with_suffix("").parts
+    parts = parts[:-1] if parts[-1] == "__init__" else parts
+    return ".".join(parts if parts[0] == "swarmdata" else ("swarmdata", *parts))
+
+
+def imported(tree: ast.Module, exported: dict[str, str], known: Container[str]) -> set[str]:
+    """Modules that one imports; of a name that a package exports, the one that defines it."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            found |= {exported.get(each, each) for each in names} | {node.module}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return {each for each in found if each in known}
+
+
+def small_and_alone() -> list[str]:
+    """Modules of few lines that a single other module imports, and no table names."""
+    parsed = {dotted(path): tree for path, tree in trees().items()}
+    packages = {dotted(path) for path in sources() if path.name == "__init__.py"}
+    exported = {
+        f"{package}.{alias.asname or alias.name}": node.module
+        for package in packages
+        for node in parsed[package].body
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    }
+    importers = Counter(
+        each
+        for name, tree in parsed.items()
+        for each in imported(tree, exported, parsed)
+        if name not in packages and each != name
+    )
+    named = {
+        match[1]
+        for tree in parsed.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if (match := re.fullmatch(r"(swarmdata(?:\.\w+)+)(?::\w+)?", node.value))
+    }
+    small = {
+        dotted(path)
+        for path, text in sources().items()
+        if len(text.splitlines()) < LINES_OF_A_THOUGHT
+        and path.name not in LOOSE
+        and "__main__" not in text
+    }
+    alone = {each for each in small if importers[each] < 2 and not each.startswith(COMMANDS)}
+    return sorted(alone - named)
+
+
+def test_small_modules_have_two_importers_or_are_registered() -> None:
+    assert small_and_alone() == SMALL_AND_ALONE
 
 
 def test_a_module_name_means_one_thing() -> None:
-    counts = Counter(path.stem for path in modules() if path.name != "__init__.py")
+    counts = Counter(path.stem for path in sources() if path.name != "__init__.py")
     assert {name for name, n in counts.items() if n > 1} == SAME_MEANING
 
 
@@ -70,6 +167,6 @@ def test_tests_mirror_the_tree() -> None:
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_every_folder_says_what_it_is(folder: str) -> None:
-    for path in modules():
+    for path in sources():
         if path.parts[0] == folder:
             assert (ROOT / path.parent / "__init__.py").exists(), path

@@ -4,32 +4,18 @@ import ast
 import re
 from collections.abc import Iterator
 
-import pytest
+from tests.support.package_sources import sources, trees
 
-from swarmdata.runtime.kernels import PACKAGE_FOLDER
-
-FILES = sorted(PACKAGE_FOLDER.glob("**/*.py")) + sorted(
-    file
-    for folder in PACKAGE_FOLDER.iterdir()
-    if folder.is_symlink()
-    for file in folder.rglob("*.py")
-)
 OWN_DECORATOR = re.compile(r"@(?:numba\.)?n?jit\b|import .*\bn?jit\b")
 
 
-@pytest.fixture(scope="module")
-def sources() -> dict[str, str]:
-    """The text of every module."""
-    return {str(file.relative_to(PACKAGE_FOLDER)): file.read_text("utf-8") for file in FILES}
+def test_no_other_decorator() -> None:
+    assert [path for path, text in sources().items() if OWN_DECORATOR.search(text)] == []
 
 
-def test_no_other_decorator(sources: dict[str, str]) -> None:
-    assert [name for name, source in sources.items() if OWN_DECORATOR.search(source)] == []
-
-
-def slice_assignments(source: str) -> Iterator[str]:
+def slice_assignments(tree: ast.Module) -> Iterator[str]:
     """Assignments of anything but a constant to a slice, in kernels."""
-    for function in ast.walk(ast.parse(source)):
+    for function in ast.walk(tree):
         if not isinstance(function, ast.FunctionDef):
             continue
         if not any("kernel" in ast.unparse(each) for each in function.decorator_list):
@@ -46,13 +32,13 @@ def parts(target: ast.Subscript) -> list[ast.expr]:
     return list(index.elts) if isinstance(index, ast.Tuple) else [index]
 
 
-def test_arrays_are_copied_by_loops(sources: dict[str, str]) -> None:
+def test_arrays_are_copied_by_loops() -> None:
     """For the error of shapes that differ, numba compiles some thirty functions on strings."""
-    found = {name: list(slice_assignments(source)) for name, source in sources.items()}
+    found = {path: list(slice_assignments(tree)) for path, tree in trees().items()}
 
-    assert {name: lines for name, lines in found.items() if lines} == {}
+    assert {path: lines for path, lines in found.items() if lines} == {}
 
 
 def test_a_slice_assignment_is_seen() -> None:
     source = "@kernel\ndef f(a, b):\n    a[:] = 0.0\n    a[1:, 0] = b[2:]\n    a[0] = b[1]\n"
-    assert list(slice_assignments(source)) == ["a[1:, 0] = b[2:]"]
+    assert list(slice_assignments(ast.parse(source))) == ["a[1:, 0] = b[2:]"]
