@@ -20,6 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.envs.coop_nav.lanes import lane_boxes, lane_starts
+from swarmdata.envs.coop_nav.navigation_rules import (
+    Corridor,
+    Doorway,
+    Lanes,
+    NavigationRules,
+    Ranks,
+    Swap,
+)
 from swarmdata.envs.coop_nav.ranks import RankedGoals, arrange_ranks
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
@@ -31,7 +39,6 @@ from swarmdata.envs.world.spawn import (
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import Corridor, Doorway, Lanes, NavigationRules, Ranks, Swap
 from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
@@ -105,8 +112,7 @@ def arrange(spec: TaskSpec) -> Arranged | RankedGoals:
     Raises:
         SpecError: a part of the spec does not apply to the arrangement, or the robots do not fit.
     """
-    rules = spec.rules
-    assert isinstance(rules, NavigationRules)
+    rules = spec.rules_as(NavigationRules)
     kind = rules.arrangement
     if isinstance(kind, Ranks):
         return arrange_ranks(spec)

@@ -6,9 +6,9 @@ takes a lane of its own, and all robots of a team take the same one.
 
 import numpy as np
 
+from swarmdata.envs.coop_nav.navigation_rules import Lanes
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
-from swarmdata.specs.rules import Lanes
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 

@@ -55,6 +55,7 @@ from swarmdata.envs.search.floor_memory import (
     knows_victim,
     look,
 )
+from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
     SpawnPlan,
@@ -73,7 +74,7 @@ from swarmdata.specs.features import (
     telling_goals,
     vector,
 )
-from swarmdata.specs.rules import Payload, SearchRules
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
@@ -97,17 +98,6 @@ TASK_FEATURES: tuple[Feature, ...] = (
     ),
 )
 """Added by the task to every robot's observation."""
-
-
-def search_rules(spec: TaskSpec) -> SearchRules:
-    """Returns the rules of a spec of this task.
-
-    Raises:
-        SpecError: the spec is another task's.
-    """
-    if not isinstance(spec.rules, SearchRules):
-        raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'search'")
-    return spec.rules
 
 
 @kernel
@@ -300,7 +290,7 @@ class Search:
     )
 
     def __init__(self, spec: TaskSpec) -> None:
-        rules = search_rules(spec)
+        rules = spec.rules_as(SearchRules)
         _check_helpers(spec, rules)
         self.spec = spec
         self.middles = cell_middles(spec, rules)
@@ -317,7 +307,7 @@ class Search:
 
     @staticmethod
     def appearance(spec: TaskSpec) -> Appearance:
-        rules = search_rules(spec)
+        rules = spec.rules_as(SearchRules)
         return Appearance(
             legend=(
                 "Rings are victims, filled once they are rescued. Dashes lead from a robot to the "

@@ -7,10 +7,11 @@ import pytest
 
 from swarmdata.behavior_policies.coop_nav_controller import CoopNavController, turns_at_door
 from swarmdata.behavior_policies.scripted import Scripted
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.specs.rules import NavigationRules, WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy

@@ -9,10 +9,10 @@ import pytest
 
 import swarmdata
 from swarmdata.envs.coop_nav.coop_nav import CoopNav
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.runtime import own_components
 from swarmdata.runtime.own_components import GROUPS, REGISTERED_VARIABLE
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.tiny import make_tiny
 

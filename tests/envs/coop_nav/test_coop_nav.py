@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from swarmdata.envs.coop_nav.coop_nav import CoopNav
 from swarmdata.envs.physics.public_backend import PublicBackend
+from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.registry.components import make_env, make_policy, make_task
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task_contract import check_task

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.formation.formation import Formation
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
@@ -14,7 +15,6 @@ from swarmdata.registry.components import make_env, make_policy, make_task
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task_contract import check_task

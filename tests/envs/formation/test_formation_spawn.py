@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.formation.formation import Formation
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.formation.formation_spawn import MAX_SLOT_SPEED_SHARE, PATH_CHECK_STRIDE
 from swarmdata.envs.formation.reference_path import write_motion
 from swarmdata.envs.formation.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import bounding_radius, clearance
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of, state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Seeds

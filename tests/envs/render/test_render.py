@@ -10,17 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.render import ROBOT_COLORS, Image, draw
 from swarmdata.envs.render import colors as ink
+from swarmdata.envs.transport.transport_rules import TransportRules
+from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.numerics.geometry import BOX, CIRCLE, POCKET
-from swarmdata.specs.rules import (
-    FormationRules,
-    NavigationRules,
-    Payload,
-    TransportRules,
-    WarehouseRules,
-)
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.task_spec import Arena, Robot, Role, TaskSpec
 from tests.envs.render.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of

@@ -13,9 +13,9 @@ from swarmdata.envs.search.floor_memory import (
     knows_victim,
     look,
 )
+from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.numerics.geometry import BOX
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import SearchRules
 from swarmdata.types import Double, Float
 
 MIDDLES = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])

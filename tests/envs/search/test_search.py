@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.physics.kinematic import KinematicBackend
-from swarmdata.envs.search.search import Search, search_rules
+from swarmdata.envs.search.search import Search
+from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
@@ -55,7 +56,7 @@ def test_memory_rewards_and_targets_are_those_of_the_docstring() -> None:
     )  # fmt: skip
     spec = SPEC.with_updates(rules=rules)
     task, episode = Search(spec), scripted_episode(spec)
-    c, w = task.columns, search_rules(spec).rewards
+    c, w = task.columns, spec.rules_as(SearchRules).rewards
     states = episode.states.astype(np.float64)
     places = robots_of(episode.states, 4).astype(np.float64)
     victims = states[0, c.victims : c.rescued].reshape(-1, 2)

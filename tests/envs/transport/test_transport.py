@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.transport.payload import (
@@ -17,6 +18,7 @@ from swarmdata.envs.transport.payload import (
     place_row,
 )
 from swarmdata.envs.transport.transport import Transport
+from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance, nearest
@@ -24,7 +26,6 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.action_probabilities import noisy_log_probs
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.rules import NavigationRules, TransportRules
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task_contract import check_task
@@ -289,7 +290,7 @@ def test_nothing_overlaps_at_the_start_and_the_goal_has_room(
 
 
 def test_every_passage_lets_the_payload_through() -> None:
-    reach = payload_radius(DEFAULT.rules.payload)  # type: ignore[union-attr]
+    reach = payload_radius(DEFAULT.rules_as(TransportRules).payload)
     for layout, _ in layouts_of(DEFAULT, np.arange(100)):
         for m, row in enumerate(layout):
             others = np.delete(layout, m, axis=0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.envs.physics.dynamics import SPEED, limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
@@ -15,7 +16,6 @@ from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import TASKS, make_env, make_task
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double, Seeds, Step
