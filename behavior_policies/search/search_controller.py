@@ -4,8 +4,7 @@ In each step, each robot decides where to go from its own memory and from the me
 (`search_team`). `navigator` drives it there: paths on the map, then reciprocal avoidance.
 
 Without messages that hold positions and targets (payload `pose_and_goal`), every robot knows only
-what it has seen, and two robots meet at a victim by chance: 35.0 % instead of 99.5 % of the
-episodes of preset `search` are solved (`envs.search.search` has the commands).
+what it has seen, and two robots meet at a victim by chance.
 """
 
 import numpy as np
