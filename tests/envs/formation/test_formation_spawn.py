@@ -142,11 +142,6 @@ def test_a_team_that_nothing_can_block_is_refused() -> None:
         Formation(preset("formation").with_updates(team=[{"count": 1}]))
 
 
-def test_another_tasks_spec_is_refused() -> None:
-    with pytest.raises(SpecError, match="expected 'formation'"):
-        Formation(preset("coop_nav"))
-
-
 def test_what_cannot_be_drawn_says_so() -> None:
     spec = with_rules(blocked=(0.39, 0.4)).with_updates(
         obstacles={"circles": 0, "boxes": 0, "corners": 0, "pockets": 0},

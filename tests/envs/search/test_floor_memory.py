@@ -32,10 +32,6 @@ def state_of(*places: tuple[float, float], victim: tuple[float, float] = (9.0, 9
     return state
 
 
-def test_columns_follow_each_other() -> None:
-    assert Columns.of(4, 3, 10) == (4, 3, 10, 32, 38, 41, 53)
-
-
 def test_squares_cover_the_arena_and_the_last_ones_are_cut_off() -> None:
     spec = preset("search").with_updates(arena={"width": 2.0, "height": 1.5})
     middles = cell_middles(spec, SearchRules(cell_size=0.75))
