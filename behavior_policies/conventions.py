@@ -6,9 +6,9 @@ Unassigned goals: robot i takes the i-th goal from the left (`by-x`), or from th
 
 import numpy as np
 
+from swarmdata.envs.coop_nav.navigation_rules import Lanes, NavigationRules
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import Lanes, NavigationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int
@@ -26,7 +26,7 @@ def conventions_of(spec: TaskSpec) -> tuple[str, ...]:
     rules = spec.rules
     if not isinstance(rules, NavigationRules):
         return ()
-    if isinstance(rules.arrangement, Lanes):
+    if rules.arrangement.kind == "lanes":
         return LANE_CONVENTIONS
     return GOAL_CONVENTIONS if rules.goals == "unassigned" else ()
 

@@ -20,11 +20,10 @@ from swarmdata.behavior_policies.conventions import (
 )
 from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.envs.coop_nav.navigation_rules import Doorway, Lanes, NavigationRules
 from swarmdata.envs.coop_nav.unassigned_goals import fill_distances
-from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assign, assignment_work
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import Doorway, Lanes, NavigationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
@@ -92,11 +91,10 @@ class CoopNavController:
     def __init__(
         self, spec: TaskSpec, *, noise: float = 0.0, convention: str | None = None
     ) -> None:
-        if not isinstance(spec.rules, NavigationRules):
-            raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'coop_nav'")
+        rules = spec.rules_as(NavigationRules)
         self._noisy, self._n_agents = NoisyCommands(spec, noise), spec.n_agents
         self._navigator = Navigator(spec)
-        arrangement, self._is_shared = spec.rules.arrangement, spec.rules.goals == "unassigned"
+        arrangement, self._is_shared = rules.arrangement, rules.goals == "unassigned"
         self._targets: Double = np.zeros((0, spec.n_agents, 2))
         self._work = assignment_work(spec.n_agents)
         self._convention = check_convention(spec, convention)

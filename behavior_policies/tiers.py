@@ -20,7 +20,6 @@ from pydantic import Field, RootModel
 from swarmdata.behavior_policies.conventions import conventions_of
 from swarmdata.errors import BuildError, UnknownNameError
 from swarmdata.registry.presets import preset
-from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import PolicySource, Recipe
@@ -223,9 +222,7 @@ def find_recipe(dataset_id: str) -> Recipe:
 
     Raises:
         UnknownNameError: no shipped recipe has this id; the message names the nearest one.
-        ReplacedDatasetError: a newer version has replaced the dataset of this id.
     """
-    refuse_replaced(dataset_id)
     newest = _newest()
     recipe = shipped_recipes().get(dataset_id) or newest.get(dataset_id)
     if recipe is None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from swarmdata.cards.card import side_files, write_card
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.registry.replaced_worlds import is_simulated
 from swarmdata.store import Damage, open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 
@@ -42,9 +41,6 @@ def damage_of(folder: Path) -> tuple[Damage, ...]:
     """
     origin = open_store(folder, verify="none").recipe
     if origin.missing is not None:  # the package that defines it makes the card
-        return ()
-    world = origin.spec.world
-    if world is not None and not is_simulated(world) and _is_plain_file(folder / CARD):
         return ()
     try:
         expected = side_files(folder)

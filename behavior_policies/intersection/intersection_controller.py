@@ -3,13 +3,7 @@
 In each step, each robot independently:
 
 1. steers at a point of its lane, or halts at its stop line (`right_of_way`);
-2. takes the safe velocity nearest to that (`orca`). Hard limits: it approaches surfaces and robots
-   only so fast that it can still brake (`avoidance.BRAKING_TIME`). Soft limits: reciprocal
-   avoidance, half and half.
-
-`velocity_tracking` turns the velocity into a command, so robots of every drive can be mixed.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+2. takes the safe velocity nearest to that (`traffic`); nobody gives way, since 1 has decided.
 """
 
 import math
@@ -18,15 +12,14 @@ import numpy as np
 
 from swarmdata.behavior_policies.intersection.right_of_way import Rules, steer
 from swarmdata.behavior_policies.navigation.robot_scales import TIME_SCALE, Team
-from swarmdata.behavior_policies.navigation.traffic import drive_in_traffic
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.navigation.traffic import TrafficController, drive_in_traffic
 from swarmdata.behavior_policies.simple import APPROACH_RATE
 from swarmdata.envs.intersection.intersection import CROSSING, N_EXTRAS, WAIT
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Step
+from swarmdata.types import Double, Float
 
 
 @kernel
@@ -57,41 +50,24 @@ def act_copies(
         drive_in_traffic(robots, aims, team, half, layouts[b], out[b])
 
 
-class IntersectionController:
+class IntersectionController(TrafficController):
     """Drives on the lanes of the arms, first come, first served.
 
-    It knows the floor, and the positions, velocities, targets and schedules of all robots
-    (`step.states`), which a robot could know from messages.
+    Besides what `TrafficController` knows, it knows the schedules of all robots, which a robot
+    could know from messages.
 
     Args:
-        spec: the task; its robots may differ from each other in every way.
+        spec: the task.
         noise: standard deviation of the Gaussian noise on each command.
 
     Raises:
         SpecError: `noise` is not a standard deviation, or the spec is another task's.
     """
 
-    uses_state = True
-
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
-        self._rules, self._noisy = Rules.of(spec), NoisyCommands(spec, noise)
-        self._half = np.array(spec.half_size)
-        self._team, self._n_agents = Team.of(spec), spec.n_agents
+        super().__init__(spec, noise, act_copies, Rules.of(spec))
 
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        return self._noisy.actions(step, self._commands(step))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions, self._commands)
-
-    def _commands(self, step: Step) -> Double:
-        n = self._n_agents
-        states = robots_of(step.states, n)[..., [X, Y, VX, VY, TX, TY, UX, UY]]
-        extras = step.states[:, N_COLUMNS * n :].reshape(-1, n, N_EXTRAS)[..., [CROSSING, WAIT]]
-        robots = np.concatenate([states, extras], axis=-1).astype(np.float64)
-        commands = np.empty((*robots.shape[:2], 2))
-        act_copies(robots, self._team, self._half, step.layouts, self._rules, commands)
-        return commands
+    def _robots(self, states: Float) -> Double:
+        extras = states[:, N_COLUMNS * self._n_agents :].reshape(-1, self._n_agents, N_EXTRAS)
+        schedule = extras[..., [CROSSING, WAIT]].astype(np.float64)
+        return np.concatenate([super()._robots(states), schedule], axis=-1)

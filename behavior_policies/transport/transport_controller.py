@@ -60,12 +60,13 @@ from swarmdata.behavior_policies.transport.push_team import (
     stands,
 )
 from swarmdata.envs.transport.payload import place_row
+from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.errors import SpecError
 from swarmdata.numerics.distance_field import Ground
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.numerics.waypoints import UNPLANNED_COST, Paths, waypoint
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import Payload, TransportRules
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
@@ -208,9 +209,7 @@ def _payload_of(spec: TaskSpec) -> Payload:
     Raises:
         SpecError: this controller does not support the task, its goal angle, or a robot.
     """
-    rules = spec.rules
-    if not isinstance(rules, TransportRules):
-        raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
+    rules = spec.rules_as(TransportRules)
     if rules.goal_angle is not None:
         raise SpecError(
             f"rules.goal_angle is {rules.goal_angle:g}; the scripted policy of transport "

@@ -18,9 +18,8 @@ from swarmdata.envs.warehouse.floor_plan import (
     best_lane,
     corridor,
 )
-from swarmdata.errors import SpecError
+from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
@@ -106,9 +105,7 @@ def roads_of(spec: TaskSpec) -> Roads:
     Raises:
         SpecError: the spec is another task's.
     """
-    rules, radius = spec.rules, max(robot.radius for robot in spec.robots)
-    if not isinstance(rules, WarehouseRules):
-        raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
+    rules, radius = spec.rules_as(WarehouseRules), max(robot.radius for robot in spec.robots)
     widths = np.array([rules.front, rules.aisle_width, rules.lane_width])
     offsets = np.minimum(widths / 4, widths / 2 - radius - STANDOFF_GAP)
     offsets[widths < 4 * radius + PASSING_CLEARANCE] = 0.0

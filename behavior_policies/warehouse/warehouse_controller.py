@@ -3,16 +3,10 @@
 In each step, each robot independently:
 
 1. steers at a point of its route (`traffic_routes`), at full speed;
-2. takes the safe velocity nearest to that (`orca`). Hard limits: it approaches surfaces and robots
-   only so fast that it can still brake (`avoidance.BRAKING_TIME`). Soft limits: reciprocal
-   avoidance, half and half;
+2. takes the safe velocity nearest to that (`traffic`);
 3. gives way. Where tracks cross and where robots turn round, two robots that each avoid half can
    wait for each other for ever. So besides its half, a robot makes all the room for the velocity
    that a robot with a lower number wants: of each pair one always has the right of way.
-
-`velocity_tracking` turns the velocity into a command, so robots of every drive can be mixed.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math
@@ -20,14 +14,12 @@ import math
 import numpy as np
 
 from swarmdata.behavior_policies.navigation.robot_scales import Team
-from swarmdata.behavior_policies.navigation.traffic import drive_in_traffic
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.navigation.traffic import TrafficController, drive_in_traffic
 from swarmdata.behavior_policies.warehouse.traffic_routes import Roads, roads_of, steer
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Step
+from swarmdata.types import Double, Float
 
 
 @kernel
@@ -58,39 +50,16 @@ def act_copies(
         drive_in_traffic(robots, aims, team, half, layouts[b], out[b])
 
 
-class WarehouseController:
+class WarehouseController(TrafficController):
     """Drives on routes of the floor plan, with a right of way.
 
-    It knows the floor plan, and the positions, velocities and targets of all robots
-    (`step.states`).
-
     Args:
-        spec: the task; its robots may differ from each other in every way.
+        spec: the task.
         noise: standard deviation of the Gaussian noise on each command.
 
     Raises:
         SpecError: `noise` is not a standard deviation, or the spec is another task's.
     """
 
-    uses_state = True
-
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
-        self._roads, self._noisy = roads_of(spec), NoisyCommands(spec, noise)
-        self._half = np.array([spec.arena.width / 2, spec.arena.height / 2])
-        self._team, self._n_agents = Team.of(spec), spec.n_agents
-
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        return self._noisy.actions(step, self._commands(step))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions, self._commands)
-
-    def _commands(self, step: Step) -> Double:
-        states = robots_of(step.states, self._n_agents).astype(np.float64)
-        robots = np.ascontiguousarray(states[..., [X, Y, VX, VY, TX, TY, UX, UY]])
-        commands = np.empty((*robots.shape[:2], 2))
-        act_copies(robots, self._team, self._half, step.layouts, self._roads, commands)
-        return commands
+        super().__init__(spec, noise, act_copies, roads_of(spec))

@@ -1,6 +1,8 @@
-"""The words that cards print about tiers and tasks; no other module has text of either."""
+"""The words that cards print about tiers and about every task."""
 
 from types import MappingProxyType
+
+from swarmdata.specs.task_spec import TaskSpec
 
 TIER_DESCRIPTIONS = MappingProxyType(
     {
@@ -93,51 +95,6 @@ COMMON_LIMITS = (
 )
 """Known limits of every dataset of a task."""
 
-OLDER_WORLD_LIMIT = (
-    "The data are of an older version of the world, with other contacts and terms of the reward. "
-    "This card describes the terms of today, and has no scores or baselines: those of the current "
-    "version do not apply."
-)
-"""Known limit of datasets whose world is only read, no longer simulated."""
-
-TASK_LIMITS = MappingProxyType(
-    {
-        "coop_nav": (
-            "Obstacles are static; the other robots are the only moving obstacles.",
-            "Robots that have arrived stay in the world and obstruct the others.",
-        ),
-        "formation": (
-            "Robots know where their slots will be a moment later (`preview`); the reference does "
-            "not wait for robots that fall behind.",
-            "An episode ends as soon as the shape has been held long enough, so good episodes are "
-            "shorter and contribute fewer late steps.",
-        ),
-        "transport": (
-            "Robots push with their bodies and can neither grip nor pull, so a payload in a "
-            "corner can hardly be freed.",
-            "Contacts with the payload are not in `events`. Robots that push side by side often "
-            "touch each other, and these contacts count as collisions.",
-        ),
-        "warehouse": (
-            "Shelves and aisles are the same in every episode: a policy can memorize the layout.",
-            "Every robot observes the next corner of its own shortest path, which ignores the "
-            "other robots.",
-        ),
-        "intersection": (
-            "The floor is the same in every episode: a policy can memorize the lanes.",
-            "Robots that have left by an exit stay in the world and enter again at the next gate, "
-            "so the traffic in an arm is that of the team itself.",
-        ),
-        "search": (
-            "Robots notice everything within their sight range that no obstacle hides; nothing is "
-            "overlooked and nothing is mistaken for a victim.",
-            "Robots remember perfectly which victims they have seen and which squares they have "
-            "searched.",
-        ),
-    }
-)
-"""Known limits by task."""
-
 NOISE_LIMIT = (
     "The policies' commands plus Gaussian noise were clipped to [-1, 1], so commands accumulate at "
     "the bounds."
@@ -190,6 +147,6 @@ TIER_LIMITS = MappingProxyType(
 """Known limits by tier."""
 
 
-def limits_of(task: str, tier: str) -> tuple[str, ...]:
+def limits_of(spec: TaskSpec, tier: str) -> tuple[str, ...]:
     """The known limits of data of a task and a tier."""
-    return (*COMMON_LIMITS, *TASK_LIMITS.get(task, ()), *TIER_LIMITS.get(tier, ()))
+    return (*COMMON_LIMITS, *spec.rules.card_limits, *TIER_LIMITS.get(tier, ()))

@@ -38,6 +38,7 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.envs.coop_nav.arrangements import arrange
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.envs.coop_nav.unassigned_goals import (
     goal_features,
     score_coverage,
@@ -50,7 +51,7 @@ from swarmdata.numerics.assignment import assignment_work
 from swarmdata.registry.appearance import Appearance, SharedTargets
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
-from swarmdata.specs.rules import NavigationRules, Payload
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, Step, Term
@@ -113,9 +114,7 @@ class CoopNav:
     )
 
     def __init__(self, spec: TaskSpec) -> None:
-        rules, n = spec.rules, spec.n_agents
-        if not isinstance(rules, NavigationRules):
-            raise SpecError(f"rules.task is {rules.task!r}, expected 'coop_nav'")
+        rules, n = spec.rules_as(NavigationRules), spec.n_agents
         self.spec = spec
         is_random = rules.arrangement.kind == "random"
         self._plan = SpawnPlan.of(spec)
@@ -145,8 +144,7 @@ class CoopNav:
 
     @staticmethod
     def appearance(spec: TaskSpec) -> Appearance:
-        rules = spec.rules
-        assert isinstance(rules, NavigationRules)
+        rules = spec.rules_as(NavigationRules)
         if rules.goals == "assigned":
             text = "Rings are goals, in the color of their robot."
             return Appearance(legend=text, radius=rules.goal_radius)
@@ -159,6 +157,10 @@ class CoopNav:
             self._arranged.spawn(seeds, copies, layouts, robots)
         else:
             spawn_random(self.spec, self._plan, seeds, copies, layouts, robots)
+        self.complete(states, copies)
+
+    def complete(self, states: Float, copies: Int) -> None:
+        """Completes states of which robots and targets are known; see `interfaces.Task`."""
         if self._is_shared:
             share_goals(states, copies, self.spec.n_agents, self._radius)
 

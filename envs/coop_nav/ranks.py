@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules, Ranks
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
     check_fixed_layout,
@@ -19,7 +20,6 @@ from swarmdata.envs.world.spawn import (
 )
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import NavigationRules, Ranks
 from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
@@ -90,8 +90,7 @@ def arrange_ranks(spec: TaskSpec) -> RankedGoals:
         SpecError: a part of the spec does not apply to it, the order is no cycle, or the robots or
             goals do not fit.
     """
-    rules = spec.rules
-    assert isinstance(rules, NavigationRules)
+    rules = spec.rules_as(NavigationRules)
     ranks = rules.arrangement
     assert isinstance(ranks, Ranks)
     if rules.goals != "unassigned":

@@ -44,6 +44,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.formation.formation_spawn import draw_episodes, plan_episodes
 from swarmdata.envs.formation.shapes import check_slots, slot_offsets
 from swarmdata.envs.formation.slots import (
@@ -55,12 +56,11 @@ from swarmdata.envs.formation.slots import (
     place_reference,
     slot_velocity,
 )
-from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assignment_work
 from swarmdata.registry.appearance import Appearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
-from swarmdata.specs.rules import FormationRules, Payload
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, pair, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, Step, Term
@@ -189,9 +189,7 @@ class Formation:
     )
 
     def __init__(self, spec: TaskSpec) -> None:
-        rules, n = spec.rules, spec.n_agents
-        if not isinstance(rules, FormationRules):
-            raise SpecError(f"rules.task is {rules.task!r}, expected 'formation'")
+        rules, n = spec.rules_as(FormationRules), spec.n_agents
         self.spec = spec
         check_slots(rules, np.array([robot.radius for robot in spec.robots]))
         offsets = slot_offsets(rules, n)
@@ -216,8 +214,7 @@ class Formation:
 
     @staticmethod
     def appearance(spec: TaskSpec) -> Appearance:
-        rules = spec.rules
-        assert isinstance(rules, FormationRules)
+        rules = spec.rules_as(FormationRules)
         return Appearance(
             legend="Crosses are the robots' slots, discs slots that are held.",
             mark="slot",
@@ -254,8 +251,7 @@ class Formation:
 
 
 def _extras(previews: tuple[float, ...], n_points: int, spec: TaskSpec) -> tuple[Column, ...]:
-    rules, half = spec.rules, spec.half_size
-    assert isinstance(rules, FormationRules)  # checked by the task
+    rules, half = spec.rules_as(FormationRules), spec.half_size
     spline = (
         "of the reference's path, a uniform cubic B-spline whose segments take "
         f"{rules.segment_time:g} s each; constant in an episode"

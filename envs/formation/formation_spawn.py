@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.formation.reference_path import PathPlan, draw_path, write_pose
 from swarmdata.envs.formation.shapes import reach_of
 from swarmdata.envs.world.spawn import (
@@ -34,7 +35,6 @@ from swarmdata.envs.world.spawn import (
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import bounding_radius, clearance, nearest
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.errors import SpecError
-from swarmdata.specs.rules import FormationRules
 from swarmdata.types import Double
 
 _GRID_STEPS = 2.0**20

@@ -43,11 +43,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from swarmdata.envs.intersection.intersection_rules import IntersectionRules
 from swarmdata.envs.intersection.junction import (
     N_ARMS,
     Junction,
     arm_at,
-    intersection_rules,
     next_corner,
 )
 from swarmdata.envs.intersection.starts import StartPlan, draw_starts
@@ -58,7 +58,7 @@ from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
-from swarmdata.specs.rules import IntersectionRules, Payload
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
@@ -233,7 +233,7 @@ class Intersection:
     )
 
     def __init__(self, spec: TaskSpec) -> None:
-        rules = intersection_rules(spec)
+        rules = spec.rules_as(IntersectionRules)
         check_fixed_layout(spec, "task 'intersection'")
         self.spec, self.junction = spec, Junction.of(spec)
         self.kinds: Int = self.junction.corners[:, 0].astype(np.int64)
@@ -252,7 +252,7 @@ class Intersection:
 
     @staticmethod
     def appearance(spec: TaskSpec) -> Appearance:
-        rules = intersection_rules(spec)
+        rules = spec.rules_as(IntersectionRules)
         return Appearance(
             legend="Rings are the gates that robots drive to, entries and exits.",
             radius=rules.goal_radius,

@@ -24,10 +24,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmdata.envs.intersection.intersection_rules import IntersectionRules
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import IntersectionRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
@@ -59,7 +59,7 @@ class Junction:
         Raises:
             SpecError: the spec is another task's, or leaves no room for arms or robots.
         """
-        rules = intersection_rules(spec)
+        rules = spec.rules_as(IntersectionRules)
         radius = max(robot.radius for robot in spec.robots)
         half = np.array(spec.half_size)
         _check_room(rules.arm_width, half, radius)
@@ -73,17 +73,6 @@ class Junction:
             exits=ends - right * (half_width / 2),
             half_width=half_width,
         )
-
-
-def intersection_rules(spec: TaskSpec) -> IntersectionRules:
-    """Returns the rules of a spec of this task.
-
-    Raises:
-        SpecError: the spec is another task's.
-    """
-    if not isinstance(spec.rules, IntersectionRules):
-        raise SpecError(f"rules.task is {spec.rules.task!r}, expected 'intersection'")
-    return spec.rules
 
 
 def _check_room(width: float, half: Double, radius: float) -> None:

@@ -5,8 +5,10 @@ work about ten times faster through Munk2D's own functions and must give the sam
 takes over where those private names are missing.
 """
 
+import atexit
 import math
 from collections.abc import Sequence
+from weakref import WeakSet
 
 import numpy as np
 import pymunk
@@ -22,7 +24,6 @@ from swarmdata.envs.physics.episode_bodies import (
 )
 from swarmdata.envs.physics.free_motion import is_free, move
 from swarmdata.envs.physics.impacts import time_to_impact
-from swarmdata.envs.physics.interpreter_exit import leave_at_exit
 from swarmdata.numerics.geometry import BOX, CIRCLE, bar_box
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
@@ -282,3 +283,22 @@ def _read(bodies: Sequence[pymunk.Body], robots: Double, movables: Double) -> No
         robot[:4] = *body.position, *body.velocity
     for row, body in zip(movables, bodies[n:], strict=True):
         row[:] = *body.position, *body.velocity, *body.rotation_vector, body.angular_velocity
+
+
+_SPACES: WeakSet[pymunk.Space] = WeakSet()
+
+
+def leave_at_exit(space: pymunk.Space) -> None:
+    """Leaves a space, with all that is in it, to the process if it outlives the interpreter."""
+    _SPACES.add(space)
+
+
+@atexit.register
+def _leave_to_the_process() -> None:
+    """Takes the callbacks away from all spaces that are left, and from what is in them."""
+    for space in _SPACES:
+        joints = (joint._constraint for joint in space.constraints)
+        shapes = (shape._shape for shape in space.shapes)
+        bodies = (body._body for body in (space.static_body, *space.bodies))
+        for owned in (space._space, *joints, *shapes, *bodies):
+            pymunk.space.ffi.gc(owned, None)

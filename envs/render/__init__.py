@@ -3,9 +3,8 @@
 from swarmdata.envs.render.canvas import Image
 from swarmdata.envs.render.colors import ROBOT_COLORS
 from swarmdata.envs.render.drawn_scene import Messages
-from swarmdata.envs.render.notebook import Picture, play, show
 from swarmdata.envs.render.picture import draw, save_png
-from swarmdata.envs.render.video import animate
+from swarmdata.envs.render.video import Picture, animate, play, show
 
 __all__ = [
     "ROBOT_COLORS",

@@ -14,10 +14,10 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.sight import is_in_sight
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import SearchRules
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int

@@ -65,6 +65,7 @@ from swarmdata.envs.transport.payload import (
     place_row,
     shape_of,
 )
+from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.envs.transport.transport_spawn import draw_episodes
 from swarmdata.envs.world.spawn import SpawnPlan
 from swarmdata.errors import SpawnError, SpecError
@@ -72,7 +73,7 @@ from swarmdata.numerics.geometry import BOX, nearest, nearest_of
 from swarmdata.registry.appearance import Appearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, telling_goals, vector
-from swarmdata.specs.rules import Payload, TransportRules
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
@@ -251,9 +252,7 @@ class Transport:
     )
 
     def __init__(self, spec: TaskSpec) -> None:
-        rules = spec.rules
-        if not isinstance(rules, TransportRules):
-            raise SpecError(f"rules.task is {rules.task!r}, expected 'transport'")
+        rules = spec.rules_as(TransportRules)
         radius = payload_radius(rules.payload)
         if spec.obstacles.gap < 2.0 * radius:
             raise SpecError(
@@ -278,8 +277,7 @@ class Transport:
 
     @staticmethod
     def appearance(spec: TaskSpec) -> Appearance:
-        rules = spec.rules
-        assert isinstance(rules, TransportRules)
+        rules = spec.rules_as(TransportRules)
         return Appearance(
             legend="The dashed outline is where the payload should be.",
             mark="pose",

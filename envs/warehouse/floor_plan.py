@@ -29,10 +29,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.rules import WarehouseRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
@@ -64,9 +64,7 @@ class FloorPlan:
         Raises:
             SpecError: the spec is another task's, or leaves no room for shelves or robots.
         """
-        rules = spec.rules
-        if not isinstance(rules, WarehouseRules):
-            raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
+        rules = spec.rules_as(WarehouseRules)
         width, height = spec.arena.width, spec.arena.height
         pitch = (height - rules.front) / rules.aisles
         depth = pitch - rules.aisle_width

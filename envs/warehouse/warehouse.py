@@ -34,15 +34,16 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, shortest_path_length
+from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.envs.world.deadlocks import count_deadlocks
 from swarmdata.envs.world.spawn import SpawnPlan, check_fixed_layout, place_points, put_at_rest
-from swarmdata.errors import SpawnError, SpecError
+from swarmdata.errors import SpawnError
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
-from swarmdata.specs.rules import Payload, WarehouseRules
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
@@ -235,9 +236,7 @@ class Warehouse:
     )
 
     def __init__(self, spec: TaskSpec) -> None:
-        rules = spec.rules
-        if not isinstance(rules, WarehouseRules):
-            raise SpecError(f"rules.task is {rules.task!r}, expected 'warehouse'")
+        rules = spec.rules_as(WarehouseRules)
         check_fixed_layout(spec, "task 'warehouse'")
         self.spec, self.plan = spec, FloorPlan.of(spec)
         self.kinds: Int = self.plan.shelves[:, 0].astype(np.int64)
@@ -255,8 +254,7 @@ class Warehouse:
 
     @staticmethod
     def appearance(spec: TaskSpec) -> Appearance:
-        rules = spec.rules
-        assert isinstance(rules, WarehouseRules)
+        rules = spec.rules_as(WarehouseRules)
         return Appearance(
             legend=("Rings are places and stations of the robots' orders; a small box is carried."),
             radius=rules.goal_radius,

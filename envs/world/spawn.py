@@ -224,6 +224,39 @@ def is_free_place(
 
 
 @kernel
+def place_all(
+    state: Seeds,
+    plan: SpawnPlan,
+    layout: Float,
+    starts: Float,
+    goal_radii: Double,
+    goals: Float,
+    far: Float,
+    min_distance: float,
+) -> bool:
+    """Draws obstacles, starts and goals together; returns False if no attempt placed all.
+
+    Args:
+        state: of the generator, [1].
+        plan: of the spec.
+        layout: written, [M, 8].
+        starts: of the robots, written, [N, 2].
+        goal_radii: room that each goal needs, m, [K].
+        goals: written, [K, 2].
+        far: the point that each goal must stay away from, [K, 2].
+        min_distance: distance to that point, m.
+    """
+    for _ in range(plan.max_attempts):
+        if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
+            continue
+        if not place_points(state, layout, plan.half, plan.radii, plan.starts, starts, starts, 0.0):
+            continue
+        if place_points(state, layout, plan.half, goal_radii, plan.goals, goals, far, min_distance):
+            return True
+    return False
+
+
+@kernel
 def draw_heading(state: Seeds, robot: Float) -> None:
     """Draws a heading into the columns UX and UY of a robot, [8]."""
     robot[UX], robot[UY] = direction_of(next_uniform(state), next_uniform(state))
@@ -246,20 +279,10 @@ def _spawn(seeds: Seeds, copies: Int, plan: SpawnPlan, layouts: Float, robots: F
         b = copies[k]
         layout, starts, goals = layouts[b], robots[b, :, X : Y + 1], robots[b, :, TX : TY + 1]
         state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
-        for attempt in range(plan.max_attempts + 1):
-            if attempt == plan.max_attempts:
-                return k
-            if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
-                continue
-            if not place_points(
-                state, layout, plan.half, plan.radii, plan.starts, starts, starts, 0.0
-            ):
-                continue
-            if place_points(
-                state, layout, plan.half, plan.radii, plan.goals, goals, starts,
-                plan.min_goal_distance,
-            ):  # fmt: skip
-                break
+        if not place_all(
+            state, plan, layout, starts, plan.radii, goals, starts, plan.min_goal_distance
+        ):
+            return k
         for i in range(plan.radii.shape[0]):
             put_at_rest(state, plan.has_heading[i], robots[b, i])
     return copies.shape[0]

@@ -11,7 +11,6 @@ from swarmdata.audit import (
     content_checks,
     episode_checks,
     form_checks,
-    reward_checks,
 )
 from swarmdata.audit.findings import Audit, Finding, Remarks
 from swarmdata.audit.replay_checks import replay
@@ -40,7 +39,7 @@ CHECKS = {
     "ends": Check(episode_checks.ends),
     "horizon": Check(episode_checks.horizon),
     "table": Check(episode_checks.table, _VALUES),
-    "rewards": Check(reward_checks.rewards, _VALUES),
+    "rewards": Check(content_checks.rewards, _VALUES),
     "seeds": Check(episode_checks.seeds),
     "order": Check(episode_checks.order),
     "splits": Check(episode_checks.splits),

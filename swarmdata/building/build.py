@@ -15,7 +15,6 @@ from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.cards.side_files import finish
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
-from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import is_vacant
@@ -100,7 +99,6 @@ def build_under_lock(
     remove_leftovers(out.parent, out.name)
     remove_leftovers(out, MANIFEST, REFERENCES, CARD)
     if is_vacant(out):
-        check_world(recipe.spec)  # before the folder of parts is made
         parts = Parts(recipe, build_folder(out))
         parts.open(checkpoints)
         note_build(_make(parts, out, workers or os.cpu_count() or 1, engine, progress))

@@ -28,9 +28,10 @@ from swarmdata.runtime.kernel_progress import PROGRESS
 from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder, digest_of
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.rules import PACKAGE_RULES
 from swarmdata.specs.task_spec import BACKENDS
 
-TASKS = ("coop_nav", "formation", "transport", "warehouse", "intersection", "search")
+TASKS = tuple(PACKAGE_RULES)
 """Presets that are played with every sensor and radio, and of which a dataset is made, if one is
 shipped."""
 

@@ -15,7 +15,6 @@ from swarmdata.building.part_exchange import PartExchange
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.errors import BuildError, SpecError
 from swarmdata.hub.remotes.interface import Remote
-from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import write_part
 
@@ -55,7 +54,6 @@ def make_share(
     out = Path(out)
     if is_finished(out, recipe):
         return []
-    check_world(recipe.spec)
     out.parent.mkdir(parents=True, exist_ok=True)
     parts = Parts(recipe, build_folder(out))
     parts.open(checkpoints)

@@ -76,7 +76,7 @@ def pull(
     else:
         remotes = (origin,) if origin is not None else configured_remotes()
         remote, release = find_release(
-            _versioned(dataset, is_asked_by_name=origin is None),
+            _versioned(dataset),
             remotes,
             lambda problem: typer.echo(problem, err=True),
         )
@@ -165,24 +165,16 @@ def _cached(dataset_id: str) -> Path:
     return cache_folder() / "datasets" / dataset_id
 
 
-def _versioned(dataset: str, *, is_asked_by_name: bool) -> str:
+def _versioned(dataset: str) -> str:
     """Adds the newest version to an id of the package; other ids must have one.
-
-    Args:
-        dataset: the id.
-        is_asked_by_name: whether no remote was named.
 
     Raises:
         AddressError: the id is not of the package and has no version.
-        ReplacedDatasetError: no remote was named, and a newer version has replaced the dataset.
     """
     from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
     from swarmdata.hub.remotes.outside_names import split_id
-    from swarmdata.registry.replaced_worlds import refuse_replaced
 
     if is_dataset(dataset):
         return find_recipe(dataset).id
     split_id(dataset, shipped_recipes())
-    if is_asked_by_name:
-        refuse_replaced(dataset)
     return dataset

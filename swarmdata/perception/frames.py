@@ -3,13 +3,11 @@
 A task without preferred directions looks the same when it is turned. A policy that observes every
 vector relative to the direction of its target need not learn to drive in every direction. The speed
 at which a gap closes is a product of two vectors, which a small ReLU network does not form, so a
-frame adds it. To measure the effect, train with `--set frame=world`.
+frame adds it.
 
 Nor does a small network form the nearness of robots that it knows only from messages, which hold
 positions in metres, in the order of the senders. A frame adds the features that `observation:
-state` has for visible robots. Clones of version 0 of `coop_nav-expert` with `state-0` collided as
-often with messages as without; with the added features, less than half as often with `perfect`, and
-hardly ever with `state`, which has velocities.
+state` has for visible robots.
 
 Unicycles get a forward speed and a turn rate, in their body's axes already. Their frame is that of
 their heading: it turns what they observe, and leaves commands as they are.
@@ -269,8 +267,7 @@ def _turn_back(rows: Float, anchor: int, actions: Double) -> None:
 def natural_anchor(features: Sequence[Feature]) -> str:
     """Returns `target` if targets are observed and commands are vectors, else `world`.
 
-    Beams, cells and the commands of unicycles cannot be turned. `formation` could turn with the
-    reference's heading instead: clones of version 0 of its expert data were no better for it.
+    Beams, cells and the commands of unicycles cannot be turned.
 
     Args:
         features: of an observation.

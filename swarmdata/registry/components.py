@@ -21,7 +21,6 @@ from swarmdata.errors import (
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.registry.appearance import Appearance
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
 from swarmdata.specs.budget import copies_excess
@@ -65,8 +64,8 @@ SCRIPTED_CONTROLLERS = {
         "swarmdata.behavior_policies.intersection.intersection_controller:IntersectionController"
     ),
 }
-"""Controllers of the tasks that need one of their own; `Scripted` drives robots to their targets
-in the others."""
+"""Controllers of the package's tasks. A task of another package may have one as its attribute
+`controller`; in others, `Scripted` drives robots to their targets."""
 
 OFFLINE_ALGORITHMS = ComponentTable(
     "algorithms",
@@ -226,7 +225,6 @@ def make_env(
     if api not in ("vector", "pettingzoo"):
         raise UnknownNameError("api", api, ("vector", "pettingzoo"))
     spec = find_spec(spec)
-    check_world(spec)
     if api == "pettingzoo":
         if n_copies != 1 or n_threads != 1:
             raise SchemaError(
@@ -250,9 +248,12 @@ def policy_class(name: str, spec: TaskSpec) -> Callable[..., Policy]:
     """
     if name == "network":
         require_extra("torch", "torch", "running a network that is not run exactly")
-    table = {**POLICIES, "scripted": SCRIPTED_CONTROLLERS.get(spec.task, POLICIES["scripted"])}
-    build: Callable[..., Policy] = resolve("policy", table, name)
-    return build
+    build: Callable[..., Policy] = resolve("policy", POLICIES, name)
+    if name != "scripted":
+        return build
+    if spec.task in SCRIPTED_CONTROLLERS:
+        return resolve("controller", SCRIPTED_CONTROLLERS, spec.task)
+    return getattr(resolve("task", TASKS, spec.task), "controller", build)
 
 
 def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:

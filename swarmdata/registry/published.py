@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import Field
 
 from swarmdata.errors import SchemaError
-from swarmdata.registry.replaced_worlds import REPLACED_IDS
 from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.specs.origins import Origin
 from swarmdata.types import Double
@@ -130,8 +129,8 @@ PACKAGE_LICENSE = "cc-by-4.0"
 
 def license_of(origin: Origin) -> str:
     """The Hub's name of a dataset's license: its author's, or the package's; else `unknown`."""
-    is_published = origin.id in published() or origin.id in REPLACED_IDS
-    return PACKAGE_LICENSE if is_published and origin.license == "unknown" else origin.license
+    is_ours = origin.id in published() and origin.license == "unknown"
+    return PACKAGE_LICENSE if is_ours else origin.license
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:

@@ -7,21 +7,9 @@ layout. The estimates have the right order of magnitude and err on the large sid
 `tests/specs/test_budget.py` compares them with measured worlds.
 """
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
-from swarmdata.specs.rules import (
-    Corridor,
-    Doorway,
-    FormationRules,
-    IntersectionRules,
-    Lanes,
-    NavigationRules,
-    RandomArrangement,
-    SearchRules,
-    WarehouseRules,
-)
 from swarmdata.specs.sensing_models import (
     BearingModel,
     Broadcast,
@@ -39,7 +27,7 @@ MAX_STACKED_FRAMES = 256  # of a stack
 MAX_DELAY_STEPS = 1_000  # control steps, of a sensor or of the radio
 MAX_HORIZON_STEPS = 1_000_000  # control steps
 MAX_SUBSTEPS = 1_000  # physics steps in a control step
-MAX_WAREHOUSE_PLACES = 65_536  # where goods are picked or delivered in a warehouse
+MAX_PLACES = 65_536  # where goods are picked or delivered
 MAX_OBSERVATION_SIZE = 524_288  # numbers that one robot observes in a step
 MAX_COPY_BYTES = 1 << 29  # of one copy of a world
 MAX_EPISODE_BYTES = 1 << 32  # of one recorded episode in memory
@@ -49,7 +37,6 @@ MAX_TOTAL_BYTES = 1 << 36  # of all copies together
 
 N_DRAWS_OF_A_PLACE = 64  # attempts at one place, as in `envs.world.spawn`
 MAP_SPACING = 0.1  # m, between the nodes of robots' maps, as in `perception.wayfinder`
-PATH_CHECK_STEPS = 4  # control steps between checked places of a path, as in `formation_spawn`
 
 
 class Size(NamedTuple):
@@ -57,7 +44,7 @@ class Size(NamedTuple):
 
     robots: int  # N
     obstacles: int  # M
-    places: int  # of a warehouse
+    places: int  # where goods are picked or delivered
     frame: int  # numbers in one frame of one robot's observation
     frames: int  # kept by the sensor: stack and delay
     observation: int  # numbers that one robot observes, messages included, O
@@ -85,10 +72,7 @@ def excesses(spec: "TaskSpec") -> Iterator[str]:
     counts = {
         "team: {} robots (the sum of each count)": (size.robots, MAX_ROBOTS),
         "obstacles: {} of them, shelves included": (size.obstacles, MAX_OBSTACLES),
-        "rules: {} places (2 x aisles x blocks x bays + stations)": (
-            size.places,
-            MAX_WAREHOUSE_PLACES,
-        ),
+        "rules: {} places where goods are picked or delivered": (size.places, MAX_PLACES),
         "observation.stack: {} frames": (spec.observation.stack, MAX_STACKED_FRAMES),
         "observation.delay: {} steps": (spec.observation.delay, MAX_DELAY_STEPS),
         "communication.delay: {} steps": (max(size.links - 1, 0), MAX_DELAY_STEPS),
@@ -172,10 +156,8 @@ def describe_demand(demand: Demand) -> str:
 
 def size_of(spec: "TaskSpec") -> Size:
     """Counts the sizes in a spec, without building anything of that size."""
-    n, horizon = sum(role.count for role in spec.team), spec.horizon
-    m, places = _fixed_shapes(spec)
-    extra_features, extra_states = _task_extras(spec, n)
-    frame = _frame(spec) + extra_features
+    n, task = spec.n_agents, spec.rules.demand(spec)
+    frame = _frame(spec) + task.features
     roles = len(spec.team) if len(spec.team) > 1 else 0
     message = links = heard = 0
     channel = spec.communication
@@ -185,8 +167,8 @@ def size_of(spec: "TaskSpec") -> Size:
     ways, nodes = _mapped(spec, n) if spec.observation.ways else (0, 0)
     return Size(
         robots=n,
-        obstacles=m,
-        places=places,
+        obstacles=spec.obstacles.number + task.obstacles,
+        places=task.places,
         frame=frame,
         frames=spec.observation.stack + spec.observation.delay,
         observation=frame * spec.observation.stack + roles + heard + 4 * ways,
@@ -194,8 +176,8 @@ def size_of(spec: "TaskSpec") -> Size:
         nodes=nodes,
         message=message,
         links=links,
-        state=8 * n + extra_states,
-        horizon=horizon,
+        state=8 * n + task.columns,
+        horizon=spec.horizon,
     )
 
 
@@ -211,7 +193,7 @@ def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
     map_bytes = size.nodes * (8 * (4 * n + 8) + 8)
     around = n + m + 4
     sensing = _sensing_operations(spec, n, m) + n * o + links * (size.message + 4)
-    matching = 2 * n**3 if _has_assignment(spec) else 0
+    matching = 2 * n**3 if spec.rules.demand(spec).is_matched else 0
     finding = n * (2_000 * size.ways + 10 * size.nodes)  # each robot plans in one step of ten
     physics = substeps * (500 * around + 2 * n * around)
     return Demand(
@@ -220,21 +202,6 @@ def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
         step_seconds=1e-9 * (sensing + matching + physics + finding + 10 * n * around),
         draw_seconds=1e-9 * spec.spawn.max_attempts * _draw_operations(spec, n, m),
     )
-
-
-def _fixed_shapes(spec: "TaskSpec") -> tuple[int, int]:
-    """Obstacles of any kind, and places of a warehouse."""
-    rules, counts = spec.rules, spec.obstacles
-    drawn = counts.circles + counts.boxes + counts.corners + counts.pockets
-    if isinstance(rules, WarehouseRules):
-        shelves = rules.aisles * rules.blocks
-        return drawn + shelves, 2 * shelves * rules.bays + rules.stations
-    if isinstance(rules, IntersectionRules):
-        return drawn + 4, 0
-    if isinstance(rules, NavigationRules):
-        fixed = {Doorway: 2, Corridor: 2, Lanes: 3}
-        return drawn + fixed.get(type(rules.arrangement), 0), 0
-    return drawn, 0
 
 
 def _mapped(spec: "TaskSpec", n: int) -> tuple[int, int]:
@@ -255,30 +222,6 @@ def _frame(spec: "TaskSpec") -> int:
     return 12 + 8 * (model.n_neighbors + model.n_obstacles)
 
 
-def _task_extras(spec: "TaskSpec", n: int) -> tuple[int, int]:
-    """Numbers that a task adds to an observation, and to a state."""
-    rules = spec.rules
-    if isinstance(rules, FormationRules):
-        duration = spec.horizon * spec.control_dt + max(rules.preview, default=0.0)
-        points = int(duration / rules.segment_time) + 4
-        return 8 + 2 * len(rules.preview), 2 * points + n * (4 + 2 * len(rules.preview))
-    if isinstance(rules, NavigationRules) and rules.goals == "unassigned":
-        return 8 * n, 2 * n
-    if isinstance(rules, SearchRules):
-        cells = math.ceil(spec.arena.width / rules.cell_size) * math.ceil(
-            spec.arena.height / rules.cell_size
-        )
-        return 24, 3 * rules.victims + n * (rules.victims + cells)
-    return 24, 16 + 6 * n
-
-
-def _has_assignment(spec: "TaskSpec") -> bool:
-    rules = spec.rules
-    return (isinstance(rules, FormationRules) and rules.slots == "assigned") or (
-        isinstance(rules, NavigationRules) and rules.goals == "unassigned"
-    )
-
-
 def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
     """Nanoseconds that sensing takes for all robots in one step."""
     model, around = spec.observation, n + m + 4
@@ -293,16 +236,12 @@ def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
 
 def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
     """Nanoseconds of a failed attempt: two draws of each place, and all draws of the last one."""
-    rules = spec.rules
-    if isinstance(rules, NavigationRules) and not isinstance(rules.arrangement, RandomArrangement):
+    task = spec.rules.demand(spec)
+    if not task.is_drawn:
         return 0.0
     one = 1.0 * n + 6.0 * m
     attempt = 2.0 * ((2 * n + m) * one) + N_DRAWS_OF_A_PLACE * one
-    if isinstance(rules, FormationRules):
-        steps = max(float(spec.horizon), rules.segment_time / spec.control_dt)
-        looks = steps / PATH_CHECK_STEPS + 1.0
-        attempt += looks * (100.0 + 6.0 * n * m + 10.0 * m)
-    return attempt
+    return attempt + task.attempt_nanoseconds
 
 
 def _view(spec: "TaskSpec") -> str:

@@ -285,7 +285,12 @@ def _tags(model: type[BaseModel]) -> set[Any]:
 
 
 def _nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
-    return (kind for kind in classes_in(annotation) if issubclass(kind, BaseModel))
+    """The models that a field may hold: of its annotation, and those that derive from them."""
+    for kind in classes_in(annotation):
+        if issubclass(kind, BaseModel):
+            yield kind
+            for child in kind.__subclasses__():
+                yield from _nested_models(child)
 
 
 def classes_in(annotation: Any) -> Iterator[type]:

@@ -4,8 +4,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
 from collections.abc import Callable, Iterator
-from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -16,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from swarmdata.errors import SwarmdataError
+from swarmdata.errors import SpecError, SwarmdataError
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.frozen import Frozen, is_file, is_inline
@@ -38,7 +37,7 @@ from swarmdata.specs.quantities import (
     TurnRate,
 )
 from swarmdata.specs.randomization import PAYLOAD_RANGES, Randomization
-from swarmdata.specs.rules import NavigationRules, Rules, TransportRules
+from swarmdata.specs.rules import Rules, TaskRules, rules_model
 from swarmdata.specs.sensing_models import (
     AnyCommunicationModel,
     AnyObservationModel,
@@ -53,15 +52,17 @@ Backend = Literal["pymunk", "kinematic", "mujoco"]
 
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
+OneTask = TypeVar("OneTask", bound=TaskRules)
+
 WORLD_VERSION = 1
 """The version of the worlds that this package simulates: their physics and rewards are frozen."""
 
 
-def _not_newer(version: int) -> int:
-    if version > WORLD_VERSION:
+def _simulated(version: int) -> int:
+    if version != WORLD_VERSION:
         raise ValueError(
-            f"world version {version} was made by a newer swarmdata, this one knows worlds up to "
-            f"version {WORLD_VERSION}; upgrade it with: pip install --upgrade swarmdata"
+            f"world version {version} is of another swarmdata, this one has the worlds of version "
+            f"{WORLD_VERSION}; for newer worlds: pip install --upgrade swarmdata"
         )
     return version
 
@@ -183,6 +184,11 @@ class Obstacles(Frozen):
     bar_half_thickness: Length = 0.05  # m, of the bars of corners and pockets
     gap: Length = 0.34  # m between bounding circles, and to walls
 
+    @property
+    def number(self) -> int:
+        """How many there are of all shapes."""
+        return self.circles + self.boxes + self.corners + self.pockets
+
 
 class Spawn(Frozen):
     """Where robots start and where their goals are: distances between surfaces."""
@@ -199,19 +205,21 @@ class TaskSpec(Frozen):
     """One task, completely: physics, robots, obstacles, rewards, sensing and communication.
 
     `version` is that of the world: physics, rewards and tiers of one version never change, and a
-    change of any of them makes the next version, with new ids. Data of an older version are read as
-    ever; only `WORLD_VERSION` is simulated (`registry.replaced_worlds`).
+    change of any of them makes the next version, with new ids. Only `WORLD_VERSION` is known here.
     """
 
     kind: ClassVar[str] = "task"  # in no JSON: tasks are older than other specs
     library: ClassVar[str] = "swarmdata"
     action_kind: ClassVar[Literal["unit"]] = "unit"
     state_meaning: ClassVar[str] = "The robots, the targets and the task's own columns."
+    observation_size: ClassVar[None] = None  # `VecEnv` has these two
+    state_size: ClassVar[None] = None
     facts: ClassVar[tuple[()]] = ()
     limits: ClassVar[tuple[()]] = ()
 
-    rules: Rules = NavigationRules()  # the kind of task, its goals and rewards
-    version: Annotated[CountOrNone, AfterValidator(_not_newer)] = WORLD_VERSION  # of the worlds
+    rules: Rules = Field(default_factory=lambda: rules_model("coop_nav").parse({}))
+    """The kind of task, its goals and rewards; by default those of `coop_nav`."""
+    version: Annotated[CountOrNone, AfterValidator(_simulated)] = WORLD_VERSION  # of the worlds
     team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role(),)
     """The robots, role by role."""
     arena: Arena = Arena()  # size of the arena
@@ -275,6 +283,17 @@ class TaskSpec(Frozen):
         """Name of the task."""
         return self.rules.task
 
+    def rules_as(self, model: type[OneTask]) -> OneTask:
+        """Its rules, known to be of one task.
+
+        Raises:
+            SpecError: they are of another task.
+        """
+        if not isinstance(self.rules, model):
+            wanted = model.model_fields["task"].default
+            raise SpecError(f"rules.task is {self.task!r}, expected {wanted!r}")
+        return self.rules
+
     @property
     def time_step(self) -> float:
         """Duration of a joint step, s."""
@@ -287,20 +306,6 @@ class TaskSpec(Frozen):
         if isinstance(channel, Broadcast) and channel.payload == "learned":
             return 2 + channel.message_size
         return 2
-
-    @property
-    def observation_size(self) -> int:
-        """Columns of a robot's observation, O, which the task's code has."""
-        return self._width("observations")
-
-    @property
-    def state_size(self) -> int:
-        """Columns of a state, S, which the task's code has."""
-        return self._width("states")
-
-    def _width(self, array: str) -> int:
-        shapes = import_module("swarmdata.store.arrays.row_shapes").task_row_shapes(self)
-        return int(shapes[array][-1])
 
     @property
     def action_spaces(self) -> tuple[Space, ...]:
@@ -366,7 +371,7 @@ def _unsimulated(spec: TaskSpec) -> Iterator[str]:
             if name in drawn:
                 yield f"randomization.{name} is of unicycles, but no robot is one. Leave it out"
     for name in PAYLOAD_RANGES.keys() & drawn.keys():
-        if not isinstance(spec.rules, TransportRules):
+        if spec.rules.payload_field is None:
             yield f"randomization.{name} needs a payload, got task {spec.task}. Leave it out"
         elif spec.backend == "kinematic":
             yield (

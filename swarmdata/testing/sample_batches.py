@@ -1,31 +1,35 @@
 """What an algorithm gets when its contract is checked: a setup, batches and a step, all random."""
 
 from collections.abc import Sequence
-from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swarmdata.types import Batch, Double, Step, no_messages
 
+if TYPE_CHECKING:
+    from swarmdata.learn.training.dataset_statistics import Statistics
+    from swarmdata.learn.training.setup import Setup
+
 N_AGENTS, N_OBSERVATION, N_ACTION, N_STATE = 3, 7, 2, 12
 BATCH, N_EPISODES = 16, 5
 
 
-def sample_setup(seeds: Sequence[int]) -> Any:
-    """Returns what an offline algorithm of these seeds is made from, a `Setup`; it needs torch."""
-    setup = import_module("swarmdata.learn.training.setup").Setup
-    sizes = import_module("swarmdata.learn.networks.sizes").Sizes(
-        n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE
-    )
-    return setup(sizes, seeds, sample_statistics(), n_episodes=N_EPISODES)
+def sample_setup(seeds: Sequence[int]) -> "Setup":
+    """Returns what an offline algorithm of these seeds is made from; it needs torch."""
+    from swarmdata.learn.networks.sizes import Sizes  # noqa: PLC0415  (torch is an extra)
+    from swarmdata.learn.training.setup import Setup  # noqa: PLC0415  (the same)
+
+    sizes = Sizes(n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE)
+    return Setup(sizes, seeds, sample_statistics(), n_episodes=N_EPISODES)
 
 
-def sample_statistics() -> Any:
+def sample_statistics() -> "Statistics":
     """Returns statistics of data of these sizes, whose last columns never change."""
+    from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: PLC0415  (torch)
+
     rng = np.random.default_rng(0)
-    kind = import_module("swarmdata.learn.training.dataset_statistics").Statistics
-    return kind(
+    return Statistics(
         observation_mean=rng.normal(size=N_OBSERVATION),
         observation_std=_with_constant(rng.uniform(0.5, 2, N_OBSERVATION)),
         state_mean=rng.normal(size=N_STATE),

@@ -12,11 +12,11 @@ from swarmdata.behavior_policies.conventions import (
     order_goals,
 )
 from swarmdata.behavior_policies.coop_nav_controller import CoopNavController
+from swarmdata.envs.coop_nav.navigation_rules import Lanes
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.specs.rules import Lanes
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Bool

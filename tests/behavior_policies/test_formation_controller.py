@@ -20,7 +20,6 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Double, Step
 
 HALF = np.array([2.5, 2.5])
@@ -90,20 +89,6 @@ def test_the_team_forms_and_bends_around_obstacles(name: str) -> None:
     assert sum(episode.success for episode in episodes) >= 16
     touched = sum(bool(episode.events.any()) for episode in episodes)
     assert touched <= 2
-
-
-def test_driving_straight_fails_more_often_than_not() -> None:
-    spec = preset("formation")
-    episodes = rollout(
-        make_env(spec, 20), make_policy("straight", spec), np.arange(40, dtype=np.uint64)
-    )
-    assert sum(episode.success for episode in episodes) <= 20
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_the_policy_contract(noise: float) -> None:
-    spec = preset("formation").with_updates(horizon=25)
-    check_policy(FormationController(spec, noise=noise), spec, make_env, n_episodes=5, n_steps=10)
 
 
 def test_wrong_use_is_refused() -> None:

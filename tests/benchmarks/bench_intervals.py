@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.numerics.student_t import t_quantile
-from swarmdata.rollouts.score_intervals import difference_interval, mean_interval
+from swarmdata.rollouts.score_intervals import difference_interval, mean_interval, t_quantile
 from swarmdata.types import Double
 from tests.benchmarks.measuring import table, write_section
 

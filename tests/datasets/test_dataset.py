@@ -320,9 +320,3 @@ def test_columns_have_names(dataset: Dataset) -> None:
         dataset.columns("rewards")
     with pytest.raises(SchemaError, match=f"agent {N_AGENTS} of {N_AGENTS}"):
         dataset.columns("actions", N_AGENTS)
-
-
-def test_a_spec_knows_its_widths(dataset: Dataset) -> None:
-    env = dataset.make_env()
-    assert dataset.spec.observation_size == env.observation_size
-    assert dataset.spec.state_size == env.state_size

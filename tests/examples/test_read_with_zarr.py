@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import zarr
 
-from swarmdata.specs.rules import NavigationRewards, NavigationRules
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRewards, NavigationRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from tests.support.one_process import use_one_process

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from swarmdata.behavior_policies.tiers import shipped_recipes
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRewards
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.interop.conversion.imported_data import AgentShapes, spec_from_shapes
@@ -27,7 +28,6 @@ from swarmdata.runtime.documents import parse_document
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import RecordedSpec, parse_origin
 from swarmdata.specs.recipe import Recipe
-from swarmdata.specs.rules import NavigationRewards
 from swarmdata.specs.task_spec import TaskSpec
 from tests.faults.spec_mutations import cases, mutated
 from tests.record.worlds import Counting

@@ -117,12 +117,6 @@ def test_senders_are_shown_by_their_nearness(payload: str) -> None:
     assert 0 < n_near < 3 * x.size
 
 
-def test_nobody_is_near_who_was_never_heard() -> None:
-    frame, names, observations = hearing("state")
-    observations[..., [k for k, name in enumerate(names) if name.startswith("message")]] = 0
-    assert (frame.inputs(observations)[..., len(names) + 2 + len(frame.closing) :] == 0).all()
-
-
 @pytest.mark.parametrize("task", ["coop_nav", "warehouse", "formation", "transport"])
 def test_robots_that_see_their_targets_turn_to_them(task: str) -> None:
     assert natural_anchor(make_env(preset(task), 1).features) == "target"
@@ -151,17 +145,6 @@ def test_what_is_seen_does_not_turn_with_the_world(angle: float) -> None:
     np.testing.assert_allclose(ux**2 + uy**2, 1, atol=1e-6)
 
 
-def test_the_anchor_lies_on_the_x_axis() -> None:
-    assert FRAME is not None
-    observations = some_observations()
-    seen = FRAME.inputs(observations)
-    x, y = NAMES.index("own.goal_dx"), NAMES.index("own.goal_dy")
-    np.testing.assert_allclose(
-        seen[..., x], np.hypot(observations[..., x], observations[..., y]), atol=1e-6
-    )
-    np.testing.assert_allclose(seen[..., y], 0, atol=1e-6)
-
-
 def test_actions_go_to_the_world_and_back() -> None:
     assert FRAME is not None
     observations = some_observations()
@@ -170,29 +153,6 @@ def test_actions_go_to_the_world_and_back() -> None:
     np.testing.assert_allclose(FRAME.to_local(observations, there), actions, atol=1e-12)
     lengths = np.linalg.norm(actions, axis=-1)
     np.testing.assert_allclose(np.linalg.norm(there, axis=-1), lengths, atol=1e-12)
-
-
-def test_what_closes_in_is_seen() -> None:
-    assert FRAME is not None
-    observations = some_observations()
-    observations[...] = 0.0
-    observations[..., NAMES.index("own.vx")] = 0.5
-    observations[..., NAMES.index("obstacle_1.near_x")] = 0.8
-    observations[..., NAMES.index("neighbor_0.near_y")] = -0.5
-    observations[..., NAMES.index("neighbor_0.dvy")] = 0.6
-    added = FRAME.inputs(observations)[..., observations.shape[-1] + 2 :]
-    assert added.shape[-1] == 6
-    pairs = {NAMES[near].partition(".")[0]: k for k, (near, _) in enumerate(FRAME.closing)}
-    np.testing.assert_allclose(added[..., pairs["obstacle_1"]], 0.4, atol=1e-6)
-    np.testing.assert_allclose(added[..., pairs["neighbor_0"]], -0.3, atol=1e-6)
-    assert (np.delete(added, [pairs["obstacle_1"], pairs["neighbor_0"]], -1) == 0).all()
-
-
-def test_without_a_direction_the_frame_is_the_worlds() -> None:
-    assert FRAME is not None
-    observations = np.zeros_like(some_observations())
-    actions = np.full((8, 4, 2), 0.25)
-    np.testing.assert_array_equal(FRAME.to_world(observations, actions), actions)
 
 
 def test_frames_are_found_by_name() -> None:

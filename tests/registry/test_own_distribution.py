@@ -16,7 +16,7 @@ MODULES = {
 from typing import Literal
 
 from swarmdata.envs.coop_nav.coop_nav import CoopNav
-from swarmdata.specs.rules import NavigationRules
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 
 
 class MeetingRules(NavigationRules):

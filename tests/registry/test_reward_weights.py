@@ -5,7 +5,7 @@ import pytest
 from swarmdata.errors import UnknownNameError
 from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset
-from swarmdata.registry.reward_weights import SAFE_FACTORS, chosen_weights
+from swarmdata.registry.reward_weights import chosen_weights
 from swarmdata.specs.rules import changed_weights
 
 BEFORE_OR_AT_CONTACT = {
@@ -14,11 +14,7 @@ BEFORE_OR_AT_CONTACT = {
 """Weights of what is unsafe."""
 
 
-def test_every_kind_of_task_has_a_safe_set() -> None:
-    assert SAFE_FACTORS.keys() == TASKS.keys()
-
-
-@pytest.mark.parametrize("task", SAFE_FACTORS)
+@pytest.mark.parametrize("task", TASKS)
 def test_safe_weights_make_what_is_unsafe_dearer_and_leave_the_rest(task: str) -> None:
     rules = preset(task).rules
     weights = chosen_weights("safe", rules)

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarmdata.errors import SchemaError
-from swarmdata.numerics.student_t import t_quantile
 from swarmdata.rollouts.score_intervals import (
     AT_LEAST_ZERO,
     SHARE,
@@ -20,6 +19,7 @@ from swarmdata.rollouts.score_intervals import (
     mean_interval,
     rate_interval,
     seed_interval,
+    t_quantile,
     target_of,
 )
 from swarmdata.rollouts.score_statistics import Estimate, wilson_interval

@@ -15,34 +15,10 @@ from swarmdata.specs.budget import (
     demand_of,
     describe_demand,
     in_bytes,
-    in_seconds,
     size_of,
 )
-from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
-
-MODELS = [
-    ("state", "none"),
-    ("state-10+stack-4", "perfect"),
-    ("lidar-48+stack-3+delay-2", "state+delayed-3"),
-    ("bearing-5", "learned-6"),
-    ("occupancy-11", "goal+nearest-2"),
-    ("state+ways", "goal"),
-    ("lidar+ways", "errand"),
-]
-
-
-@pytest.mark.parametrize("name", preset_names())
-def test_sizes_are_those_of_the_world(name: str) -> None:
-    for observation, communication in MODELS:
-        spec = with_models(preset(name), observation, communication)
-        size, env = size_of(spec), make_env(spec)
-        step = env.reset(np.array([1], np.uint64))
-        assert env.observation_size <= size.observation <= 2 * env.observation_size + 100
-        assert step.states.shape[1] <= size.state <= 3 * step.states.shape[1] + 100
-        assert step.layouts.shape[1] <= size.obstacles <= step.layouts.shape[1] + 1
-        assert step.sent.shape[2] <= size.message
 
 
 @pytest.mark.parametrize(
@@ -110,18 +86,3 @@ def test_every_preset_is_far_below_the_limits() -> None:
         assert demand.step_seconds < 1e-3
         assert demand.draw_seconds < 1
         assert "for a recorded episode" in describe_demand(demand)
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0, "0 B"), (1023, "1,023 B"), (1024, "1 KiB"), (7.3 * 2**40, "7.3 TiB"), (2.0**80, "1,073")],
-)
-def test_bytes_are_readable(value: float, text: str) -> None:
-    assert in_bytes(value).startswith(text)
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(1e-4, "0.1 ms"), (2.5, "2.5 s"), (7200, "2 h"), (1e15, "31,746,032 years")]
-)
-def test_durations_are_readable(value: float, text: str) -> None:
-    assert in_seconds(value) == text

@@ -30,11 +30,6 @@ PARTS: dict[str, dict[str, Any]] = {
 }
 
 
-def test_two_names_stand_alone() -> None:
-    assert communication_model("none") == NoCommunication()
-    assert communication_model("perfect") == communication_model("pose") == Broadcast()
-
-
 @given(st.lists(st.sampled_from(sorted(PARTS)), min_size=1, unique=True))
 def test_names_set_their_fields_or_contradict_each_other(parts: list[str]) -> None:
     fields = [name for part in parts for name in PARTS[part]]
@@ -66,11 +61,6 @@ def test_names_modify_the_model_of_a_task(name: str, changes: dict[str, Any]) ->
     assert communication_model(name, OWN) == OWN.model_copy(update=changes)
     assert communication_model(f"={name}", OWN) == communication_model(name)
     assert communication_model(name, NoCommunication()) == communication_model(name)
-
-
-@pytest.mark.parametrize("source", ["none", "perfect", "=none", "=perfect", {"kind": "broadcast"}])
-def test_whole_models_replace_that_of_a_task(source: Any) -> None:
-    assert communication_model(source, OWN) == communication_model(source)
 
 
 def test_names_that_contradict_the_model_of_a_task_are_refused() -> None:

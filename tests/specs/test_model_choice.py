@@ -99,16 +99,6 @@ def test_models_survive_json_and_leave_the_world(
     check(spec, spec)
 
 
-def test_words_say_what_is_not_a_default() -> None:
-    assert describe(TaskSpec()) == "observation state, communication none"
-    spec = with_models(TaskSpec(), "lidar-8+noise-0.05", "lossy-30+delayed-2")
-    assert describe(spec) == (
-        "observation lidar "
-        "(noise position 0.05 velocity 0.05 direction 0.05 range 0.05, n_rays 8), "
-        "communication broadcast (drop_probability 0.3, delay 2)"
-    )
-
-
 @pytest.mark.parametrize(
     ("trained", "offered"),
     [

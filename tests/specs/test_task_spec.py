@@ -8,12 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import swarmdata
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.rules import changed_weights
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.rules import Rewards, changed_weights
+from swarmdata.specs.task_spec import WORLD_VERSION, TaskSpec
+from tests.support.own_task import nothing_registered
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -125,11 +127,6 @@ def test_a_key_given_twice_is_refused() -> None:
         TaskSpec.from_text("horizon: 1\nhorizon: 2\n")
 
 
-def test_text_that_is_not_yaml_is_refused_with_its_source() -> None:
-    with pytest.raises(SpecError, match=r"broken\.yaml is neither YAML nor JSON"):
-        TaskSpec.from_text("a: [", "broken.yaml")
-
-
 def test_recipe_labels_are_unique_and_ids_well_formed() -> None:
     policy = PolicySource(label="a", name="random")
     base = {"id": "coop_nav-random-v1", "tier": "random", "spec": TaskSpec(), "policies": (policy,)}
@@ -206,35 +203,6 @@ def test_models_may_be_named_as_on_the_command_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            "observation: lidr",
-            "observation: unknown observation model 'lidr'. Did you mean 'lidar'",
-        ),
-        ("observation: lidar-x", "observation: 'lidar-x' in 'lidar-x' needs a number"),
-        ("communication: losy-30", "communication: unknown .* Did you mean 'lossy-30'"),
-        ("observation: /etc/secret.yaml", "observation: expected a name such as lidar-32"),
-    ],
-)
-def test_wrong_names_of_models_are_named_in_place(text: str, message: str) -> None:
-    with pytest.raises(SpecError, match=message):
-        TaskSpec.from_text(text)
-
-
-def test_messages_list_five_names_at_most() -> None:
-    few, many = (
-        UnknownNameError("cat", "tm", ["tim", "tom"]),
-        UnknownNameError("cat", "tm", ["tim", "tom", "tam", "max", "moritz", "leo", "paul"]),
-    )
-    assert str(few).endswith("Known: tim, tom.")
-    assert str(many).endswith("and 2 more.")
-    assert "tam, tim, tom" in str(many)
-    with pytest.raises(SpecError, match=r"horizn: unknown key. Did you mean 'horizon'.* more$"):
-        TaskSpec.parse({"horizn": 5})
-
-
-@pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"horizon": "x"}, "horizon: expected a whole number"),
@@ -265,3 +233,18 @@ def test_the_usual_simulator_is_in_no_hash() -> None:
         TaskSpec.from_text("backend: bullet")
     with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
         with_models(spec, backend="mujuco")
+
+
+@pytest.mark.parametrize("version", [0, WORLD_VERSION + 1, 10**12])
+def test_a_world_of_another_version_is_refused(version: int) -> None:
+    with pytest.raises(SpecError, match=f"world version {version} .* pip install --upgrade"):
+        TaskSpec.parse({"version": version})
+    assert TaskSpec.from_text("horizon: 9").version == WORLD_VERSION
+
+
+@pytest.mark.parametrize("rules", [None, dict, Rewards])
+def test_a_task_without_a_model_of_its_rules_is_refused(rules: object) -> None:
+    with nothing_registered():
+        swarmdata.register_task("odd", type("Odd", (), {"Rules": rules}))
+        with pytest.raises(SpecError, match=r"`Rules` of task 'odd' .* derives from .*TaskRules"):
+            TaskSpec.parse({"rules": {"task": "odd"}})

@@ -21,7 +21,6 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen, classes_in
 from swarmdata.specs.model_choice import check_senses, describe
 from swarmdata.specs.randomization import PAYLOAD_RANGES
-from swarmdata.specs.rules import TransportRules
 from swarmdata.specs.sensing_models import (
     BearingModel,
     Broadcast,
@@ -243,8 +242,8 @@ def _body_parameters(spec: TaskSpec) -> dict[str, tuple[Place, ...]]:
         ]
         if roles:
             found[name] = tuple(("team", k, "robot", name) for k in roles)
-    if isinstance(spec.rules, TransportRules):
-        found |= {name: (("rules", "payload", key),) for name, key in PAYLOAD_RANGES.items()}
+    if (payload := spec.rules.payload_field) is not None:
+        found |= {name: (("rules", payload, key),) for name, key in PAYLOAD_RANGES.items()}
     return found
 
 
@@ -275,7 +274,7 @@ def _range_of(place: Place) -> str | int:
             return "noise"
         case ("team" | "communication", *_):
             return place[-1]
-        case ("rules", "payload", field):
+        case ("rules", _, field):
             return f"payload_{field}"
     return ""
 

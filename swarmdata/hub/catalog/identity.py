@@ -12,7 +12,6 @@ from typing import Literal
 from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.registry.published import Published, changed_versions, published
-from swarmdata.registry.replaced_worlds import LAST_WITH_VERSION_0, REPLACED_IDS
 from swarmdata.store import Damage, Manifest, read_manifest
 from swarmdata.store.cache import was_built_here
 
@@ -83,12 +82,6 @@ def judge(manifest: Manifest) -> Identity:
             "another",
             f"this is another dataset under the shipped name {manifest.id}: its recipe is "
             f"{manifest.recipe_hash[:12]}, the shipped one is {recipe.hash()[:12]}",
-        )
-    if manifest.id in REPLACED_IDS:
-        return Identity(
-            "unknown",
-            f"{manifest.id} was replaced by the next version and its digest is published no more, "
-            f"so there is nothing to compare it with; {LAST_WITH_VERSION_0} has the digest",
         )
     return Identity(
         "unknown",

@@ -12,7 +12,6 @@ from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, Unkn
 from swarmdata.hub.remotes.addresses import Address, is_address, parse_address
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.outside_names import is_folder, is_id, looks_like_path
-from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.integrity.recognition import no_folder
@@ -57,7 +56,6 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     Raises:
         AddressError: an empty name, or a malformed address.
         SpecError: `path` with anything but a shipped id.
-        ReplacedDatasetError: `path` with an id that a newer version has replaced.
         DatasetNotFoundError: `name` is a path, and no folder is there.
     """
     for each in (name, path):
@@ -70,14 +68,13 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     if recipe is not None:
         return request_of_recipe(recipe, None if path is None else Path(path))
     if path is not None:
-        refuse_replaced(str(name))
         raise SpecError(
             f"path is where the dataset of a shipped id is or shall be, got it with {str(name)!r}. "
             "Leave it out."
         )
     if isinstance(name, str) and is_address(name):
         return request_of_address(name)
-    if is_folder(name) and name not in REPLACED_IDS:
+    if is_folder(name):
         return Request(str(name), Path(name).parent, Path(name), "folder")
     if isinstance(name, Path) or looks_like_path(name):
         raise DatasetNotFoundError(no_folder(name))

@@ -36,7 +36,6 @@ from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
-from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced, replaced_dataset
 from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
@@ -276,7 +275,6 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
 
     Raises:
         UnknownNameError: no source has it; the message names a command that may find it.
-        ReplacedDatasetError: a newer version has replaced it, and the cache does not have it.
         BuildError: it could not be built, or its folder cannot be written to.
         DatasetError: what is in its folder cannot be used.
         HubError: the dataset at the request's address could not be fetched.
@@ -284,8 +282,6 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
     cache, rebuild = Cache(), rebuild or Rebuild(remotes, progress=remotes.progress)
     if (found := cache.get(request)) is not None:
         return found
-    if request.address is None:
-        refuse_replaced(request.text)
     request = remotes.pin(request)
     if (found := cache.get(request)) is not None:
         return found
@@ -302,8 +298,6 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
 
 def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
     """The error that no source has a dataset, with the command to fetch it from another remote."""
-    if request.text in REPLACED_IDS:
-        return replaced_dataset(request.text)
     command = f"swarmdata pull {request.text} --from hf://ORGANIZATION"
     if remotes.offline:
         hint = (
@@ -408,7 +402,7 @@ def cached_ids(place: Path) -> list[str]:
 
 
 def _newest(name: str, ids: Iterable[str]) -> str | None:
-    """The id with the highest version of a name, None if there is none but replaced ones."""
-    of_name = [each for each in ids if without_version(each) == name and each not in REPLACED_IDS]
+    """The id with the highest version of a name, None if there is none."""
+    of_name = [each for each in ids if without_version(each) == name]
     versions = [int(each.rpartition("-v")[2]) for each in of_name]
     return f"{name}-v{max(versions)}" if versions else None

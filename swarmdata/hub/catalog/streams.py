@@ -10,7 +10,6 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.streaming.open_stream import open_stream
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
-from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.store import read_manifest
 
 
@@ -38,13 +37,10 @@ def stream_request(request: Request, remotes: Remotes, stream: Stream) -> Stream
 
     Raises:
         HubError: no remote has it, or the remote of its address failed.
-        ReplacedDatasetError: a newer version has replaced it, and the cache does not have it.
         DatasetError: what is there cannot be used.
     """
     found = Cache().get(request)
     if found is None:
-        if request.address is None:
-            refuse_replaced(request.text)
         request = remotes.pin(request)
         found = Cache().get(request)
     if found is not None:

@@ -14,7 +14,6 @@ from swarmdata.building.build import build, is_finished
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.hub.catalog.catalog import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
-from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.locking import locked
@@ -56,11 +55,8 @@ def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[st
 
     Raises:
         UnknownNameError: a name is not published; the message has the nearest.
-        ReplacedDatasetError: a newer version has replaced the dataset of a name.
     """
     known = published()
-    for name in names:
-        refuse_replaced(name)
     chosen = [find_recipe(name).id if is_dataset(name) else name for name in names] or sorted(known)
     for name in chosen:
         if name not in known:

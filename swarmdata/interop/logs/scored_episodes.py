@@ -2,36 +2,43 @@
 
 States need the poses of all robots, their goals and the obstacles. What the logs and the map do not
 say is refused, not guessed. Velocities are differences to the pose one step earlier, so the first
-pose of an episode is left out: it only gives the velocity of the second.
+pose of an episode is left out: it only gives the velocity of the second. The robots go where they
+were logged, whatever their commands; contacts are found from positions by the rules of the
+simulated worlds, after every physics step.
 """
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from swarmdata.envs.physics.backend import Contacts, Plan
+from swarmdata.envs.physics.contacts import update_contacts
+from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import ConversionError, SpecError
+from swarmdata.interfaces import Task
 from swarmdata.interop.logs.episode_windows import Window
-from swarmdata.interop.logs.logged_world import LoggedMotion, LoggedWorld
 from swarmdata.interop.logs.resampling import interpolate, nanoseconds
 from swarmdata.interop.logs.robot_signals import RobotSignals
 from swarmdata.interop.logs.robot_tracks import RobotTrack
 from swarmdata.numerics.geometry import BOX, CIRCLE
 from swarmdata.registry.components import make_task
-from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.specs.origins.log_map import LoggedRobot, LogMap, Motion
-from swarmdata.specs.rules import NavigationRules
+from swarmdata.specs.state_layout import TX, UY, X, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import (
     END_REASONS,
     STATE_FIELDS,
     STEP_FIELDS,
     Bool,
+    Counts,
     Double,
     Episode,
     Float,
     Int,
+    Seeds,
     Step,
 )
 
@@ -57,15 +64,13 @@ def check_task(spec: TaskSpec, log_map: LogMap) -> None:
     Raises:
         SpecError: something that the task needs cannot be known, or would be left out.
     """
-    check_world(spec)
     if problem := next(_problems(spec, log_map), None):
         raise SpecError(f"the logs cannot be scored by {spec.task}: {problem}")
 
 
 def _problems(spec: TaskSpec, log_map: LogMap) -> Iterator[str]:
-    rules = spec.rules
-    if not isinstance(rules, NavigationRules):
-        yield "only coop_nav's states are robots and goals alone; leave out `--task`"
+    if not hasattr(make_task(spec), "complete"):
+        yield "its states hold more than robots and targets; leave out `--task`"
         return
     if len(log_map.robots) != spec.n_agents:
         yield (
@@ -123,12 +128,9 @@ def layout_of(spec: TaskSpec, log_map: LogMap) -> Float:
         )
         for each in log_map.obstacles
     ]  # fmt: skip
-    if isinstance(spec.rules, NavigationRules) and spec.rules.arrangement.kind != "random":
+    if not spec.rules.demand(spec).is_drawn:
         if rows:
-            raise SpecError(
-                f"the task's arrangement {spec.rules.arrangement.kind!r} has its own obstacles; "
-                "leave out `obstacles` of the map"
-            )
+            raise SpecError("the task has its own obstacles; leave out `obstacles` of the map")
         layouts = np.zeros((1, len(task.kinds), 8), np.float32)
         states = np.zeros((1, 8 * spec.n_agents + len(task.extras)), np.float32)
         task.spawn(np.zeros(1, np.uint64), np.zeros(1, np.int64), layouts, states)
@@ -302,3 +304,90 @@ def _episode(steps: Sequence[Step], actions: Float) -> Episode:
         policy=0,
         end_reason=END_REASONS.index(reason),
     )
+
+
+class LoggedMotion(NamedTuple):
+    """The motion of N robots in an episode of T steps, with P physics steps in each."""
+
+    places: Double  # [T, P, N, 2] m, positions after each physics step
+    robots: Double  # [T + 1, N, 6] x, y, vx, vy, ux, uy of each state
+    goals: Double  # [N, 2] m
+    layout: Float  # [M, 8] obstacles, columns `geometry.OBSTACLE`
+
+
+class LoggedWorld:
+    """One copy of a task in which logged motion is played back.
+
+    Args:
+        task: whose code observes and scores.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._start = _LoggedStart(task)
+        self._backend: _Playback | None = None
+        self.env = TaskEnv(self._start, 1, backend=self._make_backend)  # type: ignore[arg-type]
+
+    def begin(self, motion: LoggedMotion) -> None:
+        """Takes the motion that the next episode of `env` plays back."""
+        assert self._backend is not None
+        self._start.motion = self._backend.motion = motion
+
+    def _make_backend(self, plan: Plan, n_copies: int) -> "_Playback":
+        self._backend = _Playback(plan)
+        return self._backend
+
+
+class _LoggedStart:
+    """A task whose episodes start where the robots were logged; the rest is the task's."""
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self.motion: LoggedMotion | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._task, name)
+
+    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
+        assert self.motion is not None
+        robots = robots_of(states, self._task.spec.n_agents)
+        layouts[0] = self.motion.layout
+        robots[0, :, X : UY + 1] = self.motion.robots[0]
+        robots[0, :, TX:] = self.motion.goals
+        self._task.complete(states, copies)  # type: ignore[attr-defined]  # `check_task` saw it
+
+
+class _Playback:
+    """Implements `Backend` for one copy: positions are those of a motion, not of commands."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._radii: Double = np.array([robot.radius for robot in plan.spec.robots])
+        self._half: Double = np.array(plan.spec.half_size)
+        self._layout: Float = np.zeros((len(plan.kinds), 8), np.float32)
+        self._t = 0
+        self.motion: LoggedMotion | None = None
+
+    def reset(
+        self,
+        copies: Int,
+        layouts: Float,
+        robots: Double,
+        bodies: Double,
+        limits: Double,
+        payloads: Double,
+    ) -> None:
+        self._layout, self._t = layouts[0].copy(), 0
+
+    def step(
+        self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
+    ) -> None:
+        assert self.motion is not None
+        if not active[0]:
+            return
+        for places in self.motion.places[self._t]:
+            update_contacts(
+                np.ascontiguousarray(places), self._radii, self._layout, self._half,
+                contacts.robots[0], contacts.obstacles[0], contacts.slack[0], events[0],
+            )  # fmt: skip
+        self._t += 1
+        robots = robots_of(states, len(self._radii))
+        robots[0, :, X : UY + 1] = self.motion.robots[self._t]

@@ -14,14 +14,13 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from swarmdata.numerics.geometry import CIRCLE
+from swarmdata.numerics.geometry import CIRCLE, bar_box
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
     POLAR_FEATURES,
     Scene,
-    bar_of,
     gather,
     write_polar,
 )
@@ -202,7 +201,7 @@ def _shape(
     _invert(lanes, np.float32(ux * ax + uy * ay), np.float32(ux * ay - uy * ax))
     lx, ly = dx * ax + dy * ay, dy * ax - dx * ay
     for index in range(int(row[0])):
-        cx, cy, hx, hy = bar_of(row, index)
+        cx, cy, hx, hy = bar_box(row[0], row[5], row[6], row[7], index)
         x, y = np.float32(lx + cx), np.float32(ly + cy)
         _bar(lanes, x, y, np.float32(hx), np.float32(hy), code)
 

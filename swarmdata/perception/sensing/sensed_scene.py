@@ -101,24 +101,6 @@ def gather(
         sizes[m] = bounding_radius(rows[m])
 
 
-@kernel(inline="always")
-def bar_of(row: Double, index: int) -> tuple[float, float, float, float]:
-    """Centre and half sizes of one bar of a shape other than a circle, in its local frame.
-
-    Args:
-        row: one obstacle, columns `geometry.OBSTACLE`, [8].
-        index: of the bar, below the shape code.
-    """
-    a, b, t = row[5], row[6], row[7]
-    if row[0] == BOX:
-        return 0.0, 0.0, a, b
-    if index == 0:
-        return 0.0, t - b, a, t
-    if index == 1:
-        return t - a, 0.0, t, b
-    return a - t, 0.0, t, b
-
-
 @kernel
 def write_polar(out: Float, state: Float, i: int, diagonal: float) -> None:
     """Writes `POLAR` of robot i into out[:5].

@@ -12,7 +12,6 @@ from swarmdata.numerics.geometry import bounding_radius, nearest_of
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import Scene
-from swarmdata.perception.sensing.smallest import order_keys, take_smallest
 from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, telling_goals, vector
@@ -351,3 +350,30 @@ def observe_states(
                     powers, power_keys,
                 )  # fmt: skip
                 _obstacles(out, first, px, py, layout, circles, radius, n_obstacles, reach, found)
+
+
+TAKEN_KEY = np.int64(np.iinfo(np.int64).max)
+"""Key of a number that was taken: above that of any number."""
+
+
+@kernel(inline="always")
+def order_keys(keys: Int) -> None:
+    """Turns the bits of float64 numbers, none NaN or -0, into integers of the same order, in place.
+
+    The bits of positive floats are in the order of the floats, those of negative ones in reverse.
+    """
+    for m in range(keys.shape[0]):
+        keys[m] ^= (keys[m] >> 63) & TAKEN_KEY
+
+
+@kernel(inline="always")
+def take_smallest(keys: Int) -> int:
+    """Index of the smallest key, the first of equal ones; its key becomes `TAKEN`."""
+    best = TAKEN_KEY
+    for m in range(keys.shape[0]):
+        best = min(best, keys[m])
+    index = 0
+    while keys[index] != best:
+        index += 1
+    keys[index] = TAKEN_KEY
+    return index

@@ -23,7 +23,7 @@ from swarmdata.specs.origins.origin_kinds import ORIGIN_KINDS
 from swarmdata.specs.origins.recorded_spec import RecordedAgent, RecordedSpec
 from swarmdata.specs.origins.spec_kinds import SPEC_KINDS
 from swarmdata.specs.recipe import Policies, PolicySource
-from swarmdata.specs.rules import PACKAGE_TASKS
+from swarmdata.specs.rules import PACKAGE_RULES
 from swarmdata.specs.spaces import BoxSpace
 
 _POLICIES: TypeAdapter[tuple[PolicySource, ...]] = TypeAdapter(Policies)
@@ -148,7 +148,7 @@ def _unknown_parts(data: Any) -> Iterator[tuple[str, str]]:
     places: tuple[tuple[str, Any, str, Any], ...] = (
         ("origin", data, "kind", ORIGIN_KINDS),
         ("environment", spec, "kind", SPEC_KINDS),
-        ("task", spec.get("rules"), "task", {*PACKAGE_TASKS, *components("tasks")}),
+        ("task", spec.get("rules"), "task", {*PACKAGE_RULES, *components("tasks")}),
         ("observation model", spec.get("observation"), "kind", OBSERVATION_KINDS),
         ("communication model", spec.get("communication"), "kind", COMMUNICATION_KINDS),
     )

@@ -13,14 +13,11 @@ from swarmdata.behavior_policies.search.search_team import (
     observed_square,
 )
 from swarmdata.envs.search.search import Search
-from swarmdata.errors import SpecError
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.state_layout import TX, Y, robots_of
-from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy_contract import check_policy
 
 SPEC = preset("search")
 
@@ -54,12 +51,6 @@ def test_teams_rescue_in_time() -> None:
     assert result.metrics["success"].mean() >= 0.8  # 0.9 and more in 1,000 episodes
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.3])
-def test_the_contract_holds(noise: float) -> None:
-    spec = SPEC.with_updates(horizon=40)
-    check_policy(SearchController(spec, noise=noise), spec, make_env)
-
-
 def test_robots_that_take_no_notes_decide_the_same_whatever_was_before() -> None:
     env, copies = make_env(SPEC, 4), np.arange(4)
     settled, fresh = (SearchController(SPEC, remembers=False) for _ in range(2))
@@ -88,8 +79,3 @@ def test_robots_that_take_no_notes_search_what_they_observe_and_nobody_is_nearer
         slot = np.flatnonzero(nearer == 0.0)[0] if (nearer == 0.0).any() else 0
         expected = heard[b, i, i, HEARD_X : HEARD_Y + 1] + offsets[2 * slot : 2 * slot + 2]
         np.testing.assert_allclose(middles[chosen], expected, atol=1e-5)
-
-
-def test_the_spec_of_another_task_is_refused() -> None:
-    with pytest.raises(SpecError, match="expected 'search'"):
-        SearchController(TaskSpec())

@@ -20,14 +20,12 @@ from swarmdata.behavior_policies.warehouse.warehouse_controller import Warehouse
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse.warehouse import Warehouse
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.state_layout import TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Double, Float, Int, Seeds
 
 WIDE, NARROW = preset("warehouse"), preset("warehouse-hard")
@@ -187,19 +185,6 @@ def test_orders_get_delivered(name: str) -> None:
     assert result.metrics["robot_collisions"].mean() <= 0.2
 
 
-@pytest.mark.parametrize("name", ["idle", "random", "straight"])
-def test_policies_without_a_map_do_not_get_through(name: str) -> None:
-    result = evaluate(make_policy(name, WIDE), WIDE, name=name, n_episodes=20, progress=False)
-    assert not result.metrics["success"].any()
-    assert result.metrics["return"].max() < 0.0
-
-
-@pytest.mark.parametrize("options", [{}, {"noise": 0.3}])
-def test_the_contract_of_policies_holds(options: dict[str, float]) -> None:
-    spec = NARROW.with_updates(horizon=30)
-    check_policy(WarehouseController(spec, **options), spec, make_env)
-
-
 def test_a_learned_message_is_left_empty() -> None:
     channel = {"kind": "broadcast", "payload": "learned", "message_size": 3}
     spec = WIDE.with_updates(communication=channel)
@@ -228,10 +213,3 @@ def test_robots_of_different_sizes_and_speeds_share_the_floor() -> None:
     result = evaluate(policy, spec, name="scripted", n_episodes=20, progress=False)
     assert result.metrics["deliveries"].mean() >= 6.0
     assert result.metrics["robot_collisions"].mean() <= 0.1
-
-
-def test_the_spec_of_another_task_is_refused() -> None:
-    with pytest.raises(SpecError, match="expected 'warehouse'"):
-        WarehouseController(TaskSpec())
-    with pytest.raises(SpecError, match="expected 'warehouse'"):
-        roads_of(TaskSpec())

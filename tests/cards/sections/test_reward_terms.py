@@ -3,9 +3,10 @@
 import pytest
 
 from swarmdata.cards.sections.reward_terms import SINGLE_ROBOT_NOTE, reward_section
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.specs.rules import FormationRules, NavigationRules
 from swarmdata.specs.task_spec import TaskSpec
 
 

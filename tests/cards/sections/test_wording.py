@@ -5,13 +5,13 @@ import pytest
 from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.sections.wording import (
     COMMON_LIMITS,
-    TASK_LIMITS,
     TIER_DESCRIPTIONS,
     TIER_LIMITS,
     limits_of,
 )
-from swarmdata.registry.components import TASKS
+from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
+from swarmdata.specs.rules import PACKAGE_RULES
 
 
 def test_shipped_tiers_have_a_meaning_and_limits() -> None:
@@ -40,19 +40,16 @@ def test_what_tiers_say_of_success_is_true_of_all_published_data(
     assert not {k: share for k, share in found.items() if not least <= share <= most}
 
 
-def test_every_task_has_limits() -> None:
-    assert set(TASK_LIMITS) == set(TASKS)
-
-
 @pytest.mark.parametrize("tier", TIER_DESCRIPTIONS)
 def test_texts_are_sentences(tier: str) -> None:
-    for text in (TIER_DESCRIPTIONS[tier], *limits_of("coop_nav", tier)):
+    for text in (TIER_DESCRIPTIONS[tier], *limits_of(preset("coop_nav"), tier)):
         assert text.endswith(".")
         assert text[0].isupper()
         assert "  " not in text
 
 
-def test_limits_are_those_of_all_the_task_and_the_tier() -> None:
-    found = limits_of("warehouse", "narrow")
-    assert found == (*COMMON_LIMITS, *TASK_LIMITS["warehouse"], *TIER_LIMITS["narrow"])
-    assert limits_of("elsewhere", "own") == COMMON_LIMITS
+@pytest.mark.parametrize("task", PACKAGE_RULES)
+def test_limits_are_those_of_all_the_task_and_the_tier(task: str) -> None:
+    own = preset(task).rules.card_limits
+    assert own
+    assert limits_of(preset(task), "narrow") == (*COMMON_LIMITS, *own, *TIER_LIMITS["narrow"])

@@ -9,6 +9,7 @@ from swarmdata.catalogue.drawings.episode_drawing import SIDE, episode_drawing
 from swarmdata.catalogue.drawings.rewards_drawing import rewards_drawing
 from swarmdata.envs.coop_nav.coop_nav import CoopNav
 from swarmdata.envs.render.targets import targets_of
+from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.registry.appearance import Appearance
 from swarmdata.registry.components import (
     TASKS,
@@ -18,7 +19,6 @@ from swarmdata.registry.components import (
 )
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.rules import SearchRules
 from swarmdata.specs.state_layout import N_COLUMNS, robots_of
 from tests.support.own_task import thrifty_installed
 

@@ -8,6 +8,7 @@ import pytest
 
 from swarmdata.catalogue.replays.world_columns import TURN, Columns, Group, WorldColumns
 from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
+from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.registry.appearance import MOST_MOMENTS
 from swarmdata.registry.components import (
     TASKS,
@@ -20,7 +21,7 @@ from swarmdata.registry.components import (
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.rules import Payload, SearchRules
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, X, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Episode

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.envs.coop_nav.arrangements import PASSAGE_MARGIN, arrange, unit_circle
+from swarmdata.envs.coop_nav.arrangements import arrange, unit_circle
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env, make_task
-from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, UX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
@@ -109,11 +108,6 @@ def test_the_passage_has_the_width_and_length_of_the_spec(
     assert not len(free_widths(spec, layout, edge + 0.01)[:-1])
 
 
-def test_layouts_do_not_depend_on_the_seed() -> None:
-    layouts = reset(spec_of("corridor", 4), 8).layouts
-    assert (layouts == layouts[0]).all()
-
-
 def test_unicycles_get_headings_and_others_do_not() -> None:
     turning = {"name": "turning", "count": 2, "robot": {"dynamics": "unicycle"}}
     spec = spec_of("swap", 4, team=[{"count": 2}, turning])
@@ -154,19 +148,3 @@ def test_robots_that_swap_places_have_assigned_goals(kind: str) -> None:
     rules = {"task": "coop_nav", "goals": "unassigned", "arrangement": {"kind": kind}}
     with pytest.raises(SpecError, match="start on goals"):
         make_task(spec_of(kind, 4, rules=rules))
-
-
-def test_random_layouts_are_not_arranged() -> None:
-    with pytest.raises(SpecError, match="no fixed layout"):
-        arrange(preset("coop_nav-easy").with_updates(obstacles=EMPTY))
-
-
-def test_a_field_of_another_arrangement_is_unknown() -> None:
-    with pytest.raises(SpecError, match="unknown key"):
-        spec_of("swap", 4, arrangement={"width": 0.5})
-
-
-def test_a_passage_is_wider_than_what_must_fit() -> None:
-    assert (
-        PASSAGE_MARGIN >= 0.1
-    )  # the planner's chain of nodes needs a strip as wide (distance_field)

@@ -51,13 +51,6 @@ def test_teams_start_behind_each_other_out_of_sight_and_swap_ends(n: int) -> Non
         assert gaps.min() > max(s.goal_separation, 0.2)
 
 
-def test_the_teams_start_a_little_to_the_right_of_the_middle() -> None:
-    step = make_env(SPEC, 200).reset(np.arange(200, dtype=np.uint64))
-    y = robots_of(step.states, 4)[..., Y]
-    np.testing.assert_allclose(y[:, ::2], -0.25, atol=0.1)
-    np.testing.assert_allclose(y[:, 1::2], 0.25, atol=0.1)
-
-
 @pytest.mark.parametrize(
     ("spec", "message"),
     [

@@ -38,12 +38,6 @@ def test_rules_cannot_be_mixed_exactly_if_the_order_is_one_cycle(n: int) -> None
         assert is_cycle(order) == fails or n == 1, order
 
 
-def test_what_is_no_permutation_is_no_cycle() -> None:
-    assert not is_cycle((0, 0))
-    assert not is_cycle((1, 2))
-    assert is_cycle((2, 0, 3, 1))
-
-
 def test_goals_have_their_ranks_and_places_their_distances_in_every_episode() -> None:
     step = make_env(SPEC, 300).reset(np.arange(300, dtype=np.uint64))
     starts = robots_of(step.states, 4)[..., [X, Y]].astype(np.float64)

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.formation.formation import Formation
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.physics.kinematic import KinematicBackend
-from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.registry.components import make_env, make_policy, make_task
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.task_contract import check_task
@@ -66,13 +65,6 @@ def extra(step: Step, task: Formation, name: str) -> Float:
     )
 
 
-@pytest.mark.parametrize(
-    "name", ["formation", "formation-n3", "formation-n8", "formation-unicycle"]
-)
-def test_the_contract(name: str) -> None:
-    check_task(make_env, preset(name), n_steps=40)
-
-
 @pytest.mark.parametrize("slots", ["fixed", "assigned"])
 @pytest.mark.parametrize("shape", ["line", "circle", "wedge", "column"])
 def test_the_contract_for_every_shape_and_acceleration(shape: str, slots: str) -> None:
@@ -84,15 +76,6 @@ def test_a_task_without_previews_or_with_one_robot() -> None:
     check_task(make_env, spec_of(preview=[]), n_steps=20)
     alone = spec_of(blocked=(0.0, 0.3)).with_updates(team=[{"count": 1}])
     check_task(make_env, alone, n_steps=20)
-
-
-@pytest.mark.parametrize("horizon", [1, 20])
-def test_short_horizons_truncate(horizon: int) -> None:
-    check_task(make_env, preset("formation").with_updates(horizon=horizon), n_steps=25)
-
-
-def test_the_default_arena_holds_a_formation() -> None:
-    check_task(make_env, TaskSpec(rules=FormationRules()), n_steps=20)
 
 
 def expected_rewards(task: Formation, step: Step) -> tuple[Double, Double]:
@@ -233,43 +216,3 @@ def test_metrics_by_hand() -> None:
         assert values["formation_rmse"] == pytest.approx(rmse.mean())
         assert values["time_in_formation"] == pytest.approx((rmse <= 0.12).mean())
         assert values["reference_error"] == pytest.approx(np.linalg.norm(centre, axis=1).mean())
-
-
-def test_the_slots_centre_is_the_reference() -> None:
-    for name in ("formation", "formation-n8", "formation-n16"):
-        step = make_env(preset(name), 2).reset(seeds(1, 2))
-        n = preset(name).n_agents
-        middle = robots_of(step.states, n)[..., [TX, TY]].astype(np.float64).mean(axis=1)
-        np.testing.assert_allclose(middle, step.states[:, 8 * n : 8 * n + 2], atol=1e-5)
-
-
-@pytest.mark.parametrize("name", ["formation", "formation-unicycle"])
-def test_the_public_backend_gives_the_same_bits(name: str) -> None:
-    assert_backends_agree(preset(name), 6, 120)
-
-
-@pytest.mark.slow
-def test_the_public_backend_gives_the_same_bits_in_100_episodes() -> None:
-    assert_backends_agree(preset("formation"), 100, 240)
-
-
-def assert_backends_agree(spec: TaskSpec, n_copies: int, n_steps: int) -> None:
-    ids = np.arange(n_copies, dtype=np.uint64)
-    fast = play(TaskEnv(make_task(spec), n_copies), ids, n_steps, noise=0.8)
-    public = play(TaskEnv(make_task(spec), n_copies, PublicBackend), ids, n_steps, noise=0.8)
-    for a, b in zip(fast, public, strict=True):
-        for name in Step._fields:
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
-    assert any(step.events.any() for step in fast), "nothing was touched: this shows little"
-
-
-def test_standing_still_and_random_driving_pay_less_than_driving_to_the_slots() -> None:
-    spec = preset("formation")
-    returns = {}
-    for name in ("idle", "random", "scripted"):
-        env, policy = make_env(spec, 10), make_policy(name, spec)
-        episodes = rollout(env, policy, np.arange(10, dtype=np.uint64))
-        returns[name] = np.mean([episode.team_return for episode in episodes])
-    assert returns["scripted"] > -4.0
-    assert returns["idle"] < -10.0
-    assert returns["random"] < returns["idle"]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.formation.formation import Formation
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.formation.formation_spawn import MAX_SLOT_SPEED_SHARE, PATH_CHECK_STRIDE
 from swarmdata.envs.formation.reference_path import write_motion
 from swarmdata.envs.formation.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import bounding_radius, clearance
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of, state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Seeds
@@ -140,11 +140,6 @@ def test_contradictions_are_refused(rules: dict[str, Any], message: str) -> None
 def test_a_team_that_nothing_can_block_is_refused() -> None:
     with pytest.raises(SpecError, match=r"blocked begins at 0.1, expected 0: .* reach 0.12 m"):
         Formation(preset("formation").with_updates(team=[{"count": 1}]))
-
-
-def test_another_tasks_spec_is_refused() -> None:
-    with pytest.raises(SpecError, match="expected 'formation'"):
-        Formation(preset("coop_nav"))
 
 
 def test_what_cannot_be_drawn_says_so() -> None:

@@ -96,12 +96,6 @@ def test_paths_keep_their_promises(seed: int, max_turn: float) -> None:
     assert np.abs(np.diff(motions[:, 2:4], axis=0)).max() < 0.02, "the velocity jumps"
 
 
-def test_paths_of_different_seeds_differ_and_of_equal_seeds_do_not() -> None:
-    plan = plan_of()
-    np.testing.assert_array_equal(drawn(3, plan), drawn(3, plan))
-    assert len(np.unique([drawn(seed, plan) for seed in range(50)], axis=0)) == 50
-
-
 def test_most_draws_find_a_path_even_in_a_small_box() -> None:
     plan, points = plan_of(room=1.3), np.zeros(24, dtype=np.float32)
     state = np.array([1], dtype=np.uint64)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.formation.shapes import check_slots, reach_of, slot_offsets
 from swarmdata.errors import SpecError
-from swarmdata.specs.rules import FormationRules
 from swarmdata.types import Double
 
 SHAPES = ("line", "circle", "wedge", "column")

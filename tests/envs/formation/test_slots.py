@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.envs.formation.shapes import slot_offsets
 from swarmdata.envs.formation.slots import (
     HELD,
@@ -16,7 +17,6 @@ from swarmdata.envs.formation.slots import (
     slot_velocity,
 )
 from swarmdata.numerics.assignment import assignment_work
-from swarmdata.specs.rules import FormationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.types import Double, Float
 

@@ -14,7 +14,6 @@ from swarmdata.errors import SpecError
 from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -148,14 +147,6 @@ def test_metrics_are_what_their_names_say() -> None:
     values = Intersection(spec).episode_metrics(cut(episode, states))
     assert values["waiting_time"] == pytest.approx(3.0)
     assert values["deadlocks"] == 0.0
-
-
-@pytest.mark.parametrize("name", ["idle", "random", "straight"])
-def test_policies_that_do_not_coordinate_do_not_get_through(name: str) -> None:
-    spec = preset("intersection")
-    result = evaluate(make_policy(name, spec), spec, name=name, n_episodes=20, progress=False)
-    assert result.metrics["success"].mean() < 0.3
-    assert result.metrics["return"].max() < 0.0
 
 
 def test_drawn_obstacles_are_refused() -> None:

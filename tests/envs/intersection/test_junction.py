@@ -16,7 +16,6 @@ from swarmdata.envs.intersection.junction import (
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.presets import preset
-from swarmdata.specs.task_spec import TaskSpec
 
 BASE = preset("intersection")
 HALF = np.array([2.0, 2.0])
@@ -75,8 +74,3 @@ def test_floors_without_room_are_refused(changes: dict[str, float], message: str
     spec = BASE.with_updates(rules={"task": "intersection", **changes})
     with pytest.raises(SpecError, match=message):
         Junction.of(spec)
-
-
-def test_the_spec_of_another_task_is_refused() -> None:
-    with pytest.raises(SpecError, match="expected 'intersection'"):
-        Junction.of(TaskSpec())

@@ -15,13 +15,14 @@ from swarmdata.envs.physics.episode_bodies import (
     episode_payloads,
     payload_rows,
 )
+from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.randomization import BODY_RANGES, PAYLOAD_RANGES, Randomization
-from swarmdata.specs.rules import Payload, TransportRules
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Seeds, Step
 

@@ -12,13 +12,11 @@ from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.mujoco_backend import MujocoBackend
-from swarmdata.envs.physics.mujoco_model import LONGEST_STEP, steps_in
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SimulationError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import TASKS, make_env, make_task
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Arena, Role, TaskSpec
 from swarmdata.types import Double, Float, Step
@@ -29,27 +27,23 @@ DEEPEST = 0.015
 
 HALF = np.array([1.0, 1.0])
 NOTHING = np.zeros((0, 8), np.float32)
-BOX = Payload(shape="box", half_length=0.35, half_width=0.25, mass=4.0, friction=2.5)
-DISC = BOX.model_copy(update={"shape": "circle"})
 
 
 class Scene:
-    """Robots at full speed among obstacles, with at most one payload at the origin."""
+    """Robots at full speed among obstacles."""
 
     def __init__(
         self,
         places: Sequence[Sequence[float] | Double],
         layout: Float = NOTHING,
-        payload: Payload | None = None,
-        size: float = 2.0,
         speed: Sequence[Sequence[float] | Double] | None = None,
     ) -> None:
-        n, movables = len(places), () if payload is None else (payload,)
-        spec = TaskSpec(team=(Role(count=n),), arena=Arena(width=size, height=size))
-        plan = Plan(spec, layout[:, 0].astype(np.int64), movables)
+        n = len(places)
+        spec = TaskSpec(team=(Role(count=n),), arena=Arena(width=2.0, height=2.0))
+        plan = Plan(spec, layout[:, 0].astype(np.int64), ())
         self.backend = MujocoBackend(plan, 1)
-        robots, bodies = np.zeros((1, n, 6)), np.zeros((1, len(movables), 7))
-        robots[0, :, :2], robots[0, :, 4], bodies[..., 4] = places, 1.0, 1.0
+        robots, bodies = np.zeros((1, n, 6)), np.zeros((1, 0, 7))
+        robots[0, :, :2], robots[0, :, 4] = places, 1.0
         if speed is not None:
             robots[0, :, 2:4] = speed
         self.contacts = Contacts(
@@ -57,11 +51,11 @@ class Scene:
             np.zeros((1, n, len(layout) + 4), np.bool_),
             np.zeros((1, n, 3)),
         )
-        self.states: Float = np.zeros((1, N_COLUMNS * n + 7 * len(movables)), np.float32)
+        self.states: Float = np.zeros((1, N_COLUMNS * n), np.float32)
         self.events = np.zeros((1, n, 4), np.uint8)
         self.backend.reset(
             np.arange(1), layout[None], robots, bodies, limits_of(spec)[None],
-            payload_rows(movables),
+            payload_rows(()),
         )  # fmt: skip
 
     def drive(self, commands: Sequence[Sequence[float] | Double], n_steps: int) -> Double:
@@ -131,41 +125,6 @@ def test_free_robots_drive_as_in_pymunk() -> None:
         np.testing.assert_allclose(robots, others, atol=1.5 * 0.05**2 * 2 * 5)
 
 
-@pytest.mark.parametrize("payload", [BOX, DISC], ids=["box", "disc"])
-def test_one_robot_pushes_in_vain_and_two_move_it(payload: Payload) -> None:
-    side = 0.25 if payload.shape == "box" else 0.35
-    alone = Scene([[0.0, -side - RADIUS - 0.01]], payload=payload, size=12.0).drive([[0, 1]], 80)
-    assert abs(alone[-1, 9]) < 0.01
-    np.testing.assert_allclose(alone[20:, 9], alone[-1, 9], atol=2e-3)  # it hardly creeps
-    x = 0.15
-    y = side if payload.shape == "box" else np.sqrt((side + RADIUS) ** 2 - x**2) - RADIUS
-    places = [[-x, -y - RADIUS - 0.01], [x, -y - RADIUS - 0.01]]
-    inward = -np.array(places) if payload.shape == "circle" else np.array([[0.0, 1.0]] * 2)
-    commands = inward / np.linalg.norm(inward, axis=1, keepdims=True)
-    pair = Scene(places, payload=payload, size=12.0).drive(list(commands), 80)
-    assert pair[-1, 17] > 0.5
-    assert abs(pair[-1, 16]) < 0.01
-
-
-def test_a_payload_accelerates_and_stops_as_force_friction_and_mass_say() -> None:
-    places = [[x, -0.25 - RADIUS] for x in (-0.3, 0.0, 0.3)]
-    scene = Scene(places, payload=BOX, size=12.0)
-    moving = scene.drive([[0, 1]] * 3, 12)[:, -7:]
-    steady = np.diff(moving[2:6, 3]) / 0.1
-    np.testing.assert_allclose(steady, (3 * 1.5 - 2.5) / (3 + 4), rtol=0.1)
-    resting = scene.drive([[0, 0]] * 3, 40)[:, -7:]
-    assert abs(resting[-1, 3]) < 1e-3
-    way, speed = resting[-1, 1] - moving[-1, 1], moving[-1, 3]
-    assert way == pytest.approx(speed**2 / (2 * 2.5 / 4.0), rel=0.2)
-
-
-def test_a_couple_turns_a_box_on_the_spot() -> None:
-    y = 0.25 + RADIUS + 0.01
-    rows = Scene([[-0.33, -y], [0.33, y]], payload=BOX, size=12.0).drive([[0, 1], [0, -1]], 20)
-    assert rows[-1, -2] < -0.2
-    np.testing.assert_allclose(rows[:, -3] ** 2 + rows[:, -2] ** 2, 1.0, atol=1e-6)
-
-
 def play(env: TaskEnv, seed: int, n_steps: int) -> list[Step]:
     rng = np.random.default_rng(seed)
     steps = [env.reset(np.array([seed], dtype=np.uint64))]
@@ -203,13 +162,6 @@ def test_threads_and_batches_give_the_same_bits() -> None:
         single = alone.step(actions[t // 8, 2:3])
         np.testing.assert_array_equal(single.states[0], steps[0].states[2])
     two.close()
-
-
-def test_steps_near_contacts_are_short() -> None:
-    assert steps_in(0.05) == 4
-    assert steps_in(0.0125) == 1
-    assert 0.05 / steps_in(0.05) <= LONGEST_STEP
-    assert steps_in(0.02) == 2
 
 
 def test_a_warning_of_mujoco_is_an_error() -> None:

@@ -1,6 +1,5 @@
 """A picture shows every part of a world where it is."""
 
-import itertools
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -10,17 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.envs.render import ROBOT_COLORS, Image, draw
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.envs.formation.formation_rules import FormationRules
+from swarmdata.envs.render import Image, draw
 from swarmdata.envs.render import colors as ink
+from swarmdata.envs.transport.transport_rules import TransportRules
+from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.numerics.geometry import BOX, CIRCLE, POCKET
-from swarmdata.specs.rules import (
-    FormationRules,
-    NavigationRules,
-    Payload,
-    TransportRules,
-    WarehouseRules,
-)
+from swarmdata.specs.rules import Payload
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.task_spec import Arena, Robot, Role, TaskSpec
 from tests.envs.render.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of
@@ -66,24 +63,6 @@ def test_a_unicycle_at_rest_shows_its_heading() -> None:
     assert pixel(image, 1, 1.09) == RIGHT
 
 
-def test_roles_differ_in_size_and_mark() -> None:
-    roles = tuple(
-        Role(name=f"role{k}", count=1, robot=Robot(radius=0.2 if k < 4 else 0.1)) for k in range(5)
-    )
-    spec = TaskSpec(team=roles)
-    rows = [(0, 0, 0.5, 0, 1, 0, 1.8, 1.8) for _ in range(5)]
-    alone = []
-    for k in range(5):  # every robot in the same place, the others far away
-        places = [(-1.7 + 0.5 * j, -1.5, *row[2:]) for j, row in enumerate(rows)]
-        places[k] = rows[k]
-        image = draw(spec, EMPTY, state_of(*places))
-        crop = image[216:296, 216:296]
-        alone.append(np.all(crop == ink.robot_color(k), axis=-1))
-    for a, b in itertools.combinations(range(4), 2):
-        assert (alone[a] != alone[b]).sum() > 30, (a, b)
-    assert 3 * alone[4].sum() < alone[0].sum()
-
-
 def test_a_contact_has_a_halo_only_around_those_who_touch() -> None:
     events = np.zeros((2, 4), np.uint8)
     events[1, 1] = 1
@@ -91,14 +70,6 @@ def test_a_contact_has_a_halo_only_around_those_who_touch() -> None:
     assert pixel(image, 1, 1.155) == ink.CONTACT_COLOR
     assert pixel(image, -1, 1.155) != ink.CONTACT_COLOR
     assert n_near(draw(SPEC, EMPTY, STATE), ink.CONTACT_COLOR) == 0
-
-
-def test_trails_fade_into_the_past() -> None:
-    trails = np.repeat(STATE[None], 21, axis=0)
-    trails[:, 0] = np.linspace(-1.9, -1.0, 21)
-    image = draw(SPEC, EMPTY, STATE, trails=trails).astype(int)
-    old, new = pixel(image, -1.85, 1), pixel(image, -1.2, 1)
-    assert sum(ink.FLOOR_COLOR) > sum(old) > sum(new) > sum(LEFT)
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.3])
@@ -119,14 +90,6 @@ def test_unassigned_goals_are_neutral_and_filled_by_any_robot() -> None:
     image = draw(spec, EMPTY, state)
     assert pixel(image, -1, -1.1) == ink.tint(ink.UNASSIGNED_COLOR, 0.5)
     assert pixel(image, 1, 1.1) == ink.tint(ink.UNASSIGNED_COLOR, 0.1)
-
-
-def test_rings_of_one_place_nest() -> None:
-    state = STATE.copy()
-    state[14:16] = state[6:8] = [0.0, -1.0]
-    image = draw(SPEC.with_updates(rules=WarehouseRules(goal_radius=0.3)), EMPTY, state)
-    ring = {ink.robot_color(i): n_near(image[350:420, 210:300], ink.robot_color(i)) for i in (0, 1)}
-    assert min(ring.values()) > 50
 
 
 def test_formation_slots_are_crosses_that_light_up_when_held() -> None:
@@ -174,17 +137,6 @@ def test_the_payload_goal_has_the_pose_that_the_task_asks_for() -> None:
     assert pixel(upright, 1.1, -0.72) != ink.FLOOR_COLOR
 
 
-def test_a_delivered_payload_lights_its_goal() -> None:
-    there = transport(
-        TransportRules(payload=Payload(shape="box", half_length=0.1, half_width=0.1)), BODY
-    )
-    near = (1.0, -1.13, *BODY[2:])
-    here = transport(
-        TransportRules(payload=Payload(shape="box", half_length=0.1, half_width=0.1)), near
-    )
-    assert sum(pixel(here, 1, -0.87)) < sum(pixel(there, 1, -0.87))
-
-
 def test_the_longer_side_has_the_size_and_a_caption_adds_a_strip() -> None:
     wide = SPEC.with_updates(arena=Arena(width=6.0, height=3.0))
     plain = draw(wide, EMPTY, STATE, size=300)
@@ -193,23 +145,6 @@ def test_the_longer_side_has_the_size_and_a_caption_adds_a_strip() -> None:
     assert titled.shape[0] > 155
     np.testing.assert_array_equal(titled[:150], plain[:150])
     assert titled[160:].min() < 150  # ink
-
-
-def test_a_long_caption_shrinks_to_fit() -> None:
-    image = draw(SPEC, EMPTY, STATE, size=200, caption="step 1 of 2, " * 6)
-    assert (image[205:, -4:] == 255).all()
-    assert image[205:, :190].min() < 180
-
-
-def test_colors_are_distinct_and_none_is_like_a_contact() -> None:
-    assert len(set(ROBOT_COLORS)) == len(ROBOT_COLORS) == 32
-    shades = np.array(
-        [*ROBOT_COLORS, ink.CONTACT_COLOR, ink.OBSTACLE_COLOR, ink.FLOOR_COLOR], float
-    )
-    gaps = np.linalg.norm(shades[:, None] - shades, axis=-1) + 999 * np.eye(len(shades))
-    assert gaps.min() > 35
-    assert gaps[32].min() > 80
-    assert ink.robot_color(33) == ROBOT_COLORS[1]
 
 
 LIDAR = SPEC.with_updates(observation=LidarModel(range=1.0))

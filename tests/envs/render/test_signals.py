@@ -8,9 +8,8 @@ import pytest
 from swarmdata.envs.render import Image, draw
 from swarmdata.envs.render import colors as ink
 from swarmdata.errors import SchemaError
-from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.specs.sensing_models import LidarModel
-from swarmdata.specs.task_spec import Robot, Role, TaskSpec
+from swarmdata.specs.task_spec import Role, TaskSpec
 from tests.envs.render.pictures import EMPTY, LEFT, RIGHT, SPEC, STATE, n_near, pixel, state_of
 
 pytest.importorskip("PIL.Image")
@@ -36,21 +35,6 @@ def test_rays_start_at_the_heading_and_end_in_a_dot_where_they_hit() -> None:
     state = STATE.copy()
     state[12:14] = [0.0, -1.0]
     assert pixel(draw(LIDAR, EMPTY, state, scan=scan), 1.5, 1) == RIGHT
-
-
-def test_a_fan_is_an_arc_where_nothing_is_and_does_not_shade_obstacles() -> None:
-    scan = np.ones((2, 4), np.float32)
-    layout = np.array([[CIRCLE, 0.5, 0.5, 1, 0, 0.1, 0.1, 0]], np.float32)
-    image = draw(LIDAR, layout, STATE, scan=scan)
-    assert pixel(image, 0.34, 0.42) != ink.FLOOR_COLOR  # beyond the chord between two rays
-    assert pixel(image, 0.5, 0.5) == ink.OBSTACLE_COLOR
-
-
-def test_robots_with_a_shorter_range_have_shorter_rays() -> None:
-    short = LIDAR.with_updates(team=(Role(count=2, robot=Robot(sensor_range=0.5)),))
-    scan = np.full((2, 4), 0.9, np.float32)
-    assert pixel(draw(LIDAR, EMPTY, STATE, scan=scan), 1, 1.9) == RIGHT
-    assert pixel(draw(short, EMPTY, STATE, scan=scan), 1, 1.45) == RIGHT
 
 
 def test_a_focus_shows_the_rays_of_one_robot_alone_and_stronger() -> None:
@@ -90,15 +74,6 @@ def test_a_delivered_message_is_an_arrow_in_the_color_of_its_sender() -> None:
     head = image[:, 330:365]
     tail = image[:, 150:185]
     assert n_near(head, LEFT, 60) > n_near(tail, LEFT, 60) - 40  # the head is the thick end
-
-
-def test_both_directions_of_a_link_can_be_told_apart() -> None:
-    there = draw(SPEC, EMPTY, STATE, messages=(links((1, 0)), None))
-    back = draw(SPEC, EMPTY, STATE, messages=(links((0, 1)), None))
-    plain = draw(SPEC, EMPTY, STATE)
-    middle = slice(230, 280)
-    rows = [np.argwhere(changed(image, plain)[:, middle])[:, 0].mean() for image in (there, back)]
-    assert abs(rows[0] - rows[1]) > 20
 
 
 def test_a_dropped_message_differs_from_a_delivered_one_and_never_arrives() -> None:

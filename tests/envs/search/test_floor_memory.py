@@ -13,9 +13,9 @@ from swarmdata.envs.search.floor_memory import (
     knows_victim,
     look,
 )
+from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.numerics.geometry import BOX
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import SearchRules
 from swarmdata.types import Double, Float
 
 MIDDLES = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
@@ -30,10 +30,6 @@ def state_of(*places: tuple[float, float], victim: tuple[float, float] = (9.0, 9
         state[8 * i : 8 * i + 2] = place
     state[COLUMNS.victims : COLUMNS.rescued] = victim
     return state
-
-
-def test_columns_follow_each_other() -> None:
-    assert Columns.of(4, 3, 10) == (4, 3, 10, 32, 38, 41, 53)
 
 
 def test_squares_cover_the_arena_and_the_last_ones_are_cut_off() -> None:

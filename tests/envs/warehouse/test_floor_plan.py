@@ -212,8 +212,3 @@ def test_stations_without_room_for_a_robot_are_refused() -> None:
     FloorPlan.of(spec_of(stations=11))
     with pytest.raises(SpecError, match=r"12 stations along 4 m have .* each"):
         FloorPlan.of(spec_of(stations=12))
-
-
-def test_the_spec_of_another_task_is_refused() -> None:
-    with pytest.raises(SpecError, match="expected 'warehouse'"):
-        FloorPlan.of(TaskSpec())

@@ -5,11 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from swarmdata.envs.physics.kinematic import KinematicBackend
-from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, shortest_path_length
 from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
 from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
@@ -17,12 +14,11 @@ from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import STREAMS, derive, uniform
-from swarmdata.registry.components import make_env, make_policy, make_task
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.task_contract import check_task
 from swarmdata.types import (
     STATE_FIELDS,
     STEP_FIELDS,
@@ -32,7 +28,6 @@ from swarmdata.types import (
     Float,
     Int,
     Seeds,
-    Step,
 )
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
@@ -67,23 +62,6 @@ def drawn_target(plan: FloorPlan, seed: int, robot: int, order: int, carries: bo
 
 def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
     return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
-
-
-@pytest.mark.parametrize(
-    "spec",
-    [
-        spec_of(),
-        spec_of(1),
-        spec_of(6, quota=1),
-        spec_of(3, {"dynamics": "unicycle"}),
-        spec_of(2, {"command": "acceleration"}, blocks=2, lane_width=0.5),
-        preset("warehouse-hard").with_updates(horizon=40),
-        preset("warehouse-n16"),
-    ],
-    ids=["n4", "n1", "n6", "unicycle", "acceleration", "hard", "n16"],
-)
-def test_the_contract_holds(spec: TaskSpec) -> None:
-    check_task(make_env, spec)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -126,11 +104,6 @@ def test_more_robots_than_the_floor_holds_are_refused() -> None:
         make_env(spec, 1).reset(seeds(1))
 
 
-def test_the_spec_of_another_task_is_refused() -> None:
-    with pytest.raises(SpecError, match="expected 'warehouse'"):
-        Warehouse(TaskSpec())
-
-
 def account(spec: TaskSpec, episode: Episode) -> tuple[Double, Bool]:
     """Own rewards [T, N] and whether solved [T], step by step from states; checks all states."""
     plan, n = FloorPlan.of(spec), spec.n_agents
@@ -167,18 +140,6 @@ def test_orders_and_rewards_are_those_of_the_docstring(name: str) -> None:
     np.testing.assert_allclose(episode.rewards, rewards, atol=1e-6)
     np.testing.assert_array_equal(solved, episode.terminations)
     assert own_of(episode.states[-1], spec.n_agents)[:, 1].sum() >= 2
-
-
-def test_what_all_tasks_share_comes_on_top() -> None:
-    spec = spec_of(quota=2)
-    episode = scripted_episode(spec)
-    rewards, solved = account(spec, episode)
-    assert solved.tolist() == [False] * (len(episode) - 1) + [True]
-    assert episode.success
-    extra = episode.rewards - rewards
-    proximity = spec.rules.rewards.proximity
-    assert (extra[:-1] <= 1e-6).all()
-    np.testing.assert_allclose(extra[-1], spec.rules.rewards.success, atol=proximity + 1e-6)
 
 
 class Placed(Warehouse):
@@ -253,31 +214,6 @@ def test_features_tell_what_a_robot_carries_and_where_to_drive() -> None:
     assert (at_target ^ at_crossing).all()
     assert at_target.any()
     assert at_crossing.any()
-
-
-@given(st.integers(0, 2**40), st.sampled_from([{}, {"dynamics": "unicycle"}]))
-def test_fast_and_public_backends_give_the_same_bits(seed: int, robot: dict[str, Any]) -> None:
-    spec = spec_of(4, robot)
-    envs = TaskEnv(make_task(spec), 1), TaskEnv(make_task(spec), 1, PublicBackend)
-    left, right = (env.reset(seeds(seed)) for env in envs)
-    for t in range(40):
-        for name in Step._fields:
-            np.testing.assert_array_equal(getattr(left, name), getattr(right, name), err_msg=name)
-        commands = 2.0 * uniform(derive(seed, t // 8, np.arange(8))).reshape(1, 4, 2) - 1.0
-        left, right = (env.step(commands) for env in envs)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["warehouse", "warehouse-hard"])
-def test_a_hundred_scripted_episodes_are_the_same_on_both_backends(name: str) -> None:
-    spec = preset(name)
-    policy = make_policy("scripted", spec)
-    ids = np.arange(100, dtype=np.uint64)
-    fast = rollout(TaskEnv(make_task(spec), 50), policy, ids)
-    public = rollout(TaskEnv(make_task(spec), 50, PublicBackend), policy, ids)
-    for left, right in zip(list(fast), list(public), strict=True):
-        np.testing.assert_array_equal(left.states, right.states)
-        np.testing.assert_array_equal(left.rewards, right.rewards)
 
 
 def test_metrics_are_what_their_names_say() -> None:

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.envs.transport.transport_rules import TransportRewards, TransportRules
 from swarmdata.interfaces import Task
 from swarmdata.registry.components import make_env, reward_terms
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import Payload, TransportRewards, TransportRules
+from swarmdata.specs.rules import Payload
 from swarmdata.types import EVENTS, Step
 from tests.examples.read_with_zarr import distance
 from tests.numerics.test_weighted_terms import plain
@@ -79,7 +81,7 @@ def unassigned(task: Task, before: Step, now: Step) -> Values:
         away = length(r[:, :, None, :2] - goals[:, None])  # [E, robots, goals]
         sums = [away[:, range(n), order].sum(-1) for order in permutations(range(n))]
         least.append(np.min(sums, axis=0)[:, None])
-    is_open = (away.min(1) > task.spec.rules.goal_radius).sum(-1, keepdims=True)  # type: ignore[union-attr]
+    is_open = (away.min(1) > task.spec.rules_as(NavigationRules).goal_radius).sum(-1, keepdims=True)
     return {"D_old": least[0], "D": least[1], "open": is_open, "N": n}
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.numerics.geometry import bounding_radius, clearance
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float

@@ -1,21 +1,15 @@
 """The engine: an episode is one pure function of its seed, on every backend, for every task."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmdata.envs.physics.dynamics import SPEED, limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import PROXIMITY_RANGE
 from swarmdata.errors import MissingExtraError, SchemaError
-from swarmdata.numerics.geometry import clearance
-from swarmdata.registry.components import TASKS, make_env, make_task
+from swarmdata.registry.components import make_env, make_task
 from swarmdata.registry.presets import preset
-from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double, Seeds, Step
@@ -55,39 +49,6 @@ def specs(task: str) -> list[TaskSpec]:
     return [base, base.with_updates(team=team)]
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("which", [0, 1])
-def test_the_public_backend_gives_the_same_bits_through_resets(task: str, which: int) -> None:
-    spec = specs(task)[which]
-    fast, public = TaskEnv(make_task(spec), 3), TaskEnv(make_task(spec), 3, PublicBackend)
-    n_events = 0
-    for start in (0, 3, 6):
-        ids = np.arange(start, start + 3, dtype=np.uint64)
-        left = play(fast, ids, 80)
-        assert_same(left, play(public, ids, 80))
-        n_events += sum(int(step.events.sum()) for step in left)
-    assert n_events > 0, "nothing was ever touched: this shows little"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("task", TASKS)
-def test_the_public_backend_gives_the_same_bits_in_1000_random_episodes(task: str) -> None:
-    spec = preset(task)
-    fast, public = TaskEnv(make_task(spec), 100), TaskEnv(make_task(spec), 100, PublicBackend)
-    rng = np.random.default_rng(0)
-    for first in range(0, 1000, 100):
-        ids = np.arange(first, first + 100, dtype=np.uint64)
-        left, right = fast.reset(ids), public.reset(ids)
-        targets = rng.uniform(-1, 1, (8, 100, spec.n_agents, 2))  # held, so that robots get far
-        for t in range(spec.horizon):
-            actions = targets[t % 8] if t % 2 else crowd(left, spec.n_agents)
-            left, right = fast.step(actions), public.step(actions)
-            np.testing.assert_array_equal(left.states, right.states)
-            np.testing.assert_array_equal(left.events, right.events)
-            np.testing.assert_array_equal(left.rewards, right.rewards)
-        assert left.ended.all()
-
-
 def test_a_partial_reset_leaves_the_other_copies_alone() -> None:
     env = make_env(TaskSpec(), 3)
     env.reset(seeds(1, 2, 3))
@@ -101,18 +62,6 @@ def test_a_partial_reset_leaves_the_other_copies_alone() -> None:
     np.testing.assert_array_equal(
         after.states[1], make_env(TaskSpec(), 1).reset(seeds(9)).states[0]
     )
-
-
-def test_an_ended_copy_stays_put_without_reward() -> None:
-    env = TaskEnv(make_task(TaskSpec(horizon=5)), 2)
-    steps = play(env, seeds(1, 2), 8)
-    assert steps[5].truncations.all()
-    assert not steps[5].terminations.any()
-    np.testing.assert_array_equal(steps[5].states, steps[8].states)
-    np.testing.assert_array_equal(steps[8].times, [5, 5])
-    assert not steps[8].rewards.any()
-    assert not steps[8].events.any()
-    assert steps[8].truncations.all()
 
 
 def test_a_refused_action_leaves_the_world_as_it_was() -> None:
@@ -162,32 +111,6 @@ def test_a_collision_ends_the_episode_where_the_spec_says_so() -> None:
         assert not step.successes[hit].any()
 
 
-def test_shared_rewards_follow_their_formula() -> None:
-    spec = TaskSpec.parse({"rules": {"task": "coop_nav", "rewards": {"team_share": 0.25}}})
-    env = TaskEnv(make_task(spec), 4)
-    steps = play(env, seeds(1, 2, 3, 4), 60)
-    rules, half = NavigationRules.model_validate(spec.rules), np.array([2.0, 2.0])
-    w = rules.rewards
-    for before, step in pairwise(steps):
-        for b in np.flatnonzero(~before.ended):
-            old = robots_of(before.states[b], 4).astype(float)
-            new = robots_of(step.states[b], 4).astype(float)
-            d_old = np.linalg.norm(old[:, TX:] - old[:, :2], axis=1)
-            d_new = np.linalg.norm(new[:, TX:] - new[:, :2], axis=1)
-            apart = np.linalg.norm(new[:, None, :2] - new[None, :, :2], axis=2) - 0.24
-            np.fill_diagonal(apart, np.inf)
-            solid = [clearance(x, y, step.layouts[b], half) - 0.12 for x, y in new[:, :2]]
-            gaps = np.minimum(apart.min(1), solid)
-            costs = step.events[b] @ np.array(
-                [w.robot_contact, w.obstacle_contact, w.robot_collision, w.obstacle_collision]
-            )
-            own = w.progress * (d_old - d_new) - w.time * (d_new > rules.goal_radius)
-            own += w.success * step.successes[b] - costs
-            own -= w.proximity * np.clip(1 - gaps / PROXIMITY_RANGE, 0, 1)
-            expected = 0.75 * own + 0.25 * own.mean()
-            np.testing.assert_allclose(step.rewards[b], expected, atol=1e-6)
-
-
 def test_without_contacts_a_holonomic_robot_reaches_the_velocity_it_is_told() -> None:
     env = TaskEnv(make_task(TaskSpec.parse(EMPTY)), 1, KinematicBackend)
     env.reset(seeds(1))
@@ -226,16 +149,3 @@ def test_a_unicycle_drives_along_its_heading_only(backend: type[KinematicBackend
     )
     np.testing.assert_allclose(turned, 5 * 0.1 * 0.6 * 3.0, rtol=5e-3)
     assert Robot().wheel_grip > 0.6 * 3.0, "wheels that slip in every turn at top speed"
-
-
-@pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
-def test_acceleration_commands_keep_the_speed_limit(dynamics: str) -> None:
-    robot = {"dynamics": dynamics, "command": "acceleration"}
-    spec = TaskSpec.parse({"team": [{"count": 2, "robot": robot}], **EMPTY})
-    env = TaskEnv(make_task(spec), 1, KinematicBackend)
-    env.reset(seeds(2))
-    for _ in range(15):
-        step = env.step(np.broadcast_to([1.0, 0.2], (1, 2, 2)).astype(np.float32))
-    robots = robots_of(step.states, 2)[0]
-    speed = np.hypot(robots[:, VX], robots[:, VY])
-    np.testing.assert_allclose(speed, limits_of(spec)[:, SPEED], rtol=0.02)

@@ -68,13 +68,6 @@ def test_every_number_of_threads_gives_the_same_bits(task: str, models: str) -> 
         env.close()
 
 
-def test_a_task_with_scratch_memory_has_the_same_bits() -> None:
-    spec = preset("coop_nav-unassigned").with_updates(horizon=12)
-    env = make_env(spec, 64, n_threads=2)
-    assert_same(drive(env, 40), drive(make_env(spec, 64), 40))
-    env.close()
-
-
 @settings(deadline=None, max_examples=15)
 @given(
     n_copies=st.integers(1, 9),
@@ -110,32 +103,6 @@ def test_episodes_and_results_are_the_same() -> None:
     for name, values in results[0].metrics.items():
         np.testing.assert_array_equal(values, results[1].metrics[name])
     assert not any(each.name == "swarmdata-step" for each in threading.enumerate())
-
-
-def test_blocks_share_no_space_and_no_task() -> None:
-    env = make_env(preset("coop_nav"), 6, n_threads=3)
-    env.reset(some_seeds(6))
-    assert isinstance(env, TaskEnv)
-    backends = [block._world._backend for block in env._blocks]
-    spaces = np.concatenate([backend.spaces.spaces for backend in backends])  # type: ignore[attr-defined]
-    assert len(np.unique(spaces)) == 6
-    assert len({id(block.task) for block in env._blocks}) == 3
-    env.close()
-
-
-def test_steps_are_never_written_again() -> None:
-    env = make_env(preset("coop_nav").with_updates(horizon=4), 4, n_threads=2)
-    kept = [env.reset(some_seeds(4))]
-    copies = [[array.copy() for array in kept[0]]]
-    for _ in range(9):
-        kept.append(env.step(np.ones((4, 4, 2))))
-        copies.append([array.copy() for array in kept[-1]])
-        kept.append(env.reset(some_seeds(2, 9), np.array([3, 0])))
-        copies.append([array.copy() for array in kept[-1]])
-    for step, copy in zip(kept, copies, strict=True):
-        for array, before in zip(step, copy, strict=True):
-            np.testing.assert_array_equal(array, before)
-    env.close()
 
 
 @pytest.mark.parametrize("n_threads", [1, 2])

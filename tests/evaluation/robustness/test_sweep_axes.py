@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.evaluation.robustness.sweep_axes import (
     Axis,
@@ -158,7 +159,10 @@ def test_a_delay_of_commands_is_whole() -> None:
 def test_a_payload_is_part_of_the_bodies() -> None:
     spec = preset("transport")
     axis = parse_axis("payload_mass=2..8", "body", 3)
-    masses = [each.rules.payload.mass for each in specs_along_axis(axis, "bc", spec).specs]  # type: ignore[union-attr]
+    masses = [
+        each.rules_as(TransportRules).payload.mass
+        for each in specs_along_axis(axis, "bc", spec).specs
+    ]
     assert masses == [2.0, 5.0, 8.0]
     assert "max_turn_rate" not in parameters(spec, "body"), "its robots do not turn"
     with pytest.raises(UnknownNameError, match=r"body \(coop_nav\) parameter 'payload_mass'"):

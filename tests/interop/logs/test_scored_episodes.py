@@ -12,8 +12,7 @@ from swarmdata.audit import audit
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.logs import import_logs, remake_logs
-from swarmdata.interop.logs.logged_world import LoggedMotion, LoggedWorld
-from swarmdata.interop.logs.scored_episodes import layout_of
+from swarmdata.interop.logs.scored_episodes import LoggedMotion, LoggedWorld, layout_of
 from swarmdata.specs.origins import ImportedLogs, LogMap
 from swarmdata.specs.state_layout import TX, X, Y, robots_of
 from swarmdata.types import EVENTS, Episode
@@ -217,7 +216,7 @@ def test_what_cannot_be_known_is_refused(
 
 def test_other_tasks_and_ids_are_refused(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "r0.csv", {"t": [0.0]})
-    with pytest.raises(SpecError, match="only coop_nav's states are robots and goals"):
+    with pytest.raises(SpecError, match="its states hold more than robots and targets"):
         import_logs(
             path,
             tmp_path / "x",

@@ -8,6 +8,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.errors import SpecError
 from swarmdata.online_algos.shaping.payload_potentials import PayloadPaths, PayloadPotential
 from swarmdata.registry.components import make_env
@@ -17,6 +18,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Step
 
 SPEC = preset("transport")
+PAYLOAD = SPEC.rules_as(TransportRules).payload
 BODY = N_COLUMNS * SPEC.n_agents
 
 
@@ -65,7 +67,7 @@ def test_behind_an_obstacle_the_path_leads_around_it() -> None:
     goals = step.states[:, TX : TX + 2].astype(np.float64)
     away = centre - goals
     away /= np.hypot(*away.T)[:, None]
-    stuck = moved(step, centre + (radius + SPEC.rules.payload.half_length)[:, None] * away)  # type: ignore[union-attr]
+    stuck = moved(step, centre + (radius + PAYLOAD.half_length)[:, None] * away)
     paths = mapped(step)
     lengths = paths.lengths(stuck)
     known = np.isfinite(lengths)  # it may lie in a wall
@@ -94,7 +96,7 @@ def test_a_payload_in_contact_is_led_along_the_surface() -> None:
     head_on = circle[:, 1:3] - goals
     angle = np.arctan2(head_on[:, 1], head_on[:, 0]) + 0.3
     normal = np.stack([np.cos(angle), np.sin(angle)], 1)
-    distance = circle[:, 5] + SPEC.rules.payload.half_length  # type: ignore[union-attr]
+    distance = circle[:, 5] + PAYLOAD.half_length
     touching = moved(step, circle[:, 1:3] + distance[:, None] * normal)
     directions = mapped(touching).directions(touching)
     along = np.abs(directions[:, 0] * normal[:, 1] - directions[:, 1] * normal[:, 0])

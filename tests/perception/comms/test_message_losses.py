@@ -49,11 +49,6 @@ def test_independent_losses(lab: Any, percent: int) -> None:
         assert is_near(joint.mean(), p * p, math.sqrt(p * p * (1 - p * p) / joint.size * 2))
 
 
-@pytest.mark.parametrize("percent", [0, 100])
-def test_nothing_or_everything_is_lost(lab: Any, percent: int) -> None:
-    assert (deliveries(lab, f"lossy-{percent}") == (percent == 0)).all()
-
-
 @pytest.mark.parametrize("percent", [10, 30, 60])
 def test_bursts(lab: Any, percent: int) -> None:
     """Losses of a Gilbert channel come in geometric runs, from the first step on.
@@ -80,13 +75,6 @@ def test_bursts(lab: Any, percent: int) -> None:
         assert abs(share - chance) <= 5 * error + 2 / T
 
 
-def test_losses_and_bursts_combine(lab: Any) -> None:
-    lost = ~deliveries(lab, "lossy-20+bursty-30")
-    p = 1 - 0.8 * 0.7
-
-    assert is_near(lost.mean(), p, math.sqrt(p * (1 - p) / N_MESSAGES * 6))
-
-
 @pytest.mark.parametrize(("n_time_slots", "n"), [(2, 3), (8, 4), (16, 7)])
 def test_slotted_aloha(lab: Any, n_time_slots: int, n: int) -> None:
     """A message gets through if none of the other N - 1 robots chose its time slot.
@@ -100,17 +88,6 @@ def test_slotted_aloha(lab: Any, n_time_slots: int, n: int) -> None:
     assert is_near(heard.mean(), expected, 0.5 / math.sqrt(T * E))
 
 
-def test_in_a_single_time_slot_nothing_is_heard(lab: Any) -> None:
-    assert not deliveries(lab, "aloha-1", n_steps=5).any()
-
-
-def test_what_a_receiver_does_not_decode_still_collides(lab: Any) -> None:
-    """With one of three messages decoded, its chance is that of the full channel."""
-    heard = deliveries(lab, "aloha-4+bandwidth-1")
-
-    assert is_near(heard.mean(), 0.75**3 / 3, 0.5 / math.sqrt(T * E))
-
-
 @pytest.mark.parametrize(("limit", "n"), [(1, 4), (2, 4), (3, 6), (4, 6)])
 def test_links_take_turns(lab: Any, limit: int, n: int) -> None:
     """Over N - 1 steps each of a receiver's links gets exactly its share."""
@@ -118,56 +95,3 @@ def test_links_take_turns(lab: Any, limit: int, n: int) -> None:
 
     assert (heard.sum(-1) == limit).all()
     assert (heard[: n - 1].sum(0) == limit).all()
-
-
-def test_turns_follow_each_other(lab: Any) -> None:
-    heard = deliveries(lab, "bandwidth-2", 6, n_steps=5).reshape(5, E, 6, 5)
-
-    turns = [np.flatnonzero(row).tolist() for row in heard[:, 0, 3]]
-    assert turns == [[0, 1], [2, 3], [0, 4], [1, 2], [3, 4]]
-
-
-def test_more_bandwidth_than_links_changes_nothing(lab: Any) -> None:
-    assert deliveries(lab, "bandwidth-3", n_steps=4).all()
-
-
-def test_turns_are_taken_among_links_in_range_only(lab: Any) -> None:
-    spec = lab.make_spec(4, **communication_model("bandwidth-1+range-1").model_dump())
-    states = np.zeros((6, 1, 32), dtype=np.float32)
-    states[..., 8] = 10.0  # robot 1 is far away
-    log = lab.run(spec, states, np.zeros(1, dtype=np.uint64))
-
-    assert log.delivered[:, 0, 0].sum(0).tolist() == [0, 0, 3, 3]
-    assert not log.delivered[:, 0, 1].any()
-
-
-@pytest.mark.parametrize(
-    ("name", "heard"),
-    [
-        ("ring", [[1, 3], [0, 2], [1, 3], [0, 2]]),
-        ("star", [[1, 2, 3], [0], [0], [0]]),
-        ("nearest-1", [[1], [0], [1], [2]]),
-        ("nearest-2", [[1, 2], [0, 2], [0, 1], [1, 2]]),
-        ("range-2", [[1, 2], [0, 2], [0, 1], []]),
-        ("nearest-2+range-1", [[1], [0, 2], [1], []]),
-        ("nearest-9", [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]),
-    ],
-)
-def test_topologies_of_robots_in_a_row(lab: Any, name: str, heard: list[list[int]]) -> None:
-    """Robots at x = 0, 1, 2 and 4.5; of two equally near ones the first is heard."""
-    spec = lab.make_spec(4, **communication_model(name).model_dump())
-    states = np.zeros((1, 1, 32), dtype=np.float32)
-    states[0, 0, ::8] = [0.0, 1.0, 2.0, 4.5]
-    log = lab.run(spec, states, np.zeros(1, dtype=np.uint64))
-
-    assert [np.flatnonzero(row).tolist() for row in log.delivered[0, 0]] == heard
-
-
-def test_of_equally_near_senders_the_first_stay(lab: Any) -> None:
-    """Robots 1 and 2 are equally far from robot 0; robot 3 is nearer than both."""
-    spec = lab.make_spec(4, **communication_model("nearest-2").model_dump())
-    states = np.zeros((1, 1, 32), dtype=np.float32)
-    states[0, 0, ::8] = [0.0, 1.0, -1.0, 0.5]
-    log = lab.run(spec, states, np.zeros(1, dtype=np.uint64))
-
-    assert np.flatnonzero(log.delivered[0, 0, 0]).tolist() == [1, 3]

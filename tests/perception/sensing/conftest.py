@@ -1,6 +1,6 @@
 """Random scenes without physics, and the geometry that the NumPy twins share."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.interfaces import Task
+from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.features import Feature, telling_goals
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, robots_of
@@ -94,6 +95,15 @@ class Scenes:
             delivered=none.astype(np.bool_),
             ages=none.astype(np.uint8),
         )
+
+    def compare(self, task: Task, twin: Callable[..., Double], seed: int) -> None:
+        """Checks what a sensor observes in three copies against its twin in NumPy."""
+        step, sensor = self.step(task, 3, seed), Sensor(task, 3)
+        out = np.full((3, task.spec.n_agents, len(sensor.features)), np.nan, dtype=np.float32)
+        sensor.observe(step, np.ones(3, dtype=np.bool_), out)
+        for copy in range(3):
+            expected = twin(self, task, step.states[copy], step.layouts[copy])
+            np.testing.assert_allclose(out[copy], expected, atol=2e-6)
 
     def directions(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Double:
         angle = rng.uniform(0, 2 * np.pi, shape)

@@ -70,12 +70,7 @@ def test_the_kernel_equals_its_numpy_twin(
     model = {"kind": "occupancy", "cells": cells, "cell_size": cell_size}
     robot = {"dynamics": "unicycle", "sensor_range": sensor_range}
     task = scenes.task(model, has_bodies=has_bodies, team=[{"count": n_agents, "robot": robot}])
-    step, sensor = scenes.step(task, 3, seed), Sensor(task, 3)
-    out = np.full((3, n_agents, len(sensor.features)), np.nan, dtype=np.float32)
-    sensor.observe(step, np.ones(3, dtype=np.bool_), out)
-    for copy in range(3):
-        expected = twin(scenes, task, step.states[copy], step.layouts[copy])
-        np.testing.assert_allclose(out[copy], expected, atol=2e-6)
+    scenes.compare(task, twin, seed)
 
 
 def test_rows_go_forward_and_columns_to_the_left(scenes: Any) -> None:

@@ -191,15 +191,6 @@ def test_without_velocities_the_other_features_stay_as_they_are(
     np.testing.assert_array_equal(got, expected[..., kept])
 
 
-def test_without_velocities_rows_of_other_copies_stay_as_they_are(scenes: Any) -> None:
-    task = scenes.task({"kind": "state", "velocities": False})
-    sensor = Sensor(task, 2)
-    out = np.full((2, 4, len(sensor.features)), 7, dtype=np.float32)
-    sensor.observe(scenes.step(task, 2, 0), np.array([True, False]), out)
-    assert (out[1] == 7).all()
-    assert not (out[0] == 7).any()
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["coop_nav-unassigned", *TASKS])
 def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> None:

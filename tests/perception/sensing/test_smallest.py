@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from swarmdata.perception.sensing.smallest import order_keys, take_smallest
+from swarmdata.perception.sensing.state import order_keys, take_smallest
 from swarmdata.types import Double, Int
 
 numbers = st.floats(allow_nan=False).map(lambda x: x + 0.0)  # -0 becomes 0

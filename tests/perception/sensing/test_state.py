@@ -14,7 +14,7 @@ from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
 
 
-def twin(task: Task, state: Float, layout: Float) -> Double:
+def twin(_scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations in plain NumPy, [N, O]."""
     model: Any = task.spec.observation
     robots = task.spec.robots
@@ -73,12 +73,7 @@ def test_the_kernel_equals_its_numpy_twin(
     slots = {"n_neighbors": n_neighbors, "n_obstacles": n_obstacles, "limit": limit}
     robot = {"dynamics": dynamics, "sensor_range": sensor_range}
     task = scenes.task({"kind": "state", **slots}, team=[{"count": n_agents, "robot": robot}])
-    step, sensor = scenes.step(task, 2, seed), Sensor(task, 2)
-    out = np.full((2, n_agents, len(sensor.features)), np.nan, dtype=np.float32)
-    sensor.observe(step, np.ones(2, dtype=np.bool_), out)
-    for copy in range(2):
-        expected = twin(task, step.states[copy], step.layouts[copy])
-        np.testing.assert_allclose(out[copy], expected, atol=2e-6)
+    scenes.compare(task, twin, seed)
 
 
 def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: Any) -> None:

@@ -21,7 +21,6 @@ from swarmdata.evaluation.runs.provenance import dataset_key
 from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
-from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import check_installed, task_of
@@ -132,10 +131,7 @@ def digest_of(dataset: str, *, progress: bool = True) -> str:
         entry = published().get(find_recipe(dataset).id)
         if entry is not None:
             return entry.digest
-    found = load(dataset, progress=progress)
-    if found.spec.world is not None:
-        check_world(found.spec.world)
-    return found.digest
+    return load(dataset, progress=progress).digest
 
 
 def joint_digest(digests: Iterable[str], weights: Iterable[float]) -> str:

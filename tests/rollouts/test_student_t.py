@@ -5,7 +5,7 @@ from statistics import NormalDist
 
 import pytest
 
-from swarmdata.numerics.student_t import t_quantile
+from swarmdata.rollouts.score_intervals import t_quantile
 
 TABLE = {1: 12.7062047, 2: 4.3026527, 3: 3.1824463, 4: 2.7764451, 9: 2.2621572, 30: 2.0422725,
          120: 1.9799304}  # fmt: skip
