@@ -28,13 +28,12 @@ from swarmdata.cards.sections.statistics import (
     policies_section,
     statistics_section,
 )
-from swarmdata.cards.sections.wording import OLDER_WORLD_LIMIT, limits_of
+from swarmdata.cards.sections.wording import limits_of
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_task
 from swarmdata.registry.published import Interval
-from swarmdata.registry.replaced_worlds import is_simulated
 from swarmdata.rollouts.metrics import EPISODE_METRICS, SOLVED_TIME
 from swarmdata.specs.origins import task_of
 from swarmdata.store import open_store, write_file
@@ -99,7 +98,6 @@ def render(data: CardData, picture: str | None = None) -> str:
     """
     spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
-    older = () if is_simulated(spec) else (OLDER_WORLD_LIMIT,)
     violated = (f"This claim does not hold: {claim}" for claim in checked(data)[1])
     sections = (
         identity_section(data.manifest, data.origin),
@@ -112,7 +110,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         coverage_section(data),
         log_probs_section(data),
         splits_section(data.table, data.origin),
-        bullets("Known limits", (*older, *limits_of(spec.task, data.origin.tier), *violated)),
+        bullets("Known limits", (*limits_of(spec.task, data.origin.tier), *violated)),
         task_section(task),
         reward_section(task),
         senses_section(spec),

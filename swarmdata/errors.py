@@ -6,7 +6,6 @@ to do next.
 
 SwarmdataError
 ├── UnknownNameError (KeyError)         no task, preset, policy or dataset has this name
-│   └── ReplacedDatasetError            a newer version has replaced the dataset of this id
 ├── SpecError (ValueError)              a spec or recipe is malformed or asks for the impossible
 ├── SchemaError (ValueError)            an array has the wrong shape, dtype or range
 │   └── PolicyFitError                  a trained policy cannot act in a task or with models
@@ -114,13 +113,6 @@ class UnknownNameError(SwarmdataError, KeyError):
             f"unknown {kind} {name!r:.200}.{did_you_mean(name, options)} "
             f"Known: {listed(name[:100], options)}.{' ' if hint else ''}{hint}"
         )
-
-
-class ReplacedDatasetError(UnknownNameError):
-    """A newer version has replaced the dataset of this id; the message says how to get it."""
-
-    def __init__(self, sentence: str) -> None:
-        SwarmdataError.__init__(self, sentence)
 
 
 class SpecError(SwarmdataError, ValueError):

@@ -93,13 +93,6 @@ COMMON_LIMITS = (
 )
 """Known limits of every dataset of a task."""
 
-OLDER_WORLD_LIMIT = (
-    "The data are of an older version of the world, with other contacts and terms of the reward. "
-    "This card describes the terms of today, and has no scores or baselines: those of the current "
-    "version do not apply."
-)
-"""Known limit of datasets whose world is only read, no longer simulated."""
-
 TASK_LIMITS = MappingProxyType(
     {
         "coop_nav": (

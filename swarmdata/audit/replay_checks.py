@@ -17,11 +17,10 @@ from swarmdata.analysis.coverage import spread
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.cards.references import made_with
-from swarmdata.errors import SpawnError, SpecError, SwarmdataError
+from swarmdata.errors import SpawnError, SwarmdataError
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
-from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, make_source_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
@@ -69,11 +68,6 @@ def replay(subject: Subject) -> Remarks:
         return
     if subject.sample < 1:
         yield note("no episodes were replayed, as requested")
-        return
-    try:
-        check_world(task)
-    except SpecError as error:
-        yield note(f"the actions cannot be replayed: {error}")
         return
     chosen = sample(subject)
     absent = [name for name in ("log_probs", "events") if not subject.arrays[name].size]

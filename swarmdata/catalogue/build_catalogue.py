@@ -32,14 +32,18 @@ from swarmdata.catalogue.result_sources import (
 )
 from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.datasets.reobservation import check_messages
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
-from swarmdata.registry.replaced_worlds import is_simulated
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.output_folder import check_output
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.model_choice import Source, chosen_models, is_same_world, with_models
+from swarmdata.specs.model_choice import (
+    Source,
+    check_messages,
+    chosen_models,
+    is_same_world,
+    with_models,
+)
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
@@ -245,7 +249,7 @@ class _Drawings:
         spec = entry.spec.world
         if entry.dataset is not None:
             return _draw_median(entry.dataset)
-        if spec is None or not is_simulated(spec):
+        if spec is None:
             return Html("")
         self._drawn[spec.hash()] += 1
         return _draw_start(spec, self._drawn[spec.hash()])

@@ -38,7 +38,6 @@ from swarmdata.interop.conversion.imported_data import (
 from swarmdata.interop.conversion.space_columns import recorded_agents, split_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.registry.replaced_worlds import is_simulated
 from swarmdata.runtime.atomic import require_space
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
@@ -131,7 +130,7 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
 def _environments(dataset: Dataset, frame: str) -> dict[str, str]:
     """Minari's descriptions of the world that was recorded and of the one for evaluation."""
     world = note_of(dataset, frame).spec.world
-    if world is None or not is_simulated(world):
+    if world is None:
         return {}
     from gymnasium.envs.registration import EnvSpec  # noqa: PLC0415  (only who converts needs it)
 

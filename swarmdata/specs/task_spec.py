@@ -57,12 +57,12 @@ WORLD_VERSION = 1
 """The version of the worlds that this package simulates: their physics and rewards are frozen."""
 
 
-def _not_newer(version: int) -> int:
-    if version > WORLD_VERSION:
-        raise ValueError(
-            f"world version {version} was made by a newer swarmdata, this one knows worlds up to "
-            f"version {WORLD_VERSION}; upgrade it with: pip install --upgrade swarmdata"
-        )
+def _known(version: int) -> int:
+    if version != WORLD_VERSION:
+        advice = "is of no release"
+        if version > WORLD_VERSION:
+            advice = "was made by a newer one, upgrade with: pip install --upgrade swarmdata"
+        raise ValueError(f"this swarmdata has world version {WORLD_VERSION}, {version} {advice}")
     return version
 
 
@@ -199,8 +199,7 @@ class TaskSpec(Frozen):
     """One task, completely: physics, robots, obstacles, rewards, sensing and communication.
 
     `version` is that of the world: physics, rewards and tiers of one version never change, and a
-    change of any of them makes the next version, with new ids. Data of an older version are read as
-    ever; only `WORLD_VERSION` is simulated (`registry.replaced_worlds`).
+    change of any of them makes the next version, with new ids.
     """
 
     kind: ClassVar[str] = "task"  # in no JSON: tasks are older than other specs
@@ -211,7 +210,7 @@ class TaskSpec(Frozen):
     limits: ClassVar[tuple[()]] = ()
 
     rules: Rules = NavigationRules()  # the kind of task, its goals and rewards
-    version: Annotated[CountOrNone, AfterValidator(_not_newer)] = WORLD_VERSION  # of the worlds
+    version: Annotated[CountOrNone, AfterValidator(_known)] = WORLD_VERSION  # of the worlds
     team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role(),)
     """The robots, role by role."""
     arena: Arena = Arena()  # size of the arena

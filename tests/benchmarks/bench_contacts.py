@@ -21,7 +21,6 @@ from unittest import mock
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.envs.physics import fast_backend
 from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
@@ -33,6 +32,7 @@ from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import checkpoints
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, VX, VY, robots_of

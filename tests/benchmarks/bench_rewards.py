@@ -19,12 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS
 from swarmdata.cards.references import interval
-from swarmdata.envs.world.rewards import reward_terms
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.registry.components import make_env
+from swarmdata.registry.components import make_env, reward_terms
+from swarmdata.registry.recipes import FAMILIES, FAMILY_SPECS
 from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.types import Double, Episode

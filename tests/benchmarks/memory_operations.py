@@ -17,17 +17,13 @@ from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.runtime.mapped_pages import release_pages
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import (
-    EpisodeTable,
-    assemble,
-    assign_splits,
-    find_damage,
-    merge_order,
-    open_store,
-    write_dataset,
-    write_part,
-)
+from swarmdata.store import EpisodeTable, open_store
 from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS, DType
+from swarmdata.store.assembly import assemble, write_dataset
+from swarmdata.store.episode_order import merge_order
+from swarmdata.store.integrity.damage import find_damage
+from swarmdata.store.parts import write_part
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.store.table import table_columns
 from swarmdata.testing.synthetic import SPEC, make_recipe
 from swarmdata.types import END_REASONS, Float, Int

@@ -1,8 +1,8 @@
 """The teams that benchmarks play: simple and scripted policies, and the shipped checkpoints."""
 
-from swarmdata.behavior_policies.tiers import TRAINED_TIERS, sources
 from swarmdata.interfaces import Policy
 from swarmdata.registry.components import make_policy
+from swarmdata.registry.recipes import TRAINED_TIERS, sources
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.specs.task_spec import TaskSpec
 

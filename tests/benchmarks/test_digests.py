@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import shipped_recipes
 from tests.benchmarks import bench_digests
 from tests.benchmarks.bench_digests import Built, build, compare_published, is_clean, main, row
 from tests.benchmarks.variants import (

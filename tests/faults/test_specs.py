@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.interop.conversion.imported_data import AgentShapes, spec_from_shapes
@@ -23,6 +22,7 @@ from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.documents import parse_document
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import RecordedSpec, parse_origin

@@ -13,7 +13,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.rules import changed_weights
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import WORLD_VERSION, TaskSpec
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -265,3 +265,11 @@ def test_the_usual_simulator_is_in_no_hash() -> None:
         TaskSpec.from_text("backend: bullet")
     with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
         with_models(spec, backend="mujuco")
+
+
+@pytest.mark.parametrize(("version", "advice"), [(0, "of no release"), (2, "upgrade")])
+def test_another_world_version_is_refused(version: int, advice: str) -> None:
+    """Rows 71, 72: with what to do about a newer one."""
+    with pytest.raises(SpecError, match=advice):
+        TaskSpec.parse({"version": version})
+    assert TaskSpec().version == WORLD_VERSION == 1

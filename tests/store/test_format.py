@@ -10,13 +10,16 @@ import pytest
 import zarr
 
 from swarmdata.specs.task_spec import Obstacles
-from swarmdata.store import assemble, merge_order, open_store, write_part
+from swarmdata.store import open_store
 from swarmdata.store.arrays import layout as layout_module
 from swarmdata.store.arrays.layout import FIELDS, array_file, crc32c, plan_shard
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.assembly import assemble
+from swarmdata.store.episode_order import merge_order
 from swarmdata.store.integrity.verification import logical_digest
 from swarmdata.store.manifest import FileEntry
+from swarmdata.store.parts import write_part
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import (
     SPEC,

@@ -4,14 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import (
-    TIERS,
-    TRAINED_TIERS,
-    find_recipe,
-    is_dataset,
-    shipped_recipes,
-    sources,
-)
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
@@ -21,7 +13,14 @@ from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.replaced_worlds import REPLACED_IDS, refuse_replaced
+from swarmdata.registry.recipes import (
+    TIERS,
+    TRAINED_TIERS,
+    find_recipe,
+    is_dataset,
+    shipped_recipes,
+    sources,
+)
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import defined_elsewhere
@@ -116,7 +115,6 @@ def find_target(
 
     Raises:
         UnknownNameError: nothing has that name, or there is no such simulator.
-        ReplacedDatasetError: it is the id of a dataset that a newer version has replaced.
         PolicyFitError: the task or the models do not provide what a trained policy needs.
         SpecError: the run was trained on a recording of another environment; a task is given with
             a dataset; or the dataset's policies were not recorded with it.
@@ -148,7 +146,7 @@ def own_dataset(name: str) -> Path | None:
     Args:
         name: the folder, or an id of what is in the cache; no remote is asked.
     """
-    if name in REPLACED_IDS or name in POLICIES or name in TIERS:
+    if name in POLICIES or name in TIERS:
         return None
     if is_folder(name):
         return Path(name) if is_dataset_folder(Path(name)) else None
@@ -181,7 +179,6 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
 
 
 def _dataset_target(name: str, task: str, models: Models) -> Target:
-    refuse_replaced(name)
     if looks_like_path(name):
         is_there = "holds neither a training run nor a dataset"
         raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")

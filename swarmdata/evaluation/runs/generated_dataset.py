@@ -6,7 +6,6 @@ from concurrent.futures import Executor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from swarmdata.behavior_policies.tiers import part_size, shipped_recipes
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
@@ -14,7 +13,7 @@ from swarmdata.evaluation.runs.behavior_sources import Behavior, behaviors_of, t
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published
-from swarmdata.registry.replaced_worlds import REPLACED_IDS, check_world
+from swarmdata.registry.recipes import part_size, shipped_recipes
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models
 from swarmdata.specs.plain_names import repeated
@@ -95,7 +94,6 @@ def generate(
         MissingExtraError: a run folder needs torch.
     """
     spec = chosen_models(find_spec(task), observation, communication, backend, randomization)
-    check_world(spec)
     _check_id(id)
     shares = _shares(policies)
     if noise and not any(takes_noise(name, spec) for name in shares):
@@ -167,7 +165,7 @@ def _check_steps(n_steps: int, policies: Sequence[PolicySource], spec: TaskSpec)
 
 def _check_id(dataset_id: str) -> None:
     """Refuses an id that means another dataset."""
-    if dataset_id in shipped_recipes() or dataset_id in published() or dataset_id in REPLACED_IDS:
+    if dataset_id in shipped_recipes() or dataset_id in published():
         raise SpecError(
             f"{dataset_id} is the id of a dataset of the package; choose another, such as "
             "my_task-mine-v0"

@@ -34,7 +34,6 @@ from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run,
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.replaced_worlds import check_world, is_simulated
 from swarmdata.registry.reward_weights import RewardChoice
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.task_frame import frame_of
@@ -89,7 +88,7 @@ class OfflineTraining(Frozen):
         view = {name: getattr(self, name) for name in ("observation", "communication", "rewards")}
         dataset = open_data(self.dataset_id, self.weights, {**view, "progress": progress})
         spec, evaluation = dataset.spec, None
-        if spec.world is not None and is_simulated(spec.world):
+        if spec.world is not None:
             evaluation = partial(measure_curve_point, spec=spec.world)
         return train_seeds(
             self.algorithm,
@@ -147,7 +146,6 @@ class OnlineTraining(Frozen):
         spec = chosen_models(
             own, self.observation, self.communication, randomization=self.randomization
         )
-        check_world(spec)
         begin, settings = None, {}
         if self.start is not None:
             begin = read_start(self.start)

@@ -21,16 +21,10 @@ from swarmdata.hub.remotes.pull_dataset import fetch_file
 from swarmdata.registry.published import changed_versions
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.locking import locked
-from swarmdata.store import (
-    Damage,
-    Manifest,
-    find_damage,
-    read_manifest,
-    remove_leftovers,
-    write_file,
-)
+from swarmdata.store import Manifest, read_manifest, remove_leftovers, write_file
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.arrays.shards import file_digest
+from swarmdata.store.integrity.damage import Damage, find_damage
 from swarmdata.store.integrity.recognition import is_dataset, no_dataset
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.building.build import build
 from swarmdata.errors import DatasetError, ManifestError, SpecError, SwarmdataError
 from swarmdata.hub.catalog.identity import judge
@@ -15,8 +14,11 @@ from swarmdata.hub.catalog.sources import Rebuild, Remotes, skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.registry.published import Published, published
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.documents import read_document
-from swarmdata.specs.origins import Edit, Origin, missing_parts, parse_origin
+from swarmdata.specs.origins import Origin, parse_origin
+from swarmdata.specs.origins.edit_origin import Edit
+from swarmdata.specs.origins.foreign_origin import missing_parts
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.arrays.layout import CHECKPOINTS, MANIFEST, RECIPE

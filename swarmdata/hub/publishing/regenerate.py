@@ -9,18 +9,18 @@ from typing import Any
 
 from tqdm import tqdm
 
-from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
-from swarmdata.building.build import build, is_finished
+from swarmdata.building.build import build
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.hub.catalog.catalog import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
-from swarmdata.registry.replaced_worlds import refuse_replaced
+from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
 from swarmdata.store.cache import cache_folder
+from swarmdata.store.manifest import is_finished
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
@@ -56,11 +56,8 @@ def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[st
 
     Raises:
         UnknownNameError: a name is not published; the message has the nearest.
-        ReplacedDatasetError: a newer version has replaced the dataset of a name.
     """
     known = published()
-    for name in names:
-        refuse_replaced(name)
     chosen = [find_recipe(name).id if is_dataset(name) else name for name in names] or sorted(known)
     for name in chosen:
         if name not in known:

@@ -6,7 +6,6 @@ from swarmdata.errors import AddressError, HubError, did_you_mean
 from swarmdata.hub.remotes.addresses import open_remote, parse_address
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.registry.replaced_worlds import refuse_replaced
 from swarmdata.specs.plain_names import without_version
 
 
@@ -20,7 +19,6 @@ def locate(address: str) -> tuple[Remote, Release]:
     Raises:
         AddressError: the address is not of a dataset.
         UnknownNameError: it has an unknown scheme.
-        ReplacedDatasetError: it names no version, and the newest one there has been replaced.
         HubError: the dataset is not there, or the remote could not be asked.
     """
     found = parse_address(address)
@@ -42,8 +40,6 @@ def locate(address: str) -> tuple[Remote, Release]:
             f"{did_you_mean(found.dataset, known)} "
             f"`swarmdata remote list {found.remote}` shows what is there."
         )
-    if found.revision is None and release.id != found.dataset:
-        refuse_replaced(release.id)
     return remote, release
 
 

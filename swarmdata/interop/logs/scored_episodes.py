@@ -19,7 +19,6 @@ from swarmdata.interop.logs.robot_signals import RobotSignals
 from swarmdata.interop.logs.robot_tracks import RobotTrack
 from swarmdata.numerics.geometry import BOX, CIRCLE
 from swarmdata.registry.components import make_task
-from swarmdata.registry.replaced_worlds import check_world
 from swarmdata.specs.origins.log_map import LoggedRobot, LogMap, Motion
 from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.task_spec import Robot, TaskSpec
@@ -57,7 +56,6 @@ def check_task(spec: TaskSpec, log_map: LogMap) -> None:
     Raises:
         SpecError: something that the task needs cannot be known, or would be left out.
     """
-    check_world(spec)
     if problem := next(_problems(spec, log_map), None):
         raise SpecError(f"the logs cannot be scored by {spec.task}: {problem}")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import ChecksumError
 from swarmdata.runtime.mapped_pages import release_pages
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.manifest import Manifest, logical_header, repair_hint
+from swarmdata.store.manifest import Manifest, file_changed, logical_header, repair_hint
 
 BLOCK_BYTES = 16 << 20
 """Bytes that are hashed together."""
@@ -28,21 +28,13 @@ def check_everything(path: Path, manifest: Manifest, raw: Raw) -> None:
     """
     for name in sorted(manifest.files):
         if file_digest(path / name) != manifest.files[name].sha256:
-            raise file_changed(path, manifest, name)
+            raise file_changed(path, name)
     digest = logical_digest(manifest, raw)
     if digest != manifest.digest:
         raise ChecksumError(
             f"the arrays of {path} have the logical digest {digest}, the manifest says "
             f"{manifest.digest}. {repair_hint(path)}"
         )
-
-
-def file_changed(path: Path, manifest: Manifest, name: str) -> ChecksumError:
-    """The error that a file does not have its SHA-256."""
-    return ChecksumError(
-        f"{path / name} was changed after it was written: its SHA-256 is not the one in the "
-        f"manifest. {repair_hint(path)}"
-    )
 
 
 def logical_digest(manifest: Manifest, raw: Mapping[str, NDArray[Any]]) -> str:

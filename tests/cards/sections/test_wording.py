@@ -2,7 +2,6 @@
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.sections.wording import (
     COMMON_LIMITS,
     TASK_LIMITS,
@@ -12,6 +11,7 @@ from swarmdata.cards.sections.wording import (
 )
 from swarmdata.registry.components import TASKS
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import find_recipe, shipped_recipes
 
 
 def test_shipped_tiers_have_a_meaning_and_limits() -> None:

@@ -10,7 +10,6 @@ from swarmdata.envs.physics.dynamics import SPEED, limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import PROXIMITY_RANGE
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import TASKS, make_env, make_task
@@ -18,7 +17,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import NavigationRules
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
-from swarmdata.types import Double, Seeds, Step
+from swarmdata.types import PROXIMITY_RANGE, Double, Seeds, Step
 
 UNICYCLES = {"team": [{"count": 4, "robot": {"dynamics": "unicycle"}}]}
 EMPTY = {"obstacles": {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}}

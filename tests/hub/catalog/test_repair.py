@@ -18,8 +18,9 @@ from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.hub.catalog.sources import RemoteSkippedWarning
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.registry.published import Published
-from swarmdata.store import Manifest, find_damage, open_store, read_manifest
+from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import FORMAT_VERSION
+from swarmdata.store.integrity.damage import find_damage
 from swarmdata.store.integrity.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from tests.support.one_process import OneProcessCrew, use_one_process
