@@ -10,7 +10,7 @@ from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
-from swarmdata.store.integrity.damage import Damage
+from swarmdata.store.damage import Damage
 
 
 def finish(folder: Path) -> None:

@@ -47,7 +47,7 @@ from swarmdata.store.arrays.layout import (
     Shard,
     plan_arrays,
 )
-from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.types import shortened
 
 MAX_MANIFEST_BYTES = 64 << 20

@@ -46,7 +46,6 @@ from swarmdata.store.arrays.row_shapes import (
     task_row_shapes,
     team_row_shapes,
 )
-from swarmdata.store.integrity.recognition import linked_hint, links_in, no_folder, root_attributes
 from swarmdata.store.manifest import (
     Manifest,
     check_recipe,
@@ -55,6 +54,7 @@ from swarmdata.store.manifest import (
     recipe_hash,
     repair_hint,
 )
+from swarmdata.store.recognition import linked_hint, links_in, no_folder, root_attributes
 from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, shortened
 
@@ -141,7 +141,7 @@ def open_store(
     if verify != "none":
         _check_chunks(path, manifest, raw)
     if verify == "full":
-        from swarmdata.store.integrity.verification import check_everything  # noqa: PLC0415
+        from swarmdata.store.damage import check_everything  # noqa: PLC0415
 
         check_everything(path, manifest, raw)
     arrays = {

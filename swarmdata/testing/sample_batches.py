@@ -1,11 +1,11 @@
 """What an algorithm gets when its contract is checked: a setup, batches and a step, all random."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.types import Batch, Double, Step, no_messages
 
 N_AGENTS, N_OBSERVATION, N_ACTION, N_STATE = 3, 7, 2, 12
@@ -14,18 +14,17 @@ BATCH, N_EPISODES = 16, 5
 
 def sample_setup(seeds: Sequence[int]) -> Any:
     """Returns what an offline algorithm of these seeds is made from, a `Setup`; it needs torch."""
-    setup = import_module("swarmdata.learn.training.setup").Setup
-    sizes = import_module("swarmdata.learn.networks.sizes").Sizes(
-        n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE
-    )
-    return setup(sizes, seeds, sample_statistics(), n_episodes=N_EPISODES)
+    from swarmdata.learn.networks.sizes import Sizes  # noqa: PLC0415  (torch)
+    from swarmdata.learn.training.setup import Setup  # noqa: PLC0415  (the same)
+
+    sizes = Sizes(n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE)
+    return Setup(sizes, seeds, sample_statistics(), n_episodes=N_EPISODES)
 
 
 def sample_statistics() -> Any:
     """Returns statistics of data of these sizes, whose last columns never change."""
     rng = np.random.default_rng(0)
-    kind = import_module("swarmdata.learn.training.dataset_statistics").Statistics
-    return kind(
+    return Statistics(
         observation_mean=rng.normal(size=N_OBSERVATION),
         observation_std=_with_constant(rng.uniform(0.5, 2, N_OBSERVATION)),
         state_mean=rng.normal(size=N_STATE),

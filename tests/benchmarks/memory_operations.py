@@ -20,8 +20,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, open_store
 from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS, DType
 from swarmdata.store.assembly import assemble, write_dataset
+from swarmdata.store.damage import find_damage
 from swarmdata.store.episode_order import merge_order
-from swarmdata.store.integrity.damage import find_damage
 from swarmdata.store.parts import write_part
 from swarmdata.store.split_rule import assign_splits
 from swarmdata.store.table import table_columns

@@ -19,7 +19,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import FORMAT_VERSION
-from swarmdata.store.integrity.damage import find_damage
+from swarmdata.store.damage import find_damage
 from tests.support.tiny import sign
 
 ROOT = Path(__file__).parents[2]

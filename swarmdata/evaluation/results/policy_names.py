@@ -28,7 +28,7 @@ from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_mo
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
-from swarmdata.store.integrity.recognition import is_dataset as is_dataset_folder
+from swarmdata.store.recognition import is_dataset as is_dataset_folder
 
 DEFAULT_TASK = "coop_nav"
 """Preset in which policies and tiers act unless another is named."""

@@ -16,7 +16,7 @@ from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.cache import was_built_here
 
 if TYPE_CHECKING:
-    from swarmdata.store.integrity.damage import Damage
+    from swarmdata.store.damage import Damage
 
 Kind = Literal["published", "rebuilt", "another", "unknown", "damaged"]
 

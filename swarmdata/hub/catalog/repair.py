@@ -24,8 +24,8 @@ from swarmdata.runtime.locking import locked
 from swarmdata.store import Manifest, read_manifest, remove_leftovers, write_file
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.damage import Damage, find_damage
-from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.store.damage import Damage, find_damage
+from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 

@@ -23,9 +23,9 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.arrays.layout import CHECKPOINTS, MANIFEST, RECIPE
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.manifest_recovery import remake_manifest
-from swarmdata.store.integrity.recognition import root_attributes
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, parse_manifest
+from swarmdata.store.manifest_recovery import remake_manifest
+from swarmdata.store.recognition import root_attributes
 
 MADE_AGAIN = "made again from the recipe"
 """The source of a file that was rebuilt, in words."""

@@ -16,8 +16,8 @@ from swarmdata.specs.origins import parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE
 from swarmdata.store.cache import cache_folder
-from swarmdata.store.integrity.recognition import no_folder
 from swarmdata.store.manifest import is_finished, read_manifest
+from swarmdata.store.recognition import no_folder
 
 if TYPE_CHECKING:  # what is in the cache needs no remote
     from swarmdata.hub.remotes.addresses import Address

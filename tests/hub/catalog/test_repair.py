@@ -20,8 +20,8 @@ from swarmdata.hub.remotes.interface import Remote
 from swarmdata.registry.published import Published
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import FORMAT_VERSION
-from swarmdata.store.integrity.damage import find_damage
-from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.damage import find_damage
+from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign

@@ -34,7 +34,7 @@ from swarmdata.store.arrays.layout import (
 from swarmdata.store.arrays.mapped_files import map_array
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.verification import byte_blocks
+from swarmdata.store.damage import byte_blocks
 from swarmdata.store.manifest import (
     ArrayEntry,
     FileEntry,
