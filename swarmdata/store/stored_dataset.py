@@ -144,14 +144,21 @@ def open_store(
         from swarmdata.store.damage import check_everything  # noqa: PLC0415
 
         check_everything(path, manifest, raw)
-    arrays = {
-        name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
-        for name, (shard, *_) in manifest.plan.items()
-    }
+    arrays = typed_arrays(manifest, raw)
     origin = read_origin(path, manifest, small_files[RECIPE], recipe)
     check_spec(path, manifest, origin, widths=widths)
     table = read_table(path, manifest, origin, arrays)
     return StoredDataset(path, manifest, origin, arrays, table)
+
+
+def typed_arrays(
+    manifest: Manifest, raw: Mapping[str, NDArray[np.uint8]]
+) -> dict[str, NDArray[Any]]:
+    """The arrays in their chunks, by name."""
+    return {
+        name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
+        for name, (shard, *_) in manifest.plan.items()
+    }
 
 
 def _is_computed(array: NDArray[Any]) -> bool:
