@@ -6,29 +6,15 @@ Unassigned goals: robot i takes the i-th goal from the left (`by-x`), or from th
 
 import numpy as np
 
-from swarmdata.envs.coop_nav.navigation_rules import Lanes, NavigationRules
+from swarmdata.envs.coop_nav.navigation_rules import Lanes
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int
 
-LANE_CONVENTIONS = ("keep-right", "keep-left")
-
-GOAL_CONVENTIONS = ("by-x", "by-y")
-
 PAST_LANE = 0.5
 """Metres beyond the end of its lane that a robot aims at, so that it does not brake in the lane."""
-
-
-def conventions_of(spec: TaskSpec) -> tuple[str, ...]:
-    """Returns the conventions that there are in a task; none in most."""
-    rules = spec.rules
-    if not isinstance(rules, NavigationRules):
-        return ()
-    if rules.arrangement.kind == "lanes":
-        return LANE_CONVENTIONS
-    return GOAL_CONVENTIONS if rules.goals == "unassigned" else ()
 
 
 def check_convention(spec: TaskSpec, convention: str | None) -> str | None:
@@ -37,7 +23,7 @@ def check_convention(spec: TaskSpec, convention: str | None) -> str | None:
     Raises:
         SpecError: it has not.
     """
-    known = conventions_of(spec)
+    known = spec.rules.conventions
     if convention is not None and convention not in known:
         raise SpecError(
             f"convention is {convention!r}, expected {' or '.join(known) or 'none'} in this task"

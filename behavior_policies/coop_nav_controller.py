@@ -12,15 +12,19 @@ unless another is given.
 import numpy as np
 
 from swarmdata.behavior_policies.conventions import (
-    GOAL_CONVENTIONS,
-    LANE_CONVENTIONS,
     check_convention,
     lane_targets,
     order_goals,
 )
 from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import NoisyCommands
-from swarmdata.envs.coop_nav.navigation_rules import Doorway, Lanes, NavigationRules
+from swarmdata.envs.coop_nav.navigation_rules import (
+    GOAL_CONVENTIONS,
+    LANE_CONVENTIONS,
+    Doorway,
+    Lanes,
+    NavigationRules,
+)
 from swarmdata.envs.coop_nav.unassigned_goals import fill_distances
 from swarmdata.numerics.assignment import assign, assignment_work
 from swarmdata.runtime.kernels import kernel

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
+from swarmdata.registry.recipes import FAMILIES, checkpoints
 
 MEDIUM_SUCCESS = (0.4, 0.6)
 """Lowest and highest success of a medium team."""

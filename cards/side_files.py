@@ -8,8 +8,9 @@ from pathlib import Path
 from swarmdata.cards.card import side_files, write_card
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.store import Damage, open_store, write_file
+from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
+from swarmdata.store.damage import Damage
 
 
 def finish(folder: Path) -> None:
@@ -33,9 +34,6 @@ def finish(folder: Path) -> None:
 def damage_of(folder: Path) -> tuple[Damage, ...]:
     """Compares the side files of a dataset, whose own files are sound, with what we would write.
 
-    The card of a dataset of an older world version is that of the package which simulated it; it
-    only has to be there.
-
     Raises:
         DatasetError: the dataset cannot be used.
     """
@@ -50,10 +48,6 @@ def damage_of(folder: Path) -> tuple[Damage, ...]:
         return (Damage(CARD, f"cannot be compared, because no card can be made: {error}"),)
     problems = {name: _problem(folder / name, content) for name, content in expected.items()}
     return tuple(Damage(name, problem) for name, problem in problems.items() if problem)
-
-
-def _is_plain_file(path: Path) -> bool:
-    return path.is_file() and not path.is_symlink()
 
 
 def _problem(path: Path, expected: bytes) -> str:

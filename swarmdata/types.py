@@ -72,6 +72,9 @@ class Term(NamedTuple):
         return self.sign * self.weight
 
 
+PROXIMITY_RANGE = 0.1
+"""Gap (m) to a robot, obstacle or wall below which the reward's proximity term is positive."""
+
 SEPARATION_GAP = 0.01
 """A contact ends when the gap exceeds this (m), so that a contact that jitters at rest is counted
 once."""

@@ -83,7 +83,9 @@ def record() -> Callable[..., Path]:
     from swarmdata.building.build import make_part
     from swarmdata.registry.components import make_env
     from swarmdata.specs.recipe import PolicySource, Recipe
-    from swarmdata.store import assemble, merge_order, write_part
+    from swarmdata.store.assembly import assemble
+    from swarmdata.store.episode_order import merge_order
+    from swarmdata.store.parts import write_part
 
     def write(out: Path, spec: "TaskSpec", policies: tuple[str, ...], tier: str = "small") -> Path:
         recipe = Recipe(

@@ -9,7 +9,8 @@ from swarmdata.cards.sections.front_matter import PROPERTIES
 from swarmdata.cards.sections.wording import TIER_DESCRIPTIONS, UNKNOWN_TIER_DESCRIPTION
 from swarmdata.drawing import markdown
 from swarmdata.registry.published import license_of
-from swarmdata.specs.origins import Origin, Parent
+from swarmdata.specs.origins import Origin
+from swarmdata.specs.origins.edit_origin import Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
 EXPECTED_METADATA = ("description", "author", "license", "code")

@@ -6,12 +6,12 @@ from docs.site.docstrings import markdown_of
 from docs.site.formats_page import FACT_TITLES
 from docs.site.staged_pages import ROOT
 from docs.site.task_pages import columns_table, percent
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.drawing.markdown import table
 from swarmdata.interop.formats import FORMATS, Format, all_formats
 from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import name_of, preset
 from swarmdata.registry.published import published, references
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.store.arrays.attributes import FRAME_MEANINGS, SENSED_NOTES

@@ -8,7 +8,7 @@ from docs.site.docstrings import field_notes, markdown_of
 from swarmdata.drawing.markdown import table
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import LogMap
+from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 
 from docs.site.docstrings import field_notes, markdown_of
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.worlds_page import preset_figures
 from swarmdata.drawing.markdown import plain, table
 from swarmdata.registry.components import TASKS, make_task, reward_terms
 from swarmdata.registry.presets import preset, preset_names, preset_summary
 from swarmdata.registry.published import published, references
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import (

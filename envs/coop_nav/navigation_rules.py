@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from swarmdata.specs.task_spec import TaskSpec
 
 
+LANE_CONVENTIONS = ("keep-right", "keep-left")
+
+GOAL_CONVENTIONS = ("by-x", "by-y")
+
 Rank = Annotated[int, Field(ge=0, le=10**12)]
 
 
@@ -96,6 +100,12 @@ class NavigationRules(TaskRules):
     arrangement: AnyArrangement = RandomArrangement()  # of obstacles, starts and goals
     goal_radius: Length = 0.15  # m, within which a goal is reached
     rewards: NavigationRewards = NavigationRewards()  # weights of the terms
+
+    @property
+    def conventions(self) -> tuple[str, ...]:
+        if self.arrangement.kind == "lanes":
+            return LANE_CONVENTIONS
+        return GOAL_CONVENTIONS if self.goals == "unassigned" else ()
 
     @property
     def has_own_targets(self) -> bool:

@@ -3,11 +3,11 @@
 import numpy as np
 
 from swarmdata.envs.physics.backend import Plan
-from swarmdata.envs.world.rewards import reward_terms
 from swarmdata.envs.world.step_buffer import clear_copies, keep_ended
 from swarmdata.envs.world.world import SCORING, MakeBackend, Scoring, World, score_steps
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
+from swarmdata.registry.components import reward_terms
 from swarmdata.runtime.argument_blocks import ArgumentBlock
 from swarmdata.specs.state_layout import state_size
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step

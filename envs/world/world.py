@@ -20,10 +20,7 @@ from swarmdata.runtime.argument_blocks import bundle_type, unpack
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
-from swarmdata.types import Bool, Counts, Double, Float, Int, Seeds, Step
-
-PROXIMITY_RANGE = 0.1
-"""Gap (m) to a robot, obstacle or wall below which proximity is positive."""
+from swarmdata.types import PROXIMITY_RANGE, Bool, Counts, Double, Float, Int, Seeds, Step
 
 N_SHARED_TERMS = 6
 """Terms of the reward that all tasks share: the last columns of `reward_terms`."""

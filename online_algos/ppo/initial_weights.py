@@ -10,12 +10,6 @@ import numpy as np
 
 from swarmdata.behavior_policies.exact_actor import load_actor
 from swarmdata.behavior_policies.learned import read_checkpoint
-from swarmdata.behavior_policies.tiers import (
-    FAMILIES,
-    FAMILY_SPECS,
-    TRAINED_TIERS,
-    checkpoints,
-)
 from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -27,6 +21,12 @@ from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.online_algos.runs.seed_files import last_policy
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import make_policy, policy_class
+from swarmdata.registry.recipes import (
+    FAMILIES,
+    FAMILY_SPECS,
+    TRAINED_TIERS,
+    checkpoints,
+)
 from swarmdata.specs.task_spec import TaskSpec
 
 

@@ -6,7 +6,6 @@ from importlib.metadata import version
 from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCESS, out_of_band
-from swarmdata.behavior_policies.tiers import FAMILY_SPECS
 from swarmdata.cards.card import card_of
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.errors import SwarmdataError
@@ -16,6 +15,7 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
+from swarmdata.registry.recipes import FAMILY_SPECS
 from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
 from swarmdata.store.table import clean_successes

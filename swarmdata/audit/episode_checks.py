@@ -8,8 +8,10 @@ from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollouts.recipe_episodes import stream_seeds
 from swarmdata.runtime.mapped_pages import MappedReads
-from swarmdata.store import SPLITS, assign_splits, merge_order
+from swarmdata.store import SPLITS
 from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.episode_order import merge_order
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
 
 HORIZON_CODE = END_REASONS.index("horizon")

@@ -23,16 +23,12 @@ from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import (
-    Manifest,
-    assemble,
-    read_manifest,
-    remove_leftovers,
-    write_part,
-)
+from swarmdata.store import Manifest, remove_leftovers
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
+from swarmdata.store.assembly import assemble
 from swarmdata.store.cache import note_build
-from swarmdata.store.manifest import check_recipe
+from swarmdata.store.manifest import is_finished
+from swarmdata.store.parts import write_part
 from swarmdata.types import Episode
 
 PART_MAKER = f"{__name__}:part_maker"
@@ -71,7 +67,6 @@ def build(
         EngineError: the engine is unknown, or cannot be reached.
         BuildError: a part could not be made, or the disk is too small.
         CheckpointError: a network that the recipe names is absent, or is another one.
-        SpecError: the recipe is of an older version of the world.
     """
     out = Path(out)
     checkpoints = None if checkpoints is None else Path(checkpoints)
@@ -173,19 +168,6 @@ def part_maker() -> Handler:
         write_part(out, episodes)
 
     return handle
-
-
-def is_finished(out: Path, recipe: Recipe) -> bool:
-    """Whether `build` has nothing left to do; what is finished is never written to.
-
-    Raises:
-        RecipeConflictError: `out` holds a dataset of another recipe.
-        DatasetError: `out` has content and no readable manifest.
-    """
-    if is_vacant(out):
-        return False
-    check_recipe(out, read_manifest(out), recipe)
-    return (out / CARD).exists()
 
 
 def _make(

@@ -12,10 +12,13 @@ from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import Edit, Parent, check_installed
+from swarmdata.specs.origins import check_installed
+from swarmdata.specs.origins.edit_origin import Edit, Parent
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource
-from swarmdata.store import SPLITS, Piece, Selection, write_dataset
+from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import CARD, CHECKPOINTS
+from swarmdata.store.assembly import write_dataset
+from swarmdata.store.episode_selection import Piece, Selection
 from swarmdata.types import Int
 
 

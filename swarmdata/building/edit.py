@@ -17,7 +17,7 @@ from swarmdata.building.subsample import N_RETURN_BINS, matched, sized
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import Edit
+from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.store.cache import cache_folder
 
 DEFAULT_TIER = "edited"

@@ -16,12 +16,12 @@ from numba import config
 from tqdm import tqdm
 
 from swarmdata.behavior_policies.conventions import conventions_of
-from swarmdata.behavior_policies.tiers import checkpoints, find_recipe
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names
+from swarmdata.registry.recipes import checkpoints, find_recipe
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.runtime.kernel_progress import PROGRESS

@@ -15,16 +15,11 @@ from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.locking import beside
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.recipe import Recipe
-from swarmdata.store import (
-    MergeOrder,
-    PartTable,
-    merge_order,
-    read_part_table,
-    remove_leftovers,
-    write_file,
-)
+from swarmdata.store import remove_leftovers, write_file
 from swarmdata.store.arrays.layout import CHECKPOINTS, RECIPE
-from swarmdata.store.parts import is_consumed
+from swarmdata.store.episode_order import MergeOrder, merge_order
+from swarmdata.store.parts import is_consumed, read_part_table
+from swarmdata.store.table import PartTable
 
 SPACE_FACTOR = 1.1
 """Room that is asked for, by the size that is expected."""

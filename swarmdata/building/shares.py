@@ -10,13 +10,14 @@ import shutil
 from itertools import count
 from pathlib import Path
 
-from swarmdata.building.build import build, is_finished, make_copies, make_part
+from swarmdata.building.build import build, make_copies, make_part
 from swarmdata.building.part_exchange import PartExchange
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.errors import BuildError, SpecError
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.specs.recipe import Recipe
-from swarmdata.store import write_part
+from swarmdata.store.manifest import is_finished
+from swarmdata.store.parts import write_part
 
 
 def make_share(
@@ -44,7 +45,7 @@ def make_share(
         Names of the parts that were made.
 
     Raises:
-        SpecError: k is not from 1 to N; or the recipe is of an older version of the world.
+        SpecError: k is not from 1 to N.
         RecipeConflictError: `out` or its parts belong to another recipe.
         CheckpointError: a network that the recipe names is absent, or is another one.
         HubError: the remote could not be asked, or takes whole datasets only.

@@ -32,13 +32,18 @@ from swarmdata.catalogue.result_sources import (
 )
 from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.datasets.reobservation import check_messages
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.output_folder import check_output
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.model_choice import Source, chosen_models, is_same_world, with_models
+from swarmdata.specs.model_choice import (
+    Source,
+    check_messages,
+    chosen_models,
+    is_same_world,
+    with_models,
+)
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec

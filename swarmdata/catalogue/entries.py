@@ -10,11 +10,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SpecError
 from swarmdata.hub.catalog.catalog import known_references, list_datasets, load
 from swarmdata.registry.published import normalized_score, published
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.batches import Failures
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.plain_names import without_version

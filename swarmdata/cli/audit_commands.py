@@ -35,10 +35,10 @@ def audit(
 
 def _folder(dataset: str) -> Path:
     """Returns the path, or the folder of an id in the cache; builds and fetches nothing."""
-    from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.errors import DatasetNotFoundError
     from swarmdata.hub.catalog.catalog import dataset_folder
     from swarmdata.hub.remotes.outside_names import is_folder
+    from swarmdata.registry.recipes import find_recipe
     from swarmdata.store.cache import cache_folder
 
     for path in (Path(dataset), cache_folder() / "datasets" / dataset):

@@ -303,10 +303,10 @@ def info(dataset: IdOrPath) -> None:
 
     Takes the ids of published datasets, those in the cache, and folders.
     """
-    from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
     from swarmdata.hub.catalog.catalog import dataset_folder, find_folder, list_datasets
     from swarmdata.hub.catalog.identity import judge, misnamed
     from swarmdata.hub.remotes.outside_names import is_folder
+    from swarmdata.registry.recipes import find_recipe, is_dataset
     from swarmdata.store import open_store
 
     if is_folder(dataset) or not is_dataset(dataset):

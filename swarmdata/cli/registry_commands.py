@@ -30,8 +30,8 @@ registry_app = typer.Typer(
 @registry_app.command("list")
 def list_command() -> None:
     """List all recipes with their published figures and digests."""
-    from swarmdata.behavior_policies.tiers import shipped_recipes
     from swarmdata.registry.published import published
+    from swarmdata.registry.recipes import shipped_recipes
 
     line = "{:38} {:>12} {:>9} {:>8} {:>8} {:>8}  {:12}  {:12}  {}"
     head = ("id", "joint steps", "MB", "return", "success", "clean", "digest", "transport", "")
@@ -104,8 +104,8 @@ def update(
 ) -> None:
     """Build datasets and publish their digests, sizes and figures."""
     refuse_workers(context, engine)
-    from swarmdata.behavior_policies.tiers import find_recipe
     from swarmdata.hub.publishing.regenerate import make_again, put_entries
+    from swarmdata.registry.recipes import find_recipe
     from swarmdata.runtime.batches import Failures
 
     failures = Failures(len(ids))

@@ -32,8 +32,8 @@ def push(
     from swarmdata.hub.catalog.catalog import find_folder
     from swarmdata.hub.publishing.blockers import find_blockers
     from swarmdata.hub.publishing.metadata import write_beside
-    from swarmdata.hub.remotes import open_remote
-    from swarmdata.hub.remotes import push as push_to
+    from swarmdata.hub.remotes.addresses import open_remote
+    from swarmdata.hub.remotes.push_dataset import push as push_to
 
     remote, folder = open_remote(address), find_folder(dataset)
     release = push_to(folder, remote, lambda each: find_blockers(each, remote), write_beside)
@@ -62,8 +62,9 @@ def pull(
     """
     from swarmdata.hub.catalog.identity import judge
     from swarmdata.hub.catalog.sources import obtain_release
-    from swarmdata.hub.remotes import configured_remotes, find_release, locate
-    from swarmdata.hub.remotes.addresses import is_address
+    from swarmdata.hub.remotes.addresses import configured_remotes
+    from swarmdata.hub.remotes.outside_names import is_address
+    from swarmdata.hub.remotes.release_lookup import find_release, locate
     from swarmdata.store import read_manifest
 
     if is_address(dataset) and origin is not None:
@@ -103,7 +104,7 @@ def list_command(
     ] = None,
 ) -> None:
     """List the remotes in search order, or the datasets on one."""
-    from swarmdata.hub.remotes import configured_remotes, open_remote
+    from swarmdata.hub.remotes.addresses import configured_remotes, open_remote
 
     if address is not None:
         for dataset_id in open_remote(address).ids():
@@ -119,8 +120,7 @@ def add(
     first: Annotated[bool, typer.Option("--first", help="search it before the others")] = False,
 ) -> None:
     """Add a remote to the end of the search order."""
-    from swarmdata.hub.remotes import open_remote
-    from swarmdata.hub.remotes.addresses import store_remotes
+    from swarmdata.hub.remotes.addresses import open_remote, store_remotes
 
     added = open_remote(address).address
 
@@ -137,8 +137,7 @@ def add(
 def remove(address: RemoteAddress) -> None:
     """Remove a remote from the search order."""
     from swarmdata.errors import UnknownNameError
-    from swarmdata.hub.remotes import parse_address
-    from swarmdata.hub.remotes.addresses import store_remotes
+    from swarmdata.hub.remotes.addresses import parse_address, store_remotes
 
     removed = str(parse_address(address))
 
@@ -171,8 +170,8 @@ def _versioned(dataset: str) -> str:
     Raises:
         AddressError: the id is not of the package and has no version.
     """
-    from swarmdata.behavior_policies.tiers import find_recipe, is_dataset, shipped_recipes
     from swarmdata.hub.remotes.outside_names import split_id
+    from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes
 
     if is_dataset(dataset):
         return find_recipe(dataset).id

@@ -1,32 +1,25 @@
 """Dataset, a lazy view of recorded episodes: open, select, iterate, sample, score."""
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.action_scaling import action_scale
-from swarmdata.datasets.normalization import Moments, Statistics
-from swarmdata.datasets.pickled_views import pickled
+from swarmdata.datasets.normalization import Moments
 from swarmdata.datasets.sampling import Sampler, copy_transitions
-from swarmdata.datasets.views import chosen, read_episode, stored_number, torch_batches
+from swarmdata.datasets.views import View
 from swarmdata.errors import MissingFileError
-from swarmdata.interfaces import VecEnv
-from swarmdata.registry.components import make_env, make_task
-from swarmdata.registry.published import Reference, score_in
-from swarmdata.specs.model_choice import Ranges, Source, chosen_models, models_of, with_models
-from swarmdata.specs.origins import Origin, Spec, task_of
+from swarmdata.registry.published import Reference
+from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import EpisodeTable, StoredDataset, open_store
+from swarmdata.store import StoredDataset, open_store
 from swarmdata.store.arrays.layout import CARD
 from swarmdata.store.stored_dataset import Verify
-from swarmdata.types import Column, Double, Episode, Int, shortened
+from swarmdata.types import Column, Episode, Int, shortened
 
 if TYPE_CHECKING:
     from swarmdata.datasets.reobservation import Reobservation
@@ -34,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Dataset:
+class Dataset(View):
     """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
 
     Every array is a read-only view of a memory map, except those that `reobserve` and
@@ -86,54 +79,17 @@ class Dataset:
         return self.stored.path
 
     @property
-    def id(self) -> str:
-        """Versioned name, such as `coop_nav-medium-v1`."""
-        return self.stored.manifest.id
+    def _rows(self) -> StoredDataset:
+        return self.stored
 
     @property
-    def digest(self) -> str:
-        """Logical SHA-256 of the whole dataset, hex; a view has that of its dataset."""
-        return self.stored.manifest.digest
+    def _observed(self) -> TaskSpec | None:
+        return None if self.reobservation is None else self.reobservation.spec
 
-    @property
-    def recipe(self) -> Origin:
-        """Where the dataset comes from, such as the recipe that generates it."""
-        return self.stored.recipe
-
-    @property
-    def spec(self) -> Spec:
-        """What was recorded; of a reobservation, the task with the new models.
-
-        Other rewards do not change it: policies are evaluated on those of the task.
-        """
-        return self.recipe.spec if self.reobservation is None else self.reobservation.spec
-
-    @property
-    def own_spec(self) -> Spec:
-        """What was recorded, with its own models."""
-        return self.recipe.spec
-
-    @property
-    def task(self) -> TaskSpec:
-        """The task that was recorded, one of this library.
-
-        Raises:
-            SpecError: the dataset was recorded in another environment.
-        """
-        return (
-            task_of(self.recipe, "this") if self.reobservation is None else self.reobservation.spec
-        )
-
-    @property
-    def view(self) -> str | None:
-        """Canonical JSON of a reobservation's two models and of the weights that were changed.
-
-        None for the recorded dataset. Together with `digest` it identifies the content.
-        """
-        models = {} if self.reobservation is None else models_of(self.reobservation.spec)
+    def _changes(self) -> dict[str, Any]:
+        # not `super()`: it has no class cell where a dataclass has slots
         rewards = {} if self.reweighting is None else {"rewards": self.reweighting.changes}
-        changed = {**models, **rewards}
-        return json.dumps(changed, sort_keys=True, separators=(",", ":")) if changed else None
+        return {**View._changes(self), **rewards}
 
     @property
     def card(self) -> str:
@@ -153,11 +109,6 @@ class Dataset:
         return "\n".join([*(each.note for each in views if each is not None), text])
 
     @property
-    def statistics(self) -> Statistics:
-        """What normalizes observations and rewards, the same in every selection."""
-        return Statistics.of(self.moments)
-
-    @property
     def moments(self) -> Moments:
         """Exact moments of the train split, from which algorithms of this library learn."""
         moments = Moments.of(self.stored.manifest.statistics)
@@ -169,29 +120,12 @@ class Dataset:
             moments = replace(moments, reward_mean=reward_mean, reward_std=reward_std)
         return moments
 
-    @property
-    def episodes(self) -> EpisodeTable:
-        """One row per episode of this view."""
-        return self.stored.table.take(self.selection)
-
-    @property
-    def n_episodes(self) -> int:
-        """Episodes of this view."""
-        return len(self.selection)
-
-    @property
-    def n_steps(self) -> int:
-        """Joint steps of this view."""
-        return int(self.stored.table.lengths[self.selection].sum())
-
-    def __len__(self) -> int:
-        """Number of episodes."""
-        return len(self.selection)
-
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the folder and the selection; other processes map the files themselves."""
         if self.reobservation is None and self.reweighting is None:
             return Dataset, (self.stored, self.selection, self.references, self.source)
+        from swarmdata.datasets.pickled_views import pickled  # noqa: PLC0415  (rarely needed)
+
         return pickled(self)
 
     def __repr__(self) -> str:
@@ -204,65 +138,12 @@ class Dataset:
         last = f"digest {self.digest[:12]}, at {self.path}"
         return shortened(f"<Dataset {self.id}:{models} {sizes}, {last}>")
 
-    @overload
-    def __getitem__(self, index: SupportsIndex) -> Episode: ...
-    @overload
-    def __getitem__(self, index: slice) -> "Dataset": ...
-    def __getitem__(self, index: SupportsIndex | slice) -> "Episode | Dataset":
-        """Returns one episode as views of the memory map, or the view of a slice of episodes.
-
-        Raises:
-            IndexError: there is no such episode.
-            SchemaError: the index is neither a whole number nor a slice.
-        """
-        if isinstance(index, slice):
-            return replace(self, selection=self.selection[index])
-        return read_episode(self.stored, stored_number(self, index))
-
     def __getitems__(self, indices: Sequence[int]) -> list[Episode]:
         """Returns some episodes, as a torch `DataLoader` asks for them."""
-        import_module("swarmdata.datasets.torch_batches").explain_stacking()
+        from swarmdata.datasets.torch_batches import explain_stacking  # noqa: PLC0415  (torch)
+
+        explain_stacking()
         return [self[index] for index in indices]
-
-    def __iter__(self) -> Iterator[Episode]:
-        """Yields the episodes in stored order."""
-        return (self[index] for index in range(len(self)))
-
-    def split(self, name: Literal["train", "validation", "test"]) -> "Dataset":
-        """Returns the view of one stored split.
-
-        Raises:
-            UnknownNameError: another name.
-        """
-        return self.filter(split=name)
-
-    def filter(
-        self,
-        *,
-        success: bool | None = None,
-        min_return: float | None = None,
-        max_return: float | None = None,
-        policy: str | None = None,
-        split: str | None = None,
-    ) -> "Dataset":
-        """Returns the view of the episodes that meet every given condition.
-
-        Args:
-            success: whether the task was solved.
-            min_return: least team return, included.
-            max_return: greatest team return, included.
-            policy: label of a policy of the recipe.
-            split: `train`, `validation` or `test`.
-
-        Raises:
-            UnknownNameError: no such policy or split.
-            SchemaError: a return is no number, or `success` no truth value.
-        """
-        mask = chosen(
-            self.episodes, self.recipe, success=success, min_return=min_return,
-            max_return=max_return, policy=policy, split=split,
-        )  # fmt: skip
-        return replace(self, selection=self.selection[mask])
 
     def reobserve(
         self,
@@ -358,7 +239,8 @@ class Dataset:
             SpecError: the dataset is of another environment, which names none; `spec.agents` has
                 the spaces.
         """
-        from swarmdata.store.arrays.column_meanings import columns_of  # noqa: PLC0415  (numba)
+        from swarmdata.registry.components import make_task  # noqa: PLC0415  (the task's code)
+        from swarmdata.store.arrays.column_meanings import columns_of  # noqa: PLC0415
 
         return columns_of(make_task(self.task), array, agent)
 
@@ -406,30 +288,10 @@ class Dataset:
         Raises:
             SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
         """
-        spec = self.spec
-        scale = action_scale(spec) if spec.action_kind == "continuous" else None
         return Sampler(
             self.stored.arrays, self.stored.table, self.selection, batch_size=batch_size,
-            horizon=horizon, burn_in=burn_in, seed=seed, scale=scale, view=self,
+            horizon=horizon, burn_in=burn_in, seed=seed, scale=self._action_scale(), view=self,
         )  # fmt: skip
-
-    def to_torch(
-        self, batch_size: int = 256, *, horizon: int | None = None, burn_in: int | None = None,
-        seed: int = 0,
-    ) -> Any:  # fmt: skip
-        """Returns the batches of `sampler` as a torch `IterableDataset`, for a `DataLoader`.
-
-            >>> loader = DataLoader(dataset.to_torch(256), batch_size=None, num_workers=2)
-
-        Its workers take turns: whatever their number, the loader yields the batches of `sampler`
-        in order, as tensors, without end. Arguments and errors are those of `sampler`.
-
-        Raises:
-            MissingExtraError: torch is not installed.
-        """
-        return torch_batches(
-            self, batch_size=batch_size, horizon=horizon, burn_in=burn_in, seed=seed
-        )
 
     def replay_buffer(
         self, batch_size: int | None = 256, *, slice_length: int | None = None,
@@ -450,49 +312,7 @@ class Dataset:
             MissingExtraError: TorchRL is not installed.
             SchemaError: the view has no episodes, or the transitions lack a key.
         """
-        torchrl = import_module("swarmdata.interop.torchrl.torchrl")
-        return torchrl.replay_buffer(self, batch_size, slice_length, keys)
+        from swarmdata.registry.components import REPLAY_BUFFERS, resolve  # noqa: PLC0415
 
-    @overload
-    def make_env(
-        self, n_copies: int = 1, *, n_threads: int = 1, api: Literal["vector"] = "vector",
-        backend: str | None = None, randomization: Ranges | None = None,
-    ) -> VecEnv: ...  # fmt: skip
-    @overload
-    def make_env(
-        self, n_copies: int = 1, *, api: Literal["pettingzoo"], backend: str | None = None,
-        randomization: Ranges | None = None,
-    ) -> Any: ...  # fmt: skip
-    def make_env(
-        self, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector",
-        backend: str | None = None, randomization: Ranges | None = None,
-    ) -> Any:  # fmt: skip
-        """Builds the world that was recorded.
-
-        Args:
-            n_copies: copies stepped together, E; a PettingZoo environment has one.
-            n_threads: threads that step them, as `swarmdata.make_env` takes it.
-            api: `vector` for a `VecEnv`, `pettingzoo` for a `ParallelEnv`.
-            backend: simulator, such as `mujoco`; None: that of the recording.
-            randomization: ranges from which each episode draws, such as `{"mass": (1, 2)}`; None:
-                those of the recording.
-
-        Raises:
-            UnknownNameError: another interface or simulator.
-            SpecError: the world has nothing of that name to draw.
-            MissingExtraError: the simulator is not installed.
-            SchemaError: several copies or threads of a PettingZoo environment.
-        """
-        spec = with_models(self.task, backend=backend, randomization=randomization)
-        return make_env(spec, n_copies, n_threads=n_threads, api=api)  # type: ignore[call-overload]
-
-    def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
-        """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.
-
-        0 is the no-skill reference (the better of a random and an idle policy), 100 the expert's
-        (D4RL, Fu et al. 2020, section 4, with another zero).
-
-        Raises:
-            SchemaError: the references of this dataset's task are not known, or not in order.
-        """
-        return score_in(self.id, returns, self.references)
+        make = resolve("replay buffer", REPLAY_BUFFERS, "torchrl")
+        return make(self, batch_size, slice_length, keys)

@@ -2,95 +2,31 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Protocol, Self
+from itertools import chain
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmdata.datasets.normalization import Moments
-from swarmdata.datasets.sampling import batches_drawn
-from swarmdata.datasets.views import torch_batches
+from swarmdata.datasets.sampling import BatchStream, RowSampler
+from swarmdata.datasets.views import Choice, TrainingData, View
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
-from swarmdata.specs.origins import Origin, Spec
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import EpisodeTable
-from swarmdata.types import Batch, Double, Episode, Int, shortened
+from swarmdata.types import Batch, Double, Episode, Int, Seeds, shortened
 
 LONGEST_ID = 96
 """Characters of a mixture's id, which is part of the names of result files."""
 
 
-class PartSampler(Protocol):
-    """What a mixture needs of the sampler of a part."""
-
-    batch_size: int
-    seed: int
-
-    @property
-    def n_rows(self) -> int: ...  # of the dataset, which an index counts
-    @property
-    def n_episodes(self) -> int: ...  # that are drawn from
-    def dtype(self, name: str) -> np.dtype[Any]: ...  # of an array
-    def pick(self, places: Double, n_before: int) -> Int: ...  # rows at places in [0, 1)
-    def gather(self, index: Int) -> Batch: ...
-    def settings(self) -> dict[str, int]: ...  # what all parts have in common
-    def identity(self) -> dict[str, int]: ...  # the settings and what is the part's own
-
-
-class Part(Protocol):
-    """What a mixture needs of a dataset: `Dataset` and `StreamedDataset` have it."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def digest(self) -> str: ...
-    @property
-    def view(self) -> str | None: ...
-    @property
-    def recipe(self) -> Origin: ...
-    @property
-    def spec(self) -> Spec: ...
-    @property
-    def own_spec(self) -> Spec: ...
-    @property
-    def task(self) -> TaskSpec: ...
-    @property
-    def references(self) -> Reference | None: ...
-    @property
-    def episodes(self) -> EpisodeTable: ...
-    @property
-    def n_steps(self) -> int: ...
-    @property
-    def moments(self) -> Moments: ...
-    def __len__(self) -> int: ...
-    def __iter__(self) -> Iterator[Episode]: ...
-    def filter(
-        self,
-        *,
-        success: bool | None = None,
-        min_return: float | None = None,
-        max_return: float | None = None,
-        policy: str | None = None,
-        split: str | None = None,
-    ) -> Self: ...
-    def sampler(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int = 0,
-    ) -> PartSampler: ...
-    def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv: ...
-    def normalized_score(self, returns: Sequence[float] | Double | float) -> Double: ...
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Mixture:
+class Mixture(TrainingData):
     """Datasets of one spec, each with the probability that a row of a batch comes from it.
 
     It has what training needs of a `Dataset`: `moments` are those of rows that are drawn so, and
@@ -101,7 +37,7 @@ class Mixture:
         weights: probabilities of the parts, which sum to 1.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[View, ...]
     weights: tuple[float, ...]
 
     @property
@@ -195,24 +131,12 @@ class Mixture:
         ]
         return np.repeat(shares, [len(part) for part in self.parts])
 
-    def split(self, name: Literal["train", "validation", "test"]) -> "Mixture":
-        """Returns the mixture of one stored split of each part.
+    def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Yields some arrays of each episode, one part after the other, and reads no others."""
+        return chain.from_iterable(part.read(*names) for part in self.parts)
 
-        Raises:
-            UnknownNameError: another name.
-            SchemaError: no part has an episode of it.
-        """
-        return self.filter(split=name)
-
-    def filter(self, **conditions: Any) -> "Mixture":
-        """Returns the mixture of the episodes that meet conditions, as `Dataset.filter` takes them.
-
-        A part without such episodes is left out; the other weights keep their proportions.
-
-        Raises:
-            SchemaError: no part has any.
-        """
-        found = [part.filter(**conditions) for part in self.parts]
+    def _chosen(self, choice: Choice) -> "Mixture":
+        found = [part._chosen(choice) for part in self.parts]
         kept = [(p, w) for p, w in zip(found, self.weights, strict=True) if len(p)]
         if not kept:
             raise SchemaError(f"no episode of {self.id} is left; widen the filter")
@@ -243,19 +167,6 @@ class Mixture:
         ]
         return MixtureSampler(samplers, self.weights)
 
-    def to_torch(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int = 0,
-    ) -> Any:
-        """Returns the batches of `sampler` for a torch `DataLoader`, as `Dataset.to_torch` does."""
-        return torch_batches(
-            self, batch_size=batch_size, horizon=horizon, burn_in=burn_in, seed=seed
-        )
-
     def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv:
         """Builds copies of the world that was recorded, as `Dataset.make_env` does."""
         return self.parts[0].make_env(n_copies, n_threads=n_threads)
@@ -265,8 +176,8 @@ class Mixture:
         return self.parts[0].normalized_score(returns)
 
 
-class MixtureSampler:
-    """Draws rows of several samplers; a batch is a pure function of the seed and its number.
+class MixtureSampler(BatchStream):
+    """Draws rows of several samplers.
 
     An index counts the rows of all parts, one after the other. The window of a streamed part moves
     with the rows that are drawn from it, so that each of its transitions is drawn once in a pass on
@@ -277,37 +188,28 @@ class MixtureSampler:
         weights: probabilities of the parts.
     """
 
-    def __init__(self, samplers: Sequence[PartSampler], weights: Sequence[float]) -> None:
-        self._samplers, self._weights, self._n_drawn = tuple(samplers), tuple(weights), 0
+    def __init__(self, samplers: Sequence[RowSampler], weights: Sequence[float]) -> None:
+        super().__init__(samplers[0].batch_size, samplers[0].seed)
+        self._samplers, self._weights = tuple(samplers), tuple(weights)
         self._bounds = np.cumsum(weights)[:-1]
         self._starts = np.cumsum([0, *(each.n_rows for each in samplers)])
         # of each part, in the mixture
         self._first_episodes = np.cumsum([0, *(each.n_episodes for each in samplers)])
-        self.batch_size, self.seed = samplers[0].batch_size, samplers[0].seed
         self._dtypes = {  # of one part images may be bytes, and of another float32
             f"{prefix}{name}": np.result_type(*(each.dtype(name) for each in samplers))
             for name in ("observations", "states")
             for prefix in ("", "next_")
         }
 
-    def __iter__(self) -> "MixtureSampler":
-        """Returns the sampler itself; it never ends."""
-        return self
+    def _n_ahead(self) -> int:
+        return 1  # windows move with each batch
 
-    def __next__(self) -> Batch:
-        """Draws and gathers the next batch."""
-        return self.gather(self.draw())
-
-    def draw(self) -> Int:
-        """Returns the rows of the next batch, int64 [B], without reading any data."""
-        first = self._n_drawn * self.batch_size
-        numbers = np.arange(first, first + self.batch_size, dtype=np.uint64)
-        self._n_drawn += 1
+    def _drawn(self, numbers: Seeds) -> Int:
         parts = np.searchsorted(self._bounds, uniform(derive(self.seed, 1, numbers)), side="right")
         places = uniform(derive(self.seed, 0, numbers))
-        index = np.empty(self.batch_size, np.int64)
+        index = np.empty(len(numbers), np.int64)
         for part, sampler in enumerate(self._samplers):
-            own, n_before = parts == part, int(first * self._weights[part])  # on average
+            own, n_before = parts == part, int(int(numbers[0]) * self._weights[part])  # on average
             index[own] = self._starts[part] + sampler.pick(places[own], n_before)
         return index
 
@@ -346,18 +248,6 @@ class MixtureSampler:
             return batch
         return replace(batch, episodes=batch.episodes + self._first_episodes[part])
 
-    def state_dict(self) -> dict[str, int]:
-        """Everything needed to resume the stream: plain integers."""
-        return {**self.identity(), "n_drawn": self._n_drawn}
-
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Continues where the sampler that returned `state` was.
-
-        Raises:
-            SchemaError: the state is of a sampler with other settings or other data.
-        """
-        self._n_drawn = batches_drawn(state, self.identity())
-
     def identity(self) -> dict[str, int]:
         """Returns what another sampler needs to have in common to resume the stream."""
         shared = self._samplers[0].settings()
@@ -370,7 +260,7 @@ class MixtureSampler:
         return shared | own
 
 
-def mix(parts: Sequence[Part], weights: Sequence[float] | None = None) -> Mixture:
+def mix(parts: Sequence[View], weights: Sequence[float] | None = None) -> Mixture:
     """Mixes datasets of one spec.
 
     Args:

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.mapped_pages import MappedReads, release_pages
-from swarmdata.specs.model_choice import describe
+from swarmdata.specs.model_choice import check_messages, describe
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
@@ -162,25 +161,6 @@ def reobserved_episode(episode: Episode, recorded: TaskSpec, spec: TaskSpec) -> 
     cut = replace(episode, actions=actions)
     observed: dict[str, Any] = reobserve_episode(cut, make_task(spec))
     return replace(cut, **observed)
-
-
-def check_messages(spec: TaskSpec, recorded: TaskSpec) -> None:
-    """Checks that the recorded actions hold the learned messages of a spec.
-
-    Raises:
-        SpecError: none were recorded, or of another size.
-    """
-    model = spec.communication
-    if not isinstance(model, Broadcast) or model.payload != "learned":
-        return
-    if spec.action_size != recorded.action_size:
-        got = recorded.action_size - 2
-        found = f"messages of {got} values" if got else "none"
-        raise SpecError(
-            f"the channel needs learned messages of {model.message_size} values. They are part of "
-            f"the recorded actions, which hold {found} ({describe(recorded)}). Choose another "
-            "payload, such as pose, or a dataset whose policies learned to communicate."
-        )
 
 
 def actions_for(spec: TaskSpec, recorded: TaskSpec, actions: Float) -> Float:

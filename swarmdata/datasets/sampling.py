@@ -3,9 +3,10 @@
 A batch is a pure function of the seed and its number in the stream, so a sampler resumes exactly.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import take_rows
 from swarmdata.store import EpisodeTable
-from swarmdata.types import Batch, Bool, Double, Float, Int
+from swarmdata.types import Batch, Bool, Double, Float, Int, Seeds
 
 COPIED_FIELDS = (
     "observations", "states", "actions", "log_probs", "rewards", "terminations", "truncations",
@@ -191,10 +192,109 @@ class SampledView(Protocol):
         horizon: int | None = None,
         burn_in: int | None = None,
         seed: int = 0,
-    ) -> Any: ...  # with `draw` and `gather`
+    ) -> "BatchStream": ...
 
 
-class Sampler:
+class BatchStream(ABC):
+    """An endless stream of batches, each a pure function of the seed and its number.
+
+    Args:
+        batch_size: transitions or windows in a batch, B.
+        seed: of the stream, 0 to 2**64 - 1.
+    """
+
+    def __init__(self, batch_size: int, seed: int) -> None:
+        self.batch_size, self.seed = batch_size, seed
+        self._n_drawn = self._first_ahead = 0
+        self._ahead = np.empty((0, batch_size), dtype=np.int64)
+
+    @abstractmethod
+    def gather(self, index: Int) -> Batch:
+        """Returns the transitions or windows that start at `index`, rows of any shape.
+
+        Raises:
+            IndexError: an index outside the dataset.
+        """
+
+    @abstractmethod
+    def identity(self) -> dict[str, int]:
+        """Returns what another sampler needs to have in common to resume the stream."""
+
+    @abstractmethod
+    def _drawn(self, numbers: Seeds) -> Int:
+        """The rows of consecutive draws; draw number k of a seed is always the same."""
+
+    def _n_ahead(self) -> int:
+        """Batches that are drawn at once."""
+        return max(1, N_DRAWN_AHEAD // self.batch_size)
+
+    def __iter__(self) -> Self:
+        """Returns the stream itself; it never ends."""
+        return self
+
+    def __next__(self) -> Batch:
+        """Draws and gathers the next batch."""
+        return self.gather(self.draw())
+
+    def draw(self) -> Int:
+        """Returns the rows of the next batch, int64 [B], without reading any data."""
+        offset = self._n_drawn - self._first_ahead
+        if not 0 <= offset < len(self._ahead):
+            self._first_ahead, offset = self._n_drawn, 0
+            first = self._n_drawn * self.batch_size
+            numbers = np.arange(first, first + self._n_ahead() * self.batch_size, dtype=np.uint64)
+            self._ahead = self._drawn(numbers).reshape(-1, self.batch_size)
+        self._n_drawn += 1
+        index: Int = self._ahead[offset].copy()
+        return index
+
+    def state_dict(self) -> dict[str, int]:
+        """Everything needed to resume the stream: plain integers."""
+        return {**self.identity(), "n_drawn": self._n_drawn}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Continues where the sampler that returned `state` was.
+
+        Raises:
+            SchemaError: the state is of a sampler with other settings or other data.
+        """
+        saved = {name: value for name, value in state.items() if name != "n_drawn"}
+        if saved != self.identity() or state.get("n_drawn", -1) < 0:
+            raise SchemaError(
+                f"sampler state is {dict(state)}, expected n_drawn and {self.identity()}: resume "
+                "with the settings and the data that the state was saved with"
+            )
+        self._n_drawn, self._ahead = state["n_drawn"], self._ahead[:0]
+
+
+class RowSampler(BatchStream):
+    """Draws from the episodes of one dataset; a mixture draws from several of them."""
+
+    n_rows: int  # of the dataset, which an index counts
+    n_episodes: int  # that are drawn from
+
+    @abstractmethod
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """The dtype of an array."""
+
+    @abstractmethod
+    def pick(self, places: Double, n_before: int) -> Int:
+        """Returns the rows at places among the transitions that can be drawn.
+
+        Args:
+            places: in [0, 1), any shape.
+            n_before: rows that were drawn before, by which the window of a stream has moved.
+        """
+
+    @abstractmethod
+    def settings(self) -> dict[str, int]:
+        """Returns what was chosen about the stream, without the data."""
+
+    def _drawn(self, numbers: Seeds) -> Int:
+        return self.pick(uniform(derive(self.seed, 0, numbers)), int(numbers[0]))
+
+
+class Sampler(RowSampler):
     """Draws batches uniformly, with replacement, over the transitions of some episodes.
 
     With a `horizon`, every transition is equally likely to start a window. With a `burn_in` as
@@ -243,17 +343,11 @@ class Sampler:
             )
         if not 0 <= seed < 1 << 64:
             raise SchemaError(f"sampler seed is {seed}, expected 0 to 2**64 - 1")
-        self.batch_size = batch_size
-        self.horizon = horizon
-        self.burn_in = burn_in
-        self.seed = seed
+        super().__init__(batch_size, seed)
+        self.horizon, self.burn_in = horizon, burn_in
         self.rows = Rows.locate(table, selection) if rows is None else rows
-        self._arrays = arrays
-        self._scale = scale
-        self._view = view
-        self._n_drawn = 0
-        self._first_ahead = 0
-        self._ahead = np.empty((0, batch_size), dtype=np.int64)
+        self.n_rows, self.n_episodes = len(self.rows.episode), len(selection)
+        self._arrays, self._scale, self._view = arrays, scale, view
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns what is pickled: the view and the place in its stream; without a view, all."""
@@ -270,14 +364,6 @@ class Sampler:
             state = {**fresh.__dict__, **state}
         self.__dict__.update(state)
 
-    def __iter__(self) -> "Sampler":
-        """Returns the sampler itself; it never ends."""
-        return self
-
-    def __next__(self) -> Batch:
-        """Draws and gathers the next batch."""
-        return self.gather(self.draw())
-
     def __repr__(self) -> str:
         """Shows the settings."""
         return (
@@ -285,44 +371,12 @@ class Sampler:
             f"horizon={self.horizon}, seed={self.seed}, n_drawn={self._n_drawn})"
         )
 
-    @property
-    def n_rows(self) -> int:
-        """Rows of the dataset, which an index counts."""
-        return len(self.rows.episode)
-
-    @property
-    def n_episodes(self) -> int:
-        """Episodes that are drawn from."""
-        return int(np.count_nonzero(self.rows.positions >= 0))
-
     def dtype(self, name: str) -> np.dtype[Any]:
         """The dtype of a stored array."""
         return self._arrays[name].dtype
 
-    def draw(self) -> Int:
-        """Returns the rows of the next batch, int64 [B], without reading any data."""
-        offset = self._n_drawn - self._first_ahead
-        if not 0 <= offset < len(self._ahead):
-            self._first_ahead, offset = self._n_drawn, 0
-            self._ahead = self._draw_ahead(max(1, N_DRAWN_AHEAD // self.batch_size))
-        self._n_drawn += 1
-        index: Int = self._ahead[offset].copy()
-        return index
-
-    def _draw_ahead(self, n_batches: int) -> Int:
-        """Rows of the next `n_batches` batches; draw number k of a seed is always the same."""
-        first = self._n_drawn * self.batch_size
-        numbers = np.arange(first, first + n_batches * self.batch_size, dtype=np.uint64)
-        picks = self.pick(uniform(derive(self.seed, 0, numbers)))
-        return picks.reshape(n_batches, self.batch_size)
-
     def pick(self, places: Double, n_before: int = 0) -> Int:
-        """Returns the rows at places among all transitions.
-
-        Args:
-            places: in [0, 1), any shape.
-            n_before: rows that were drawn before; all are drawn from at any time.
-        """
+        """Returns the rows at places among all transitions; all are drawn from at any time."""
         return take_at(self.rows.valid, places)
 
     def gather(self, index: Int) -> Batch:
@@ -367,18 +421,6 @@ class Sampler:
             acting = acting & self._arrays["alive"].take(states, axis=0)
         return self._scale.to_unit(np.where(acting[..., None], actions, self._scale.middle))
 
-    def state_dict(self) -> dict[str, int]:
-        """Everything needed to resume the stream: plain integers."""
-        return {**self.identity(), "n_drawn": self._n_drawn}
-
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Continues where the sampler that returned `state` was.
-
-        Raises:
-            SchemaError: the state is of a sampler with other settings or other data.
-        """
-        self._n_drawn = batches_drawn(state, self.identity())
-
     def identity(self) -> dict[str, int]:
         """Returns what another sampler needs to have in common to resume the stream."""
         return self.settings() | {"n_transitions": len(self.rows.valid)}
@@ -396,22 +438,3 @@ def take_at(rows: Int, places: Double) -> Int:
     """Returns the rows at places in [0, 1), any shape."""
     # the product rounds up to the number of rows in rare cases
     return rows.take(np.minimum(places * len(rows), len(rows) - 1).astype(np.int64))
-
-
-def batches_drawn(state: Mapping[str, int], identity: Mapping[str, int]) -> int:
-    """Returns how many batches a sampler had drawn when its state was saved.
-
-    Args:
-        state: as `state_dict` returned it.
-        identity: settings and numbers of transitions of the sampler that is to go on.
-
-    Raises:
-        SchemaError: the state is of a sampler with other settings or other data.
-    """
-    saved = {name: value for name, value in state.items() if name != "n_drawn"}
-    if saved != identity or state.get("n_drawn", -1) < 0:
-        raise SchemaError(
-            f"sampler state is {dict(state)}, expected n_drawn and {dict(identity)}: resume with "
-            "the settings and the data that the state was saved with"
-        )
-    return state["n_drawn"]

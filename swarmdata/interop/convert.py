@@ -20,10 +20,12 @@ from swarmdata.interop.formats import FORMATS, Reader, find_format
 from swarmdata.runtime.atomic import is_vacant, sync
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
-from swarmdata.specs.origins import Recording
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import Splits
-from swarmdata.store import SPLITS, assemble, write_part
+from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST
+from swarmdata.store.assembly import assemble
+from swarmdata.store.parts import write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode
 

@@ -11,10 +11,10 @@ from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
 from swarmdata.record.reset_seeds import SeedStream
 from swarmdata.runtime.atomic import is_vacant
-from swarmdata.specs.origins import Recording
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import limits_of
-from swarmdata.store import check_episode
+from swarmdata.store.parts import check_episode
 from swarmdata.types import Episode
 
 

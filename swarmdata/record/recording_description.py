@@ -8,7 +8,8 @@ import numpy as np
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.record.agent_reader import AgentReader
 from swarmdata.record.foreign_environment import describe_agents, horizon_of, library_of, task_name
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource, Splits
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec

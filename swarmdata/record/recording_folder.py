@@ -21,19 +21,12 @@ from swarmdata.record.episode_buffer import episode_bytes
 from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.locking import beside, locked
 from swarmdata.specs.frozen import Frozen, differences
-from swarmdata.specs.origins import Recording
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import Splits
-from swarmdata.store import (
-    SPLITS,
-    Manifest,
-    assemble,
-    assign_splits,
-    read_manifest,
-    read_part_table,
-    remove_leftovers,
-    write_file,
-    write_part,
-)
+from swarmdata.store import SPLITS, Manifest, read_manifest, remove_leftovers, write_file
+from swarmdata.store.assembly import assemble
+from swarmdata.store.parts import read_part_table, write_part
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.types import Episode
 
 SESSION_FILE = "session.json"

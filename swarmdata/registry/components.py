@@ -7,7 +7,6 @@ distribution: the groups `swarmdata.tasks`, `swarmdata.policies`, `swarmdata.alg
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, overload
 
@@ -25,7 +24,7 @@ from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
 from swarmdata.specs.budget import copies_excess
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Term
+from swarmdata.types import PROXIMITY_RANGE, Term
 
 TASKS = ComponentTable(
     "tasks",
@@ -100,6 +99,16 @@ ONLINE_ALGORITHMS = ComponentTable(
         "qmix": "swarmdata.online_algos.qmix:QMIX",
     },
 )
+
+
+WORLDS = {
+    "vector": "swarmdata.envs.world.task_env:TaskEnv",
+    "pettingzoo": "swarmdata.envs.world.pettingzoo:ParallelWorld",
+}
+"""Interfaces of worlds: copies that are stepped together, and one as a `ParallelEnv`."""
+
+REPLAY_BUFFERS = {"torchrl": "swarmdata.interop.torchrl.torchrl:replay_buffer"}
+"""Replay buffers of other libraries over the transitions of a dataset."""
 
 
 def register_task(name: str, task: Any) -> None:
@@ -184,10 +193,44 @@ def _appearance(spec: TaskSpec, kind: Any) -> Appearance:
     return Appearance(bodies=kind(spec).movables) if find is None else find(spec)
 
 
+_GAP_MEANING = (
+    "gap: smallest distance, m, after the step from the robot's surface to that of another robot, "
+    "an obstacle or a wall; negative where they overlap. Payloads do not count"
+)
+
+_CONTACT_TERMS = (
+    ("robot_contact", "robot_contact"),
+    ("obstacle_contact", "obstacle_contact"),
+    ("robot_collision", "robot_onsets"),
+    ("obstacle_collision", "obstacle_onsets"),
+)
+"""The weight of each contact term, and the column of `events` that it multiplies."""
+
+
 def reward_terms(task: Task) -> tuple[Term, ...]:
-    """Every term of a robot's reward in `task`: its own, and those that all tasks share."""
-    terms: tuple[Term, ...] = import_module("swarmdata.envs.world.rewards").reward_terms(task)
-    return terms
+    """Returns all terms of a robot's reward, in the order of the columns of `reward_terms`.
+
+    `numerics.weighted_terms` defines the reward that follows from them.
+    """
+    weights = task.spec.rules.rewards
+    contacts = tuple(
+        Term(
+            name,
+            getattr(weights, name),
+            -1,
+            event,
+            f"{event}: the column of `events` with this name, of the robot in this step",
+        )
+        for name, event in _CONTACT_TERMS
+    )
+    near = f"min(max(1 - gap / {PROXIMITY_RANGE:g}, 0), 1)"
+    solved = f"solved: after the step, {task.solved}. Then the episode ends"
+    return (
+        *task.terms,
+        Term("success", weights.success, 1, "[solved]", solved),
+        *contacts,
+        Term("proximity", weights.proximity, -1, near, _GAP_MEANING),
+    )
 
 
 @overload
@@ -214,16 +257,14 @@ def make_env(
             have `close()`.
 
     Raises:
-        SpecError: the copies would not fit into memory, the spec contradicts itself, or it is of an
-            older version of the world.
+        SpecError: the copies would not fit into memory, or the spec contradicts itself.
         UnknownNameError: another interface.
         SchemaError: `n_threads` is not positive, or a PettingZoo environment is to have several
             copies or threads.
     """
     if n_threads < 1:
         raise SchemaError(f"n_threads is {n_threads}, expected at least 1")
-    if api not in ("vector", "pettingzoo"):
-        raise UnknownNameError("api", api, ("vector", "pettingzoo"))
+    kind: Callable[..., Any] = resolve("api", WORLDS, api)
     spec = find_spec(spec)
     if api == "pettingzoo":
         if n_copies != 1 or n_threads != 1:
@@ -231,12 +272,11 @@ def make_env(
                 "a PettingZoo environment has 1 copy and 1 thread, got "
                 f"n_copies={n_copies} and n_threads={n_threads}"
             )
-        return import_module("swarmdata.envs.world.pettingzoo").ParallelWorld(spec)
+        return kind(spec)
     if problem := copies_excess(spec, n_copies):
         raise SpecError(problem)
-    build: Callable[..., VecEnv] = import_module("swarmdata.envs.world.task_env").TaskEnv
     further = [make_task(spec) for _ in range(min(n_threads, n_copies) - 1)]
-    return build(make_task(spec), n_copies, further_tasks=further)
+    return kind(make_task(spec), n_copies, further_tasks=further)
 
 
 def policy_class(name: str, spec: TaskSpec) -> Callable[..., Policy]:

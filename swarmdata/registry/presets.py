@@ -7,7 +7,7 @@ from pathlib import Path
 from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError
 from swarmdata.specs.task_spec import TaskSpec
 
-PRESETS_FOLDER = "presets"
+_FOLDER = files("swarmdata") / "envs" / "presets"  # read, and nothing of `envs` is imported
 
 SPEC_SUFFIXES = (".yaml", ".yml", ".json")
 """Endings of a spec's file."""
@@ -16,8 +16,7 @@ SPEC_SUFFIXES = (".yaml", ".yml", ".json")
 @cache
 def preset_names() -> tuple[str, ...]:
     """Names of all presets, sorted."""
-    folder = files("swarmdata.envs") / PRESETS_FOLDER
-    return tuple(sorted(Path(f.name).stem for f in folder.iterdir() if f.name.endswith(".yaml")))
+    return tuple(sorted(Path(f.name).stem for f in _FOLDER.iterdir() if f.name.endswith(".yaml")))
 
 
 @cache
@@ -49,7 +48,7 @@ def name_of(spec: TaskSpec) -> str:
 def _read(name: str) -> str:
     if name not in preset_names():
         raise UnknownNameError("task", name, preset_names(), INSTALL_HINT)
-    return (files("swarmdata.envs") / PRESETS_FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
+    return (_FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def find_spec(task: str | Path | TaskSpec) -> TaskSpec:

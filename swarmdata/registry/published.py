@@ -4,13 +4,13 @@ import json
 from collections.abc import Mapping
 from functools import cache, cached_property
 from importlib.resources import files
-from types import MappingProxyType
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from swarmdata.errors import SchemaError
+from swarmdata.registry.lazy_table import LazyTable
 from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.specs.origins import Origin
 from swarmdata.types import Double
@@ -129,8 +129,8 @@ PACKAGE_LICENSE = "cc-by-4.0"
 
 def license_of(origin: Origin) -> str:
     """The Hub's name of a dataset's license: its author's, or the package's; else `unknown`."""
-    is_ours = origin.id in published() and origin.license == "unknown"
-    return PACKAGE_LICENSE if is_ours else origin.license
+    is_published = origin.id in published()
+    return PACKAGE_LICENSE if is_published and origin.license == "unknown" else origin.license
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:
@@ -145,15 +145,15 @@ def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> t
 @cache
 def published() -> Mapping[str, Published]:
     """Every published dataset by its id with version."""
-    entries = _read("published.json").items()
-    return MappingProxyType({key: Published.parse(value, key) for key, value in entries})
+    entries = _read("published.json")
+    return LazyTable(entries, lambda key: Published.parse(entries[key], key))
 
 
 @cache
 def references() -> Mapping[str, TaskReferences]:
     """Measured references by task."""
-    entries = _read("references.json").items()
-    return MappingProxyType({key: TaskReferences.parse(value, key) for key, value in entries})
+    entries = _read("references.json")
+    return LazyTable(entries, lambda key: TaskReferences.parse(entries[key], key))
 
 
 @cache
@@ -163,6 +163,7 @@ def references_of(spec_hash: str) -> TaskReferences | None:
 
 
 def _read(name: str) -> dict[str, object]:
-    text = (files("swarmdata.cards") / name).read_text(encoding="utf-8")
+    # from the package's folder: nothing of the folder with the cards is imported
+    text = (files("swarmdata") / "cards" / name).read_text(encoding="utf-8")
     data: dict[str, object] = json.loads(text)
     return data

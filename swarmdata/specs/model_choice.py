@@ -3,15 +3,18 @@
 import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from swarmdata.errors import PolicyFitError, UnknownNameError
+from swarmdata.errors import PolicyFitError, SpecError, UnknownNameError
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.randomization import Randomization
+from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import BACKENDS, TaskSpec
+
+if TYPE_CHECKING:
+    from swarmdata.specs.features import Feature
 
 _LOG = logging.getLogger("swarmdata")
 
@@ -70,6 +73,25 @@ def with_models(
     if randomization is not None:
         changes["randomization"] = ranges_of(randomization)
     return spec.with_updates(**changes) if changes else spec
+
+
+def check_messages(spec: TaskSpec, recorded: TaskSpec) -> None:
+    """Checks that the recorded actions hold the learned messages of a spec.
+
+    Raises:
+        SpecError: none were recorded, or of another size.
+    """
+    model = spec.communication
+    if not isinstance(model, Broadcast) or model.payload != "learned":
+        return
+    if spec.action_size != recorded.action_size:
+        got = recorded.action_size - 2
+        found = f"messages of {got} values" if got else "none"
+        raise SpecError(
+            f"the channel needs learned messages of {model.message_size} values. They are part of "
+            f"the recorded actions, which hold {found} ({describe(recorded)}). Choose another "
+            "payload, such as pose, or a dataset whose policies learned to communicate."
+        )
 
 
 def is_same_world(first: TaskSpec, second: TaskSpec) -> bool:
@@ -149,7 +171,7 @@ def _plain(value: Any) -> str:
 
 
 def check_senses(
-    policy: str, trained: TaskSpec, offered: TaskSpec, *features: tuple[Feature, ...]
+    policy: str, trained: TaskSpec, offered: TaskSpec, *features: "tuple[Feature, ...]"
 ) -> None:
     """Checks that a pair of models gives the inputs and messages that a policy was trained with.
 

@@ -108,6 +108,11 @@ class TaskRules(Frozen):
         rewards: Rewards
 
     @property
+    def conventions(self) -> tuple[str, ...]:
+        """Names of the conventions that scripted teams can keep in this task."""
+        return ()
+
+    @property
     def has_own_targets(self) -> bool:
         """Whether each robot has a target that the other robots do not change."""
         return False

@@ -32,11 +32,13 @@ from swarmdata.errors import (
     RecipeConflictError,
     SpecError,
 )
+from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.documents import read_document
-from swarmdata.specs.origins import missing_parts, parse_origin
+from swarmdata.specs.origins import parse_origin
 from swarmdata.specs.plain_names import Text
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
+    CARD,
     FORMAT_VERSION,
     MANIFEST,
     RECIPE,
@@ -45,7 +47,7 @@ from swarmdata.store.arrays.layout import (
     Shard,
     plan_arrays,
 )
-from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.types import shortened
 
 MAX_MANIFEST_BYTES = 64 << 20
@@ -186,6 +188,8 @@ def repair_hint(folder: Path) -> str:
         data = read_document(folder / RECIPE)
         origin = parse_origin(data, RECIPE)
     except (OSError, SpecError):  # broken, absent, or of a package that is not installed
+        from swarmdata.specs.origins.foreign_origin import missing_parts  # noqa: PLC0415
+
         missing = missing_parts(data)
         first = "" if missing is None else f" To make it again, it needs {missing}."
         return f"{hint}, from a remote or as its recipe says.{first}"
@@ -194,6 +198,14 @@ def repair_hint(folder: Path) -> str:
     return (
         f"{hint}, from a remote. Nothing else has these files again, so keep the folder; a "
         "copy of yours may have them."
+    )
+
+
+def file_changed(path: Path, name: str) -> ChecksumError:
+    """The error that a file does not have its SHA-256."""
+    return ChecksumError(
+        f"{path / name} was changed after it was written: its SHA-256 is not the one in the "
+        f"manifest. {repair_hint(path)}"
     )
 
 
@@ -286,6 +298,19 @@ def check_recipe(folder: Path, manifest: Manifest, recipe: Recipe) -> None:
             f"({manifest.recipe_hash[:12]}, expected {expected[:12]} of {recipe.id}). "
             "Choose another folder, or move it away."
         )
+
+
+def is_finished(out: Path, recipe: Recipe) -> bool:
+    """Whether a build of a recipe has nothing left to do; what is finished is never written to.
+
+    Raises:
+        RecipeConflictError: `out` holds a dataset of another recipe.
+        DatasetError: `out` has content and no readable manifest.
+    """
+    if is_vacant(out):
+        return False
+    check_recipe(out, read_manifest(out), recipe)
+    return (out / CARD).exists()
 
 
 def _changed(path: Path) -> ChecksumError:

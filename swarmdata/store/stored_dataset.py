@@ -26,7 +26,7 @@ from swarmdata.errors import (
 )
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
 from swarmdata.runtime.mapped_pages import mapping_of, release_pages
-from swarmdata.specs.origins import Origin, foreign_origin, parse_origin
+from swarmdata.specs.origins import Origin, parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
@@ -46,16 +46,15 @@ from swarmdata.store.arrays.row_shapes import (
     task_row_shapes,
     team_row_shapes,
 )
-from swarmdata.store.arrays.scratch_arrays import ScratchMap
-from swarmdata.store.integrity.recognition import linked_hint, links_in, no_folder, root_attributes
-from swarmdata.store.integrity.verification import Raw, check_everything, file_changed
 from swarmdata.store.manifest import (
     Manifest,
     check_recipe,
+    file_changed,
     read_manifest,
     recipe_hash,
     repair_hint,
 )
+from swarmdata.store.recognition import linked_hint, links_in, no_folder, root_attributes
 from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, shortened
 
@@ -79,6 +78,12 @@ class StoredDataset:
     def computed(self) -> dict[str, NDArray[Any]]:
         """The arrays that are in no file of the dataset; an empty one costs nothing to copy."""
         return {name: array for name, array in self.arrays.items() if _is_computed(array)}
+
+    def rows(self, number: int, name: str) -> NDArray[Any]:
+        """Returns the rows of an array in an episode, a view of the memory map."""
+        extra = ALL_FIELDS[name].rows == "states"
+        first = int(self.table.starts[number]) + extra * number
+        return self.arrays[name][first : first + int(self.table.lengths[number]) + extra]
 
     def with_arrays(self, computed: Mapping[str, NDArray[Any]]) -> "StoredDataset":
         """The same dataset with other arrays, and with their columns in its episode table."""
@@ -136,19 +141,30 @@ def open_store(
     if verify != "none":
         _check_chunks(path, manifest, raw)
     if verify == "full":
+        from swarmdata.store.damage import check_everything  # noqa: PLC0415
+
         check_everything(path, manifest, raw)
-    arrays = {
-        name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
-        for name, (shard, *_) in manifest.plan.items()
-    }
+    arrays = typed_arrays(manifest, raw)
     origin = read_origin(path, manifest, small_files[RECIPE], recipe)
     check_spec(path, manifest, origin, widths=widths)
     table = read_table(path, manifest, origin, arrays)
     return StoredDataset(path, manifest, origin, arrays, table)
 
 
+def typed_arrays(
+    manifest: Manifest, raw: Mapping[str, NDArray[np.uint8]]
+) -> dict[str, NDArray[Any]]:
+    """The arrays in their chunks, by name."""
+    return {
+        name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
+        for name, (shard, *_) in manifest.plan.items()
+    }
+
+
 def _is_computed(array: NDArray[Any]) -> bool:
     """Whether an array is in no file of the dataset."""
+    from swarmdata.store.arrays.scratch_arrays import ScratchMap  # noqa: PLC0415  (to pickle)
+
     mapped = mapping_of(array)
     return mapped is None or isinstance(mapped, ScratchMap)
 
@@ -287,7 +303,7 @@ def _read_small_files(path: Path, manifest: Manifest, *, is_checked: bool) -> di
         with open(os.path.join(path, name), "rb") as file:  # noqa: PTH118, PTH123 (a part of every load)
             contents[name] = file.read(size + 1)
         if is_checked and hashlib.sha256(contents[name]).hexdigest() != manifest.files[name].sha256:
-            raise file_changed(path, manifest, name)
+            raise file_changed(path, name)
     return contents
 
 
@@ -390,7 +406,7 @@ def map_checked(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
     return values
 
 
-def _check_chunks(path: Path, manifest: Manifest, raw: Raw) -> None:
+def _check_chunks(path: Path, manifest: Manifest, raw: Mapping[str, NDArray[np.uint8]]) -> None:
     """Checks the xxh3_64 of every chunk, in as many threads as there are cores.
 
     Memory stays bounded by a chunk for each thread.
@@ -455,6 +471,8 @@ def _parsed(path: Path, manifest: Manifest, content: bytes) -> Origin:
         data = parse_json(content, str(file))
         return parse_origin(data, str(file))
     except SpecError as error:
+        from swarmdata.specs.origins.foreign_origin import foreign_origin  # noqa: PLC0415
+
         shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
         labels = tuple(map(str, root_attributes(path).get("policies", ())))
         found = foreign_origin(data, content.decode(), shapes, labels, manifest.provenance)

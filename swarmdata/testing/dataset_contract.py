@@ -8,7 +8,8 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.store import SPLITS, EpisodeTable, assign_splits
+from swarmdata.store import SPLITS, EpisodeTable
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.store.table import measure
 from swarmdata.types import END_REASONS, Episode
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.sampling import Rows
-from swarmdata.errors import SchemaError
+from swarmdata.datasets.sampling import BatchStream, Rows
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Batch, Bool, Double, Episode, Int
+from swarmdata.types import Batch, Bool, Double, Episode, Int, Seeds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +52,10 @@ class MemoryDataset:
     def __iter__(self) -> Iterator[Episode]:
         """Yields the episodes."""
         return iter(self.episodes)
+
+    def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Yields some arrays of each episode."""
+        return (tuple(getattr(episode, name) for name in names) for episode in self)
 
     def filter(self, *, min_return: float) -> "MemoryDataset":
         """Returns the episodes of at least this team return."""
@@ -112,8 +115,8 @@ class MemoryDataset:
         return MemorySampler(self.transitions, batch_size, seed, window)
 
 
-class MemorySampler:
-    """Draws transitions uniformly; a pure function of its seed and of how often it drew.
+class MemorySampler(BatchStream):
+    """Draws transitions uniformly.
 
     Args:
         transitions: of all episodes, field by field.
@@ -130,14 +133,10 @@ class MemorySampler:
         seed: int,
         window: Callable[[Int], tuple[Int, Bool]] | None = None,
     ) -> None:
+        super().__init__(batch_size, seed)
         self._transitions, self._window = transitions, window
-        self.batch_size, self.seed, self.n_drawn = batch_size, seed, 0
 
-    def draw(self) -> Int:
-        """Returns the rows of the next batch, int64 [B]."""
-        first = self.n_drawn * self.batch_size
-        numbers = np.arange(first, first + self.batch_size, dtype=np.uint64)
-        self.n_drawn += 1
+    def _drawn(self, numbers: Seeds) -> Int:
         n_rows = len(self._transitions["mask"])
         return (uniform(derive(self.seed, numbers)) * n_rows).astype(np.int64)
 
@@ -151,19 +150,6 @@ class MemorySampler:
             values[~mask] = 0  # of `mask` too, which is True elsewhere
         return Batch(**fields)
 
-    def state_dict(self) -> dict[str, int]:
-        """Everything needed to resume."""
-        return {"seed": self.seed, "batch_size": self.batch_size, "n_drawn": self.n_drawn}
-
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Continues where the sampler that returned `state` was.
-
-        Raises:
-            SchemaError: it had another seed or batch size.
-        """
-        if (state["seed"], state["batch_size"]) != (self.seed, self.batch_size):
-            raise SchemaError(
-                f"sampler state is {dict(state)}, expected seed {self.seed} and batch size "
-                f"{self.batch_size}"
-            )
-        self.n_drawn = state["n_drawn"]
+    def identity(self) -> dict[str, int]:
+        """Returns what another sampler needs to have in common to resume the stream."""
+        return {"seed": self.seed, "batch_size": self.batch_size}

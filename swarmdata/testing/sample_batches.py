@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.types import Batch, Double, Step, no_messages
 
 if TYPE_CHECKING:

@@ -8,7 +8,10 @@ import numpy as np
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.sensing_models import Broadcast, StateModel
 from swarmdata.specs.task_spec import Obstacles, Role, TaskSpec
-from swarmdata.store import Manifest, assemble, merge_order, write_part
+from swarmdata.store import Manifest
+from swarmdata.store.assembly import assemble
+from swarmdata.store.episode_order import merge_order
+from swarmdata.store.parts import write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Counts, Episode
 

@@ -13,19 +13,16 @@ from swarmdata.building.build import make_part
 from swarmdata.cards.card import write_card
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import (
-    EpisodeTable,
-    assemble,
-    merge_order,
-    open_store,
-    write_dataset,
-    write_part,
-)
+from swarmdata.store import EpisodeTable, open_store
 from swarmdata.store.arrays.layout import ALL_FIELDS, DType
+from swarmdata.store.assembly import assemble, write_dataset
+from swarmdata.store.episode_order import merge_order
+from swarmdata.store.parts import write_part
 from swarmdata.store.table import table_columns
 from swarmdata.types import END_REASONS, Episode
 

@@ -7,7 +7,6 @@ import pytest
 
 from swarmdata.behavior_policies.conventions import (
     check_convention,
-    conventions_of,
     lane_targets,
     order_goals,
 )
@@ -33,7 +32,7 @@ def solved(name: str, follows_second: Bool, seeds_from: int = 0) -> Bool:
         seeds_from: number of the first validation seed.
     """
     spec, n = preset(name), len(follows_second)
-    teams = [CoopNavController(spec, convention=each) for each in conventions_of(spec)]
+    teams = [CoopNavController(spec, convention=each) for each in spec.rules.conventions]
     env = make_env(spec, n)
     step = env.reset(validation_seeds(seeds_from + n)[seeds_from:])
     for team in teams:
@@ -64,7 +63,7 @@ def test_one_coin_for_the_team_solves_and_a_coin_for_each_robot_does_not(name: s
 
 
 def test_presets_with_conventions() -> None:
-    found = {name: conventions_of(preset(name)) for name in preset_names()}
+    found = {name: preset(name).rules.conventions for name in preset_names()}
     assert {name: each for name, each in found.items() if each} == {
         "coop_nav-lanes": ("keep-right", "keep-left"),
         "coop_nav-ranks": ("by-x", "by-y"),
@@ -106,5 +105,5 @@ def test_goals_are_ordered_along_an_axis_and_ties_by_number() -> None:
 @pytest.mark.parametrize("name", WITH_CONVENTIONS)
 def test_the_contract_of_policies_is_kept(name: str) -> None:
     spec = preset(name).with_updates(horizon=25)
-    for convention in conventions_of(spec):
+    for convention in spec.rules.conventions:
         check_policy(CoopNavController(spec, noise=0.1, convention=convention), spec, make_env)

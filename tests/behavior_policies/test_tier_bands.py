@@ -4,7 +4,7 @@ import pytest
 
 from swarmdata.behavior_policies import tier_bands
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, complete_families, out_of_band
-from swarmdata.behavior_policies.tiers import FAMILIES
+from swarmdata.registry.recipes import FAMILIES
 
 GOOD = {
     "idle": {"return": -5.0},

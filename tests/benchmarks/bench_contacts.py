@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.envs.physics.backend import Contacts, Plan
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.episode_bodies import payload_rows
@@ -27,6 +26,7 @@ from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import checkpoints
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, VX, VY, robots_of

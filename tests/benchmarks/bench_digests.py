@@ -19,8 +19,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import find_recipe, shipped_recipes
 from tests.benchmarks.measuring import table
 from tests.benchmarks.variants import Variant, variants
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import TRAINED_TIERS, sources
 from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.recipes import TRAINED_TIERS, sources
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Int, Seeds, Step

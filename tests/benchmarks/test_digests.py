@@ -2,8 +2,8 @@
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import shipped_recipes
 from tests.benchmarks import bench_digests
 from tests.benchmarks.bench_digests import Built, build, compare_published, main
 from tests.benchmarks.variants import (

@@ -24,10 +24,12 @@ from swarmdata.errors import (
     UnknownNameError,
 )
 from swarmdata.registry.presets import preset
-from swarmdata.specs.origins import Edit
+from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assemble, merge_order, write_part
+from swarmdata.store.assembly import assemble
+from swarmdata.store.episode_order import merge_order
+from swarmdata.store.parts import write_part
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
 from swarmdata.types import Episode

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.building import kernel_warmup
 from swarmdata.building.build import build
 from swarmdata.building.kernel_warmup import kept_kernels, warm_kernels
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import NEWEST_VERSION
 from swarmdata.cards.committed_studies import committed_studies, read_estimates, read_studies
 from swarmdata.errors import StudyError
+from swarmdata.registry.recipes import NEWEST_VERSION
 
 STUDIES = Path(str(files("swarmdata.cards"))) / "studies"
 

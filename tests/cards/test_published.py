@@ -5,11 +5,11 @@ from importlib.resources import files
 import pytest
 
 from swarmdata.behavior_policies.tier_bands import complete_families, out_of_band
-from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS, checkpoints, shipped_recipes
 from swarmdata.cards.sections.origin import tier_section
 from swarmdata.cards.sections.reward_terms import reward_section
 from swarmdata.registry.components import make_task
 from swarmdata.registry.published import published, references
+from swarmdata.registry.recipes import FAMILIES, FAMILY_SPECS, checkpoints, shipped_recipes
 
 
 def means(family: str) -> dict[str, dict[str, float]]:

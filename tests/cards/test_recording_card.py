@@ -15,7 +15,9 @@ from swarmdata.cards.sections.card_data import card_data_of
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record import Recorder
-from swarmdata.specs.origins import Edit, Parent, RecordedSpec, Recording
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins.edit_origin import Edit, Parent
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
@@ -26,7 +28,9 @@ from swarmdata.specs.spaces import (
     TupleSpace,
 )
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assemble, open_store, write_part
+from swarmdata.store import open_store
+from swarmdata.store.assembly import assemble
+from swarmdata.store.parts import write_part
 from tests.record.worlds import Choosing, Counting, play, steady
 
 

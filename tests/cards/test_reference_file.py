@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import FAMILIES, FAMILY_SPECS
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.registry.published import references
+from swarmdata.registry.recipes import FAMILIES, FAMILY_SPECS
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import DiscreteSpace

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.cards.references import interval, summarize
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
@@ -15,6 +14,7 @@ from swarmdata.registry.published import (
     references,
     references_of,
 )
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.types import EvalResult
 

@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 import swarmdata
 from swarmdata.cli.main import app
-from swarmdata.specs.origins import ImportedLogs
+from swarmdata.specs.origins.log_origin import ImportedLogs
 
 SAMPLES = {
     "--action-bounds": "-2,2",

@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.behavior_policies import tiers
 from swarmdata.cli.main import app
 from swarmdata.hub.publishing import regenerate
-from swarmdata.registry import published
+from swarmdata.registry import published, recipes
 from swarmdata.registry.published import Published
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
@@ -38,7 +37,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def read_file() -> dict[str, Published]:
         return {key: Published.parse(value) for key, value in json.loads(path.read_text()).items()}
 
-    for module in (tiers, regenerate):
+    for module in (recipes, regenerate):
         monkeypatch.setattr(module, "find_recipe", lambda name: TINY)
         monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
     monkeypatch.setattr(regenerate, "is_dataset", lambda name: True)

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.behavior_policies.tiers import FAMILY_SPECS
 from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
+from swarmdata.registry.recipes import FAMILY_SPECS
 
 ID = "coop_nav-small-v0"
 

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import FAMILIES, TRAINED_TIERS, Checkpoint, checkpoints
 from swarmdata.interfaces import Policy
 from swarmdata.registry import components
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import FAMILIES, TRAINED_TIERS, Checkpoint, checkpoints
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Float, Int, Step

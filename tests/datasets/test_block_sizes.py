@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from swarmdata.store.integrity import verification
 
 from swarmdata.audit import content_checks, subject
 from swarmdata.audit.checks import audit
@@ -23,8 +24,7 @@ from swarmdata.runtime import mapped_pages
 from swarmdata.runtime.mapped_pages import mapping_of
 from swarmdata.store.arrays import scratch_arrays
 from swarmdata.store.arrays.scratch_arrays import ScratchMap, new_arrays
-from swarmdata.store.integrity import verification
-from swarmdata.store.integrity.verification import logical_digest
+from swarmdata.store.damage import logical_digest
 from swarmdata.store.stored_dataset import map_checked
 
 

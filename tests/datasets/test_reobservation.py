@@ -27,7 +27,8 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assemble, merge_order
+from swarmdata.store.assembly import assemble
+from swarmdata.store.episode_order import merge_order
 from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import write_streams
 from swarmdata.types import Episode

@@ -18,7 +18,8 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assemble, merge_order
+from swarmdata.store.assembly import assemble
+from swarmdata.store.episode_order import merge_order
 from swarmdata.testing.synthetic import make_dataset, write_streams
 from swarmdata.types import Episode
 

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from swarmdata.cli.main import app
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import LogMap
+from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import find_recipe
 
 PAGE = Path(__file__).parents[2] / "docs/which-dataset.md"
 SHARE = re.compile(r"(\d+\.\d) % of\s+`([\w-]+)`")

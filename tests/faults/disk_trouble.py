@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.building import build as build_module
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.cards.publish import publish_card
@@ -30,9 +29,11 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import examine
 from swarmdata.interop.export import export_dataset
 from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assemble, read_manifest, write_file
+from swarmdata.store import read_manifest, write_file
+from swarmdata.store.assembly import assemble
 from swarmdata.testing.synthetic import make_dataset
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.tiny import TINY, make_tiny

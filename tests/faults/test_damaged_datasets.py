@@ -28,7 +28,7 @@ from swarmdata.errors import (
 from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays.layout import FIELDS, FORMAT_VERSION, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.damage import find_damage
+from swarmdata.store.damage import find_damage
 from swarmdata.store.manifest import Manifest
 from swarmdata.testing.synthetic import make_dataset
 from tests.support.tiny import sign

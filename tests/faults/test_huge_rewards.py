@@ -13,7 +13,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DivergedError, SchemaError
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.store import write_part
+from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import Episode, Float
 from tests.interop.conftest import recorded_episodes, write_recording

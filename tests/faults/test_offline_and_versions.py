@@ -18,8 +18,8 @@ from swarmdata.hub.catalog.repair import examine
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import find_damage
 from swarmdata.store.arrays.layout import FORMAT_VERSION
+from swarmdata.store.damage import find_damage
 from tests.support.tiny import sign
 
 ROOT = Path(__file__).parents[2]

@@ -16,7 +16,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, RecipeConflictError
 from swarmdata.record import Recorder, recover
 from swarmdata.record.recording_folder import SESSION_FILE, inspect_recording, unfinished_folder
-from swarmdata.store import open_store, read_part_table
+from swarmdata.store import open_store
+from swarmdata.store.parts import read_part_table
 from swarmdata.testing.synthetic import make_dataset
 from tests.record.worlds import Counting, play, steady
 

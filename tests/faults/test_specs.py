@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRewards
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Study
@@ -24,6 +23,7 @@ from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.documents import parse_document
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import RecordedSpec, parse_origin

@@ -22,7 +22,6 @@ from swarmdata.behavior_policies.learned import (
     digest_of,
     read_checkpoint,
 )
-from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.cards.card import card_of
 from swarmdata.drawing import markdown
 from swarmdata.errors import (
@@ -35,10 +34,12 @@ from swarmdata.errors import (
 )
 from swarmdata.record import Recorder
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import checkpoints
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import open_store, read_part_table, write_part
+from swarmdata.store import open_store
+from swarmdata.store.parts import read_part_table, write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from tests.faults.test_damaged_datasets import list_again
 from tests.record.worlds import Counting, play, steady

@@ -15,10 +15,12 @@ from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import find_format
 from swarmdata.record import Recorder
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
-from swarmdata.store import assemble, write_part
+from swarmdata.store.assembly import assemble
+from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from swarmdata.types import END_REASONS, Episode
 from tests.record.worlds import Seeing, play

@@ -19,7 +19,7 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.specs.spaces import MultiDiscreteSpace
-from swarmdata.store import find_damage
+from swarmdata.store.damage import find_damage
 from swarmdata.types import END_REASONS
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")

@@ -18,7 +18,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SwarmdataError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
-from swarmdata.store import find_damage
+from swarmdata.store.damage import find_damage
 
 Arrays = dict[str, Any]
 NAMES = ("observations", "next_observations", "actions", "rewards", "terminals", "timeouts")

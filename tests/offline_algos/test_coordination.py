@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.behavior_policies.tiers import CONVENTION_FAMILIES, FAMILY_SPECS
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.evaluation.runs.train import train
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import references
+from swarmdata.registry.recipes import CONVENTION_FAMILIES, FAMILY_SPECS
 from swarmdata.rollouts.evaluate import evaluate
 
 SMALL = {"n_updates": "1500", "batch_size": "128", "hidden": "64,64"}

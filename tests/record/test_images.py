@@ -16,10 +16,12 @@ from swarmdata.datasets.mixture import mix
 from swarmdata.errors import ManifestError, SchemaError
 from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds
 from swarmdata.specs.origins import RecordedSpec
-from swarmdata.store import assemble, open_store, write_part
+from swarmdata.store import open_store
 from swarmdata.store.arrays.running_moments import Moments
-from swarmdata.store.integrity.manifest_recovery import remake_manifest
-from swarmdata.store.integrity.recognition import is_dataset
+from swarmdata.store.assembly import assemble
+from swarmdata.store.manifest_recovery import remake_manifest
+from swarmdata.store.parts import write_part
+from swarmdata.store.recognition import is_dataset
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.types import Episode
 from tests.record.worlds import Choosing, Seeing, play

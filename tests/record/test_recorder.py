@@ -20,11 +20,12 @@ from swarmdata.errors import (
 )
 from swarmdata.record import Limits, Recorder, UnfinishedEpisodeWarning, recover
 from swarmdata.record.recording_folder import inspect_recording, unfinished_folder
-from swarmdata.specs.origins import RecordedSpec, Recording
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import unflatten
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assign_splits
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.types import END_REASONS
 from tests.record.worlds import Choosing, Counting, play, steady
 

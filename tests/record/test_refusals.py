@@ -11,7 +11,7 @@ from swarmdata.audit import audit
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.record import Limits, Recorder, record_vmas
 from swarmdata.record.recording_folder import RecordingFolder, Session
-from swarmdata.specs.origins import Recording
+from swarmdata.specs.origins.recording_origin import Recording
 from tests.interop.conftest import RECORDING, recorded_episodes
 from tests.record.test_vmas import Halving, act
 from tests.record.worlds import Choosing, Counting, play, steady

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import checkpoints
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs, uniform_log_probs
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.tiers import TIERS, shipped_recipes
 from swarmdata.errors import SpecError
+from swarmdata.registry.recipes import TIERS, shipped_recipes
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import (
     FileName,

@@ -18,15 +18,11 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.runtime.atomic import new_folder, write_file
-from swarmdata.store import (
-    assemble,
-    assign_splits,
-    merge_order,
-    open_store,
-    read_part_table,
-    remove_leftovers,
-    write_part,
-)
+from swarmdata.store import open_store, remove_leftovers
+from swarmdata.store.assembly import assemble
+from swarmdata.store.episode_order import merge_order
+from swarmdata.store.parts import read_part_table, write_part
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.testing.synthetic import (
     N_AGENTS,
     N_FEATURES,

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.store import merge_order
+from swarmdata.store.episode_order import merge_order
 from swarmdata.testing.synthetic import make_recipe
 
 streams = st.lists(st.lists(st.integers(1, 30), min_size=1, max_size=25), min_size=1, max_size=4)

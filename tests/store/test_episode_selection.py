@@ -8,8 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.store import Piece, Selection, open_store
+from swarmdata.store import open_store
 from swarmdata.store.arrays.layout import ALL_FIELDS
+from swarmdata.store.episode_selection import Piece, Selection
 from swarmdata.testing.synthetic import make_dataset
 
 

@@ -10,13 +10,16 @@ import pytest
 import zarr
 
 from swarmdata.specs.task_spec import Obstacles
-from swarmdata.store import assemble, merge_order, open_store, write_part
+from swarmdata.store import open_store
 from swarmdata.store.arrays import layout as layout_module
-from swarmdata.store.arrays.layout import FIELDS, array_file, crc32c, plan_shard
+from swarmdata.store.arrays.layout import FIELDS, array_file, plan_shard
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.verification import logical_digest
+from swarmdata.store.assembly import assemble
+from swarmdata.store.damage import logical_digest
+from swarmdata.store.episode_order import merge_order
 from swarmdata.store.manifest import FileEntry
+from swarmdata.store.parts import write_part
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import (
     SPEC,
@@ -154,19 +157,6 @@ def test_reading_imports_no_zarr(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
-
-
-@pytest.mark.parametrize(
-    ("data", "expected"),
-    [
-        (b"123456789", 0xE3069283),  # the check value of the CRC catalogue
-        (bytes(32), 0x8A9136AA),  # RFC 3720, B.4
-        (b"\xff" * 32, 0x62A8AB43),
-        (bytes(range(32)), 0x46DD794E),
-    ],
-)
-def test_crc32c_of_known_data(data: bytes, expected: int) -> None:
-    assert crc32c(data) == expected
 
 
 @pytest.mark.parametrize("rows", [1, 9_999, 10_000, 10_001, 1_000_000, 1_008_000])

@@ -9,9 +9,11 @@ from swarmdata import load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, DatasetError
 from swarmdata.hub.catalog.repair import repair
-from swarmdata.specs.origins import ORIGIN_KINDS, Recording
-from swarmdata.store import assemble, write_part
+from swarmdata.specs.origins import ORIGIN_KINDS
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.store.arrays.layout import DATA
+from swarmdata.store.assembly import assemble
+from swarmdata.store.parts import write_part
 from tests.support.own_task import make_thrifty
 from tests.support.tiny import TINY, flip
 

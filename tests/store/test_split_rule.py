@@ -5,7 +5,8 @@ import pytest
 
 from swarmdata.errors import SpecError
 from swarmdata.specs.recipe import Splits
-from swarmdata.store import SPLITS, assign_splits
+from swarmdata.store import SPLITS
+from swarmdata.store.split_rule import assign_splits
 from swarmdata.testing.synthetic import make_recipe
 
 

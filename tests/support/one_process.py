@@ -11,7 +11,7 @@ from swarmdata.building.build import make_part
 from swarmdata.registry.components import make_env
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.specs.recipe import Recipe
-from swarmdata.store import write_part
+from swarmdata.store.parts import write_part
 
 
 class OneProcessCrew:

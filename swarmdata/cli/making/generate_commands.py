@@ -164,7 +164,7 @@ def _follow_recipe(
         return
     if remote is not None:
         from swarmdata.building.shares import receive_parts
-        from swarmdata.hub.remotes import open_remote
+        from swarmdata.hub.remotes.addresses import open_remote
 
         n = receive_parts(recipe, folder, open_remote(remote), checkpoints=beside)
         typer.echo(f"{recipe.id}: fetched {n} parts from {remote}")
@@ -197,7 +197,7 @@ def _make_share(
     recipe: "Recipe", out: Path, beside: Path | None, part: str, remote: str | None
 ) -> None:
     from swarmdata.building.shares import make_share
-    from swarmdata.hub.remotes import open_remote
+    from swarmdata.hub.remotes.addresses import open_remote
 
     sent_to = None if remote is None else open_remote(remote)
     made = make_share(recipe, out, *parse_part(part), checkpoints=beside, remote=sent_to)
@@ -206,7 +206,7 @@ def _make_share(
 
 def _find_recipe(dataset: str) -> "tuple[Recipe, Path | None]":
     """The recipe of an id, or of a file and the folder that the file is in."""
-    from swarmdata.behavior_policies.tiers import find_recipe
+    from swarmdata.registry.recipes import find_recipe
     from swarmdata.specs.recipe import Recipe
 
     path = Path(dataset)

@@ -57,7 +57,7 @@ def import_command(
     """
     from swarmdata.interop.logs import import_logs, remake_logs
     from swarmdata.interop.logs.map_files import read_map
-    from swarmdata.specs.origins import ImportedLogs
+    from swarmdata.specs.origins.log_origin import ImportedLogs
     from swarmdata.store.cache import cache_folder
 
     found = read_map(log_map)

@@ -7,7 +7,6 @@ over a channel without losses: messages that arrive only there were lost.
 from functools import partial
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
 from swarmdata.envs.render import animate, draw, save_png
 from swarmdata.envs.render.video import VIDEO_SUFFIXES
@@ -18,6 +17,7 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
 from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry.components import make_env, make_task
+from swarmdata.registry.recipes import is_dataset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import staged
 from swarmdata.specs.model_choice import Source, chosen_models

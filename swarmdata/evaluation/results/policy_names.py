@@ -4,14 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import (
-    TIERS,
-    TRAINED_TIERS,
-    find_recipe,
-    is_dataset,
-    shipped_recipes,
-    sources,
-)
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
@@ -21,6 +13,14 @@ from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
+from swarmdata.registry.recipes import (
+    TIERS,
+    TRAINED_TIERS,
+    find_recipe,
+    is_dataset,
+    shipped_recipes,
+    sources,
+)
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import defined_elsewhere
@@ -28,7 +28,7 @@ from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_mo
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
-from swarmdata.store.integrity.recognition import is_dataset as is_dataset_folder
+from swarmdata.store.recognition import is_dataset as is_dataset_folder
 
 DEFAULT_TASK = "coop_nav"
 """Preset in which policies and tiers act unless another is named."""

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import FAMILY_SPECS
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_files import Result, load_result
@@ -25,6 +24,7 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
+from swarmdata.registry.recipes import FAMILY_SPECS
 from swarmdata.specs.model_choice import is_same_world, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.store import open_store

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import TIERS, sources
 from swarmdata.cards.references import summarize
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.policy_names import Target, find_target
@@ -17,6 +16,7 @@ from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import TaskReferences
+from swarmdata.registry.recipes import TIERS, sources
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec

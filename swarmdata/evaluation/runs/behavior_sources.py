@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swarmdata.behavior_policies.learned import own_actor
-from swarmdata.behavior_policies.tiers import FAMILY_SPECS, TRAINED_TIERS, sources
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
 from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import run_folders
 from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, policy_class
+from swarmdata.registry.recipes import FAMILY_SPECS, TRAINED_TIERS, sources
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec

@@ -6,7 +6,6 @@ from concurrent.futures import Executor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from swarmdata.behavior_policies.tiers import part_size, shipped_recipes
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
@@ -14,6 +13,7 @@ from swarmdata.evaluation.runs.behavior_sources import Behavior, behaviors_of, t
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import part_size, shipped_recipes
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models
 from swarmdata.specs.plain_names import repeated

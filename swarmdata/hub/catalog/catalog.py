@@ -6,44 +6,31 @@ the package if neither has it, so that everything works without a network.
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.datasets.mixture import Mixture, mix
-from swarmdata.datasets.reobservation import check_messages
 from swarmdata.errors import SpecError
 from swarmdata.hub.catalog.identity import judge, misnamed
-from swarmdata.hub.catalog.request import is_offline, parse_request
-from swarmdata.hub.catalog.sources import (
-    Cache,
-    Rebuild,
-    Remotes,
-    obtain,
-    unknown_dataset,
-)
-from swarmdata.hub.catalog.streams import stream_request
-from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
-from swarmdata.registry.published import (
-    Published,
-    Reference,
-    published,
-    references_of,
-)
+from swarmdata.hub.catalog.request import cached, is_offline, parse_request
+from swarmdata.registry.published import Reference, published, references_of
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
-from swarmdata.specs.model_choice import Source, with_models
+from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import changed_weights
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.stored_dataset import Verify, check_widths
+
+if TYPE_CHECKING:  # a cached dataset is opened without them
+    from swarmdata.datasets.mixture import Mixture
+    from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
 
 
 class RebuiltDifferentlyWarning(UserWarning):
@@ -81,7 +68,7 @@ def list_datasets() -> list[DatasetInfo]:
 
 
 def _info(recipe: Recipe) -> DatasetInfo:
-    entry: Published | None = published().get(recipe.id)
+    entry = published().get(recipe.id)
     anchors = references_of(recipe.spec.hash())
     return DatasetInfo(
         id=recipe.id,
@@ -122,33 +109,33 @@ def load(
     offline: bool | None = None,
     workers: int | None = None,
     progress: bool = True,
-) -> Mixture: ...
+) -> "Mixture": ...
 @overload
 def load(
     dataset_id: str | Path,
     *,
-    stream: Literal[True] | Stream,
+    stream: "Literal[True] | Stream",
     observation: Source | None = None,
     communication: Source | None = None,
     offline: bool | None = None,
     progress: bool = True,
-) -> StreamedDataset: ...
+) -> "StreamedDataset": ...
 @overload
 def load(
     dataset_id: list[str] | list[Path] | tuple[str | Path, ...],
     *,
-    stream: Literal[True] | Stream,
+    stream: "Literal[True] | Stream",
     weights: Sequence[float] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
     offline: bool | None = None,
     progress: bool = True,
-) -> Mixture: ...
+) -> "Mixture": ...
 def load(
     dataset_id: str | Path | list[str] | list[Path] | tuple[str | Path, ...],
     *,
     weights: Sequence[float] | None = None,
-    stream: bool | Stream = False,
+    stream: "bool | Stream" = False,
     observation: Source | None = None,
     communication: Source | None = None,
     rewards: RewardChoice | None = None,
@@ -157,7 +144,7 @@ def load(
     offline: bool | None = None,
     workers: int | None = None,
     progress: bool = True,
-) -> Dataset | Mixture | StreamedDataset:
+) -> "Dataset | Mixture | StreamedDataset":
     """Opens a dataset, or a mixture of several: from the cache, a remote, or built from its recipe.
 
     The remotes that are configured are asked in order (`swarmdata remote list`); one that fails, or
@@ -202,29 +189,33 @@ def load(
     _check_number(dataset_id, weights, path)
     if stream:
         _refuse_streamed(verify, rewards=rewards, path=path, workers=workers)
-        open_streamed = partial(
-            _open_streamed,
-            stream=Stream() if stream is True else stream,
-            remotes=Remotes(offline=is_offline(offline), progress=progress),
+        from swarmdata.hub.catalog.streams import open_streamed  # noqa: PLC0415  (all of streaming)
+
+        open_one = partial(
+            open_streamed,
+            stream=None if stream is True else stream,
+            is_offline=is_offline(offline),
             observation=observation,
             communication=communication,
+            progress=progress,
         )
-        if isinstance(dataset_id, str | Path):
-            return open_streamed(dataset_id)
-        return mix([open_streamed(each) for each in dataset_id], weights)
-    open_one = partial(
-        _open,
-        observation=observation,
-        communication=communication,
-        rewards=rewards,
-        verify=verify,
-        offline=offline,
-        workers=workers,
-        progress=progress,
-    )
+    else:
+        open_one = partial(
+            _open,
+            path=path,
+            observation=observation,
+            communication=communication,
+            rewards=rewards,
+            verify=verify,
+            offline=offline,
+            workers=workers,
+            progress=progress,
+        )
     if isinstance(dataset_id, str | Path):
-        return open_one(dataset_id, path)
-    return mix([open_one(each, None) for each in dataset_id], weights)
+        return open_one(dataset_id)
+    from swarmdata.datasets.mixture import mix  # noqa: PLC0415  (most calls mix nothing)
+
+    return mix([open_one(each) for each in dataset_id], weights)
 
 
 def _check_number(
@@ -264,8 +255,12 @@ def _open(
     if request.recipe is not None and rewards:
         rules = request.recipe.spec.rules
         changed_weights(rules.rewards, chosen_weights(rewards, rules))
-    remotes = Remotes(offline=is_offline(offline), progress=progress)
-    found = obtain(request, remotes, Rebuild(remotes, workers, progress))
+    found = cached(request)
+    if found is None:  # what fetches and builds is imported only then
+        from swarmdata.hub.catalog.sources import Rebuild, Remotes, obtain  # noqa: PLC0415
+
+        remotes = Remotes(offline=is_offline(offline), progress=progress)
+        found = obtain(request, remotes, Rebuild(remotes, workers, progress))
     stored = open_store(found.folder, verify, recipe=request.recipe)
     whole = np.arange(stored.manifest.n_episodes)
     dataset = Dataset(stored, whole, known_references(stored.recipe.spec), found.source)
@@ -288,30 +283,8 @@ def _refuse_streamed(verify: Verify, **options: object) -> None:
     given += [] if verify == "fast" else ["verify"]
     if given:
         raise SpecError(
-            f"stream together with {', '.join(given)} cannot be had, expected datasets as they are "
-            "recorded"
+            f"stream does not go with {', '.join(given)}, expected datasets as they are recorded"
         )
-
-
-def _open_streamed(
-    dataset_id: str | Path,
-    *,
-    stream: Stream,
-    remotes: Remotes,
-    observation: Source | None,
-    communication: Source | None,
-) -> StreamedDataset:
-    """Opens one dataset without fetching it, as `load` does."""
-    dataset = stream_request(parse_request(dataset_id), remotes, stream)
-    identity = judge(dataset.blocks.source.manifest)
-    if not identity.is_as_named:  # on this machine: of remotes, such are refused
-        warnings.warn(
-            f"{dataset.source}: {identity.sentence}.", AnotherDatasetWarning, stacklevel=3
-        )
-    dataset = replace(dataset, references=known_references(dataset.recipe.spec))
-    if observation is None and communication is None:
-        return dataset
-    return dataset.reobserve(observation, communication)
 
 
 def find_folder(name: str | Path) -> Path:
@@ -324,19 +297,18 @@ def find_folder(name: str | Path) -> Path:
     request = parse_request(name)
     if request.folder is not None and (request.recipe or request.source == "folder"):
         return request.folder
-    cache, remotes = Cache(), Remotes(offline=True)
-    found = cache.get(request) or cache.get(remotes.pin(request))
+    found = cached(request)
     if found is None:
-        raise unknown_dataset(request, remotes)
+        from swarmdata.hub.catalog.sources import Remotes, unknown_dataset  # noqa: PLC0415
+
+        remotes = Remotes(offline=True)
+        found = cached(remotes.pin(request))
+        if found is None:
+            raise unknown_dataset(request, remotes)
     return found.folder
 
 
 def known_references(spec: Spec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
-    found = None if spec.world is None else references_of(_spec_hash(spec.world))
+    found = None if spec.world is None else references_of(spec.world.hash())
     return None if found is None else found.reference
-
-
-@lru_cache(maxsize=256)
-def _spec_hash(spec: TaskSpec) -> str:
-    return spec.hash()

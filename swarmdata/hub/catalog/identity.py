@@ -7,13 +7,16 @@ The digests of arrays and recipe decide; the recipe includes the spec. Commands 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.registry.published import Published, changed_versions, published
-from swarmdata.store import Damage, Manifest, read_manifest
+from swarmdata.registry.recipes import shipped_recipes
+from swarmdata.store import Manifest, read_manifest
 from swarmdata.store.cache import was_built_here
+
+if TYPE_CHECKING:
+    from swarmdata.store.damage import Damage
 
 Kind = Literal["published", "rebuilt", "another", "unknown", "damaged"]
 
@@ -39,7 +42,7 @@ class Identity:
         return self.kind in ("published", "unknown")
 
 
-def identify(folder: Path, damage: Sequence[Damage]) -> Identity:
+def identify(folder: Path, damage: "Sequence[Damage]") -> Identity:
     """Identifies the dataset in a folder.
 
     Args:
@@ -74,9 +77,10 @@ def misnamed(folder: Path, manifest: Manifest) -> str | None:
 
 def judge(manifest: Manifest) -> Identity:
     """Identifies a dataset by its manifest alone; its files are not read."""
-    entry, recipe = published().get(manifest.id), shipped_recipes().get(manifest.id)
+    entry = published().get(manifest.id)
     if entry is not None:
         return _compared(manifest, entry)
+    recipe = shipped_recipes().get(manifest.id)
     if recipe is not None and recipe.hash() != manifest.recipe_hash:
         return Identity(
             "another",

@@ -16,12 +16,12 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 from tqdm import tqdm
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
 from swarmdata.errors import DatasetError, SwarmdataError
 from swarmdata.hub.catalog.catalog import DatasetInfo
 from swarmdata.hub.catalog.identity import misnamed
-from swarmdata.hub.catalog.sources import cached_ids
+from swarmdata.hub.catalog.request import cached_ids
 from swarmdata.hub.remotes.outside_names import is_id
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.regular_files import read_regular
 from swarmdata.store import open_store

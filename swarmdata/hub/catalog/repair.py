@@ -1,38 +1,52 @@
 """Names all damage of a dataset's folder, card included, and replaces only what is broken.
 
 A broken file is fetched from a remote or made again from the recipe in a scratch folder, compared
-with the SHA-256 in the manifest, and swapped in with one rename. The manifest itself is believed
-only where the published digests, or all the other files, agree with it.
+with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is recomputed from
+sound arrays, fetched, or made again; it is believed only where the published digests, or all the
+other files, agree with it.
 """
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from tqdm import tqdm
 
+from swarmdata.building.build import build
 from swarmdata.cards import side_files
 from swarmdata.cards.card import write_card
-from swarmdata.errors import DatasetError, DatasetNotFoundError, SwarmdataError
-from swarmdata.hub.catalog.repair_sources import MADE_AGAIN, Sources, origin_of, restore_manifest
-from swarmdata.hub.catalog.sources import skip
-from swarmdata.hub.remotes.pull_dataset import fetch_file
-from swarmdata.registry.published import changed_versions
-from swarmdata.runtime.atomic import sync
-from swarmdata.runtime.locking import locked
-from swarmdata.store import (
-    Damage,
-    Manifest,
-    find_damage,
-    read_manifest,
-    remove_leftovers,
-    write_file,
+from swarmdata.errors import (
+    DatasetError,
+    DatasetNotFoundError,
+    ManifestError,
+    SpecError,
+    SwarmdataError,
 )
-from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
+from swarmdata.hub.catalog.identity import judge
+from swarmdata.hub.catalog.sources import Rebuild, Remotes, skip
+from swarmdata.hub.remotes.addresses import open_remote
+from swarmdata.hub.remotes.pull_dataset import fetch_file
+from swarmdata.registry.published import changed_versions, published
+from swarmdata.registry.recipes import shipped_recipes
+from swarmdata.runtime.atomic import sync
+from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.locking import locked
+from swarmdata.specs.origins import Origin, parse_origin
+from swarmdata.specs.origins.edit_origin import Edit
+from swarmdata.specs.origins.foreign_origin import missing_parts
+from swarmdata.specs.recipe import Recipe
+from swarmdata.store import Manifest, read_manifest, remove_leftovers, write_file
+from swarmdata.store.arrays.layout import CARD, CHECKPOINTS, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.recognition import is_dataset, no_dataset
+from swarmdata.store.damage import Damage, find_damage
+from swarmdata.store.manifest import MAX_MANIFEST_BYTES, parse_manifest
+from swarmdata.store.manifest_recovery import remake_manifest
+from swarmdata.store.recognition import is_dataset, no_dataset, root_attributes
 from swarmdata.store.scratch import remove_scratch, scratch_folder
+
+MADE_AGAIN = "made again from the recipe"
+"""The source of a file that was rebuilt, in words."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +75,11 @@ def examine(path: Path) -> tuple[Damage, ...]:
 
 
 def repair(
-    path: Path, *, remotes: Sequence[str] = (), workers: int | None = None, progress: bool = True
+    path: Path,
+    *,
+    remotes: tuple[str, ...] = (),
+    workers: int | None = None,
+    progress: bool = True,
 ) -> tuple[Repair, ...]:
     """Replaces the broken files of a dataset and leaves the others as they are.
 
@@ -89,7 +107,7 @@ def repair(
         raise DatasetNotFoundError(f"{no_dataset(path)} Nothing was changed.")
     with locked(path, progress):
         scratch = scratch_folder(path, "repair")
-        job = _Job(path, Sources(path, scratch, tuple(remotes), workers, progress))
+        job = _Job(path, scratch, tuple(remotes), workers, progress)
         try:
             done = tuple(job.run())
         except DatasetError:  # the rebuild did not help; the next repair goes on after an interrupt
@@ -107,28 +125,30 @@ def repair(
 
 @dataclass(frozen=True)
 class _Job:
-    """One repair and where it may take things from."""
+    """One repair, whose lock is held, and where it may take things from."""
 
     path: Path
-    sources: Sources
+    scratch: Path
+    remotes: tuple[str, ...]
+    workers: int | None
+    progress: bool
 
     def run(self) -> Iterator[Repair]:
         remove_leftovers(self.path, MANIFEST, REFERENCES, CARD)
-        damage = {each.file for each in examine(self.path)}
-        if MANIFEST in damage:
-            restored, how = restore_manifest(self.path, self.sources)
+        if any(each.file == MANIFEST for each in find_damage(self.path)):
+            restored, how = self._restored()
             self._make_way(MANIFEST)
             write_file(self.path / MANIFEST, restored.to_bytes())
             yield Repair(MANIFEST, how)
         manifest = read_manifest(self.path)
-        left = self._broken_files(manifest)
-        for address in self.sources.remotes:
-            for file in self._fetched(address, manifest, left):
+        damage = {each.file for each in find_damage(self.path)}  # links of folders included
+        left = [f for f in manifest.files if damage & {f, *map(str, Path(f).parents)}]
+        for address in self.remotes if left else ():
+            for file in self._fetched(address, manifest, sorted(left)):
                 left.remove(file)
                 yield Repair(file, f"fetched from {address}")
-        if left:
-            for file in self._rebuilt_files(manifest, left):
-                yield Repair(file, MADE_AGAIN)
+        for file in self._rebuilt(manifest, sorted(left)) if left else ():
+            yield Repair(file, MADE_AGAIN)
         beside = side_files.damage_of(self.path)
         for each in beside:
             self._make_way(each.file)
@@ -137,14 +157,145 @@ class _Job:
         for each in beside:
             yield Repair(each.file, "written anew")
 
-    def _broken_files(self, manifest: Manifest) -> list[str]:
-        """The listed files that are broken, those in linked folders included."""
-        damage = {each.file for each in find_damage(self.path)}
-        return [
-            file
-            for file in sorted(manifest.files)
-            if any(part in damage for part in (file, *map(str, Path(file).parents)))
-        ]
+    def _restored(self) -> tuple[Manifest, str]:
+        """The first manifest that can be believed, and its source in words.
+
+        Raises:
+            DatasetError: none can be, or nothing says what the dataset was made from.
+            BuildError: the recipe could not be built.
+        """
+        origin, said = self._origin(None), "no manifest of it was found"
+        for manifest, how in self._manifests(origin):
+            if (doubt := self._doubt(manifest)) is None:
+                return manifest, how
+            said = doubt
+        raise ManifestError(
+            f"the manifest of {self.path} cannot be restored: {said}. Take {origin.id} from a "
+            "remote. Nothing was changed."
+        )
+
+    def _manifests(self, origin: Recipe | Edit) -> Iterator[tuple[Manifest, str]]:
+        """Manifests that may be the lost one: of sound files, of remotes, of the recipe."""
+        entry = published().get(origin.id)
+        if entry is not None and isinstance(origin, Recipe):
+            try:
+                own = remake_manifest(self.path, origin, entry.made_with)
+            except DatasetError:  # the arrays are no sound ones
+                own = None
+            if own is not None and own.transport_digest == entry.transport_digest:
+                yield own, "made again from files that have the published digests"
+        for address in self.remotes:
+            try:
+                manifest, where = self._offered(address, origin.id)
+            except SwarmdataError as error:
+                skip(address, f"the manifest of {self.path}", error)
+            else:
+                yield manifest, f"fetched from {where}"
+        yield read_manifest(self._built(origin)), MADE_AGAIN
+
+    def _doubt(self, manifest: Manifest) -> str | None:
+        """Why a manifest is not believed, in words; None: it is the dataset's.
+
+        It is where every file here is the one that it lists; a published one also where most arrays
+        are. Where most are others, this is a dataset of the user's own, whatever its name.
+        """
+        other = next((f for f in manifest.files if not self._is_listed(manifest, f)), None)
+        if other is None:
+            return None
+        if judge(manifest).kind != "published":
+            return f"{other} is not the file that {manifest.id} has"
+        names = [file for plan in manifest.plan.values() for file in plan.files]
+        there = [file for file in names if (self.path / file).is_file()]
+        differing = sum(not self._is_listed(manifest, file) for file in there)
+        if 2 * differing < len(there):
+            return None
+        return f"{differing} of its {len(there)} arrays are not the published ones"
+
+    def _is_listed(self, manifest: Manifest, file: str) -> bool:
+        path = self.path / file
+        return path.is_file() and file_digest(path) == manifest.files[file].sha256
+
+    def _offered(self, address: str, dataset: str) -> tuple[Manifest, str]:
+        """The manifest that a remote has under an id, and the address of its release."""
+        remote = open_remote(address)
+        release = remote.find(dataset)
+        if release is None:
+            raise DatasetError(f"{dataset} is not there")
+        copy = self.scratch / "fetched" / MANIFEST
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        remote.read(release, MANIFEST, copy, MAX_MANIFEST_BYTES)
+        return parse_manifest(copy.read_bytes(), copy), release.address
+
+    def _fetched(self, address: str, manifest: Manifest, files: list[str]) -> Iterator[str]:
+        """Fetches files from one remote; yields those that have been replaced."""
+        try:
+            theirs, where = self._offered(address, manifest.id)
+            remote = open_remote(address)
+            release = remote.find(manifest.id)
+            for file in files:
+                if release is None or theirs.files.get(file) != manifest.files[file]:
+                    raise DatasetError(f"{where} has another {file} than was written")
+                copy = self.scratch / "fetched" / file
+                fetch_file(remote, release, manifest, file, copy)
+                self._swap(copy, file)
+                yield file
+        except SwarmdataError as error:
+            skip(address, f"the repair of {self.path}", error)
+
+    def _rebuilt(self, manifest: Manifest, files: list[str]) -> Iterator[str]:
+        """Builds the dataset again beside this one and takes the broken files out of it."""
+        made = self._built(self._origin(manifest))
+        wrong = [f for f in files if file_digest(made / f) != manifest.files[f].sha256]
+        if wrong:
+            changed = changed_versions(manifest.provenance, read_manifest(made).provenance)
+            raise DatasetError(
+                f"{', '.join(wrong)} of {self.path} cannot be repaired: made again from the recipe "
+                f"they have other bytes than were written ({', '.join(changed) or 'same versions'})"
+                f". Take them from a remote, or load {manifest.id} again elsewhere."
+            )
+        for file in files:
+            self._swap(made / file, file)
+            yield file
+
+    def _built(self, origin: Recipe | Edit) -> Path:
+        """Makes a dataset in the scratch folder; what a killed repair has made is used."""
+        out = self.scratch / "rebuilt" / origin.id
+        if isinstance(origin, Recipe):
+            own = self.path if (self.path / CHECKPOINTS).is_dir() else None
+            return build(origin, out, checkpoints=own, workers=self.workers, progress=self.progress)
+        rebuild = Rebuild(Remotes(self.remotes, False, self.progress), self.workers, self.progress)
+        return rebuild.edited(origin, self.path, out)
+
+    def _origin(self, manifest: Manifest | None) -> Recipe | Edit:
+        """The origin beside the data if it is whole, else the shipped recipe of the same hash.
+
+        The manifest has the right hash; where it is lost, the attributes of the arrays have it.
+
+        Raises:
+            DatasetError: there is neither.
+        """
+        attributes = root_attributes(self.path)
+        known = attributes.get("recipe_hash") if manifest is None else manifest.recipe_hash
+        name = attributes.get("id", self.path.resolve().name) if manifest is None else manifest.id
+        data: object = None
+        beside: Origin | None = None
+        try:
+            data = read_document(self.path / RECIPE)
+            beside = parse_origin(data, RECIPE)
+        except (SpecError, OSError, ValueError):  # broken, absent, or of another package
+            pass
+        shipped = shipped_recipes().get(str(name))
+        if shipped is None:  # the name may be what is damaged
+            recipes = shipped_recipes().values()
+            shipped = next((each for each in recipes if each.hash() == known), None)
+        for origin in (beside, shipped):
+            if isinstance(origin, Recipe | Edit) and known in (None, origin.hash()):
+                return origin
+        packages = {} if manifest is None else manifest.provenance
+        raise DatasetError(
+            f"{self.path} cannot be made again: {_why_lost(beside, missing_parts(data, packages))} "
+            f"Take {name} from a remote, or the files from a copy of yours."
+        )
 
     def _make_way(self, file: str) -> None:
         """Removes links where folders of the dataset belong; a link for a file is overwritten.
@@ -170,40 +321,20 @@ class _Job:
         source.replace(target)
         sync(target.parent)
 
-    def _fetched(self, address: str, manifest: Manifest, files: Sequence[str]) -> Iterator[str]:
-        """Fetches files from one remote; yields those that have been replaced."""
-        if not files:
-            return
-        try:
-            remote, release, theirs = self.sources.release(address, manifest.id)
-            for file in sorted(files):
-                if theirs.files.get(file) != manifest.files[file]:
-                    raise DatasetError(f"{release.address} has another {file} than was written")
-                copy = self.sources.fetched / file
-                fetch_file(remote, release, manifest, file, copy)
-                self._swap(copy, file)
-                yield file
-        except SwarmdataError as error:
-            skip(address, f"the repair of {self.path}", error)
-
-    def _rebuilt_files(self, manifest: Manifest, files: Sequence[str]) -> Iterator[str]:
-        """Builds the dataset again beside this one and takes the broken files out of it."""
-        rebuilt = self.sources.rebuild(origin_of(self.path, manifest))
-        wrong = [f for f in files if file_digest(rebuilt / f) != manifest.files[f].sha256]
-        if wrong:
-            made = changed_versions(manifest.provenance, read_manifest(rebuilt).provenance)
-            raise DatasetError(
-                f"{', '.join(wrong)} of {self.path} cannot be repaired: made again from the recipe "
-                f"they have other bytes than were written ({', '.join(made) or 'same versions'}). "
-                f"Take them from a remote, or load {manifest.id} again elsewhere."
-            )
-        for file in sorted(files):
-            self._swap(rebuilt / file, file)
-            yield file
-
 
 def _in_the_way(path: Path, expected: str, got: str) -> DatasetError:
     return DatasetError(
         f"{path} is a {got}, expected a {expected} of the dataset. It is not part of the dataset, "
         "so it was left: move it away and repair again."
     )
+
+
+def _why_lost(beside: Origin | None, lacking: str | None) -> str:
+    """Why no origin makes a dataset again, a sentence."""
+    if beside is not None and not beside.can_rebuild:
+        how = beside.remaking or "Nothing makes it again."
+        return f"it was recorded, from {beside.source}. {how}"
+    if lacking is not None:
+        return f"it needs {lacking}."
+    what = "absent, broken or no recipe" if beside is None else "not the one it was made from"
+    return f"its {RECIPE} is {what}, and the package has no recipe of it."

@@ -5,16 +5,24 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, cast
 
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.hub.remotes.addresses import Address, is_address, parse_address
-from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.outside_names import is_folder, is_id, looks_like_path
+from swarmdata.hub.remotes.outside_names import is_address, is_folder, is_id, looks_like_path
+from swarmdata.registry.recipes import find_recipe
+from swarmdata.runtime.atomic import is_vacant
+from swarmdata.runtime.documents import read_document
+from swarmdata.specs.origins import parse_origin
 from swarmdata.specs.recipe import Recipe
+from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE
 from swarmdata.store.cache import cache_folder
-from swarmdata.store.integrity.recognition import no_folder
+from swarmdata.store.manifest import is_finished, read_manifest
+from swarmdata.store.recognition import no_folder
+
+if TYPE_CHECKING:  # what is in the cache needs no remote
+    from swarmdata.hub.remotes.addresses import Address
+    from swarmdata.hub.remotes.interface import Release, Remote
+    from swarmdata.specs.origins.edit_origin import Edit
 
 OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
 """Variables of the environment that keep `load` from asking remotes."""
@@ -39,15 +47,64 @@ class Request:
     folder: Path | None
     source: Literal["cache", "folder"] = "cache"
     recipe: Recipe | None = None
-    address: Address | None = None
-    release: tuple[Remote, Release] | None = None
+    address: "Address | None" = None
+    release: "tuple[Remote, Release] | None" = None
+
+
+@dataclass(frozen=True)
+class Found:
+    """A finished dataset and where it came from."""
+
+    folder: Path
+    source: str  # `cache`, `folder`, `rebuilt`, or the release's address
+
+
+def cached(request: Request) -> Found | None:
+    """The dataset where it belongs on this machine, if it is there and finished.
+
+    Which recipe a finished dataset was made from is for `open_store` to compare.
+
+    Raises:
+        RecipeConflictError: an unfinished dataset of another recipe is there.
+        DatasetError: the manifest is lost; the message says how to repair the dataset.
+    """
+    folder = request.folder
+    if folder is None or lost_edit(folder) is not None:
+        return None
+    if request.recipe is not None:
+        is_there = (folder / CARD).exists() or is_finished(folder, request.recipe)
+    elif request.source == "folder":  # `open_store` says whether it is a dataset
+        is_there = True
+    else:
+        is_there = not is_vacant(folder) and bool(read_manifest(folder))
+    return Found(folder, request.source) if is_there else None
+
+
+def lost_edit(folder: Path) -> "Edit | None":
+    """The edit whose `recipe.json` is all that is left of the dataset in a folder.
+
+    None where there are arrays or a manifest, damaged or not: `repair` handles those.
+    """
+    if any(os.path.lexists(folder / name) for name in (MANIFEST, DATA)):
+        return None
+    try:
+        origin = parse_origin(read_document(folder / RECIPE), RECIPE)
+    except (OSError, SpecError):  # absent, or a file of the user's
+        return None
+    return cast("Edit", origin) if origin.kind == "edit" else None
+
+
+def cached_ids(place: Path) -> list[str]:
+    """Ids of the finished datasets in a cache's folder of datasets."""
+    return [
+        path.name for path in place.glob("*-v*") if is_id(path.name) and (path / MANIFEST).exists()
+    ]
 
 
 def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     """Reads a name as `load` takes it; of the disk only folders of this name are looked at.
 
-    The id of a shipped recipe takes precedence over a folder of the same name, and so does an id
-    that a newer version has replaced: it means the copy in the cache, or nothing.
+    The id of a shipped recipe takes precedence over a folder of the same name.
 
     Args:
         name: an id, with or without its version, an address or a folder.
@@ -109,6 +166,8 @@ def request_of_address(text: str) -> Request:
     Raises:
         AddressError: the address is malformed.
     """
+    from swarmdata.hub.remotes.addresses import parse_address  # noqa: PLC0415
+
     address = parse_address(text)
     place = cache_folder() / "remotes" / _slug(address.remote)
     name = _pinned(address)
@@ -124,7 +183,7 @@ def is_offline(wanted: bool | None = None) -> bool:
     )
 
 
-def _pinned(address: Address) -> str | None:
+def _pinned(address: "Address") -> str | None:
     """Name of the cached folder of what never changes; None where the remote must be asked."""
     if address.dataset is None or is_id(address.dataset):
         return address.dataset

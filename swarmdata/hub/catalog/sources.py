@@ -11,8 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swarmdata.behavior_policies.tiers import shipped_recipes
-from swarmdata.building.build import build_under_lock, is_finished, remove_parts
+from swarmdata.building.build import build_under_lock, remove_parts
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
@@ -26,7 +25,11 @@ from swarmdata.errors import (
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.request import (
     OFFLINE_VARIABLES,
+    Found,
     Request,
+    cached,
+    cached_ids,
+    lost_edit,
     request_of_id,
     request_of_recipe,
     shipped_recipe,
@@ -36,13 +39,13 @@ from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
+from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
-from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
-from swarmdata.specs.origins import Edit, parse_origin
+from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import Recipe
-from swarmdata.store import Manifest, open_store, read_manifest
+from swarmdata.store import Manifest, open_store
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.manifest import without_hint
 from swarmdata.store.scratch import remove_scratch, scratch_folder
@@ -50,39 +53,6 @@ from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 class RemoteSkippedWarning(UserWarning):
     """A remote failed, or has another dataset under this id; the next source was tried."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """A finished dataset and where it came from."""
-
-    folder: Path
-    source: str  # `cache`, `folder`, `rebuilt`, or the release's address
-
-
-@dataclass(frozen=True)
-class Cache:
-    """Finished folders on this machine."""
-
-    def get(self, request: Request) -> Found | None:
-        """The dataset where it belongs, if it is there and finished.
-
-        Which recipe a finished dataset was made from is for `open_store` to compare.
-
-        Raises:
-            RecipeConflictError: an unfinished dataset of another recipe is there.
-            DatasetError: the manifest is lost; the message says how to repair the dataset.
-        """
-        folder = request.folder
-        if folder is None or _lost_edit(folder) is not None:
-            return None
-        if request.recipe is not None:
-            is_there = (folder / CARD).exists() or is_finished(folder, request.recipe)
-        elif request.source == "folder":  # `open_store` says whether it is a dataset
-            is_there = True
-        else:
-            is_there = not is_vacant(folder) and bool(read_manifest(folder))
-        return Found(folder, request.source) if is_there else None
 
 
 @dataclass(frozen=True)
@@ -214,7 +184,7 @@ class Rebuild:
         if request.recipe is not None:
             build_under_lock(request.recipe, folder, workers=self.workers, progress=self.progress)
             return Found(folder, "rebuilt")
-        edit = _lost_edit(folder)
+        edit = lost_edit(folder)
         if edit is None:
             return None
         scratch = scratch_folder(folder, "rebuild")
@@ -265,9 +235,6 @@ class Rebuild:
 def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -> Found:
     """Returns the dataset from the first source that has it.
 
-    An id that a newer version has replaced is taken from the cache only: its digest is published no
-    more, so whoever wants it from a remote names that remote.
-
     Args:
         request: from `parse_request`.
         remotes: those to ask where the cache does not have it.
@@ -279,19 +246,20 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
         DatasetError: what is in its folder cannot be used.
         HubError: the dataset at the request's address could not be fetched.
     """
-    cache, rebuild = Cache(), rebuild or Rebuild(remotes, progress=remotes.progress)
-    if (found := cache.get(request)) is not None:
+    rebuild = rebuild or Rebuild(remotes, progress=remotes.progress)
+    if (found := cached(request)) is not None:
         return found
     request = remotes.pin(request)
-    if (found := cache.get(request)) is not None:
+    if (found := cached(request)) is not None:
         return found
     folder = request.folder
-    can_be_made = folder is not None and (request.recipe or _lost_edit(folder))
+    can_be_made = folder is not None and (request.recipe or lost_edit(folder))
     if folder is None or not (can_be_made or request.release or remotes.asked):
         raise unknown_dataset(request, remotes)  # without a lock: the cache may be read only
     with locked(folder, remotes.progress):
-        for source in (cache, remotes, rebuild):  # the lock's last holder may have filled the cache
-            if (found := source.get(request)) is not None:
+        # the lock's last holder may have filled the cache
+        for get in (cached, remotes.get, rebuild.get):
+            if (found := get(request)) is not None:
                 return found
     raise unknown_dataset(request, remotes)
 
@@ -333,20 +301,6 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
         else:
             _arrive(remote, release, folder, refusal(), progress)
     return folder
-
-
-def _lost_edit(folder: Path) -> Edit | None:
-    """The edit whose `recipe.json` is all that is left of the dataset in a folder.
-
-    None where there are arrays or a manifest, damaged or not: `repair` handles those.
-    """
-    if any(os.path.lexists(folder / name) for name in (MANIFEST, DATA)):
-        return None
-    try:
-        origin = parse_origin(read_document(folder / RECIPE), RECIPE)
-    except (OSError, SpecError):  # absent, or a file of the user's
-        return None
-    return origin if isinstance(origin, Edit) else None
 
 
 def refusal(recipe: Recipe | None = None) -> Refusal:
@@ -392,13 +346,6 @@ def _arrive(
     put_in_place(arriving, folder.resolve(), MANIFEST)  # where a link leads, if it is one
     sync(arriving.parent)
     remove_scratch(arriving)  # at a mount point, an empty folder is left of it
-
-
-def cached_ids(place: Path) -> list[str]:
-    """Ids of the finished datasets in a cache's folder of datasets."""
-    return [
-        path.name for path in place.glob("*-v*") if is_id(path.name) and (path / MANIFEST).exists()
-    ]
 
 
 def _newest(name: str, ids: Iterable[str]) -> str | None:

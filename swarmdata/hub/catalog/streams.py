@@ -1,15 +1,20 @@
 """From a request to a streamed dataset: on this machine, or on the first remote that has it."""
 
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 from swarmdata.errors import AbsentFileError, HubError, SwarmdataError
-from swarmdata.hub.catalog.request import Request
-from swarmdata.hub.catalog.sources import Cache, Remotes, refusal, skip
+from swarmdata.hub.catalog.catalog import AnotherDatasetWarning, known_references
+from swarmdata.hub.catalog.identity import judge
+from swarmdata.hub.catalog.request import Request, cached, parse_request
+from swarmdata.hub.catalog.sources import Remotes, refusal, skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.streaming.open_stream import open_stream
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
+from swarmdata.specs.model_choice import Source
 from swarmdata.store import read_manifest
 
 
@@ -27,6 +32,29 @@ class DatasetFolder(FolderRemote):
         return path
 
 
+def open_streamed(
+    dataset_id: str | Path,
+    *,
+    stream: Stream | None,
+    is_offline: bool,
+    observation: Source | None,
+    communication: Source | None,
+    progress: bool,
+) -> StreamedDataset:
+    """Opens one dataset without fetching it, as `load` does; `stream` None is the default."""
+    remotes = Remotes(offline=is_offline, progress=progress)
+    dataset = stream_request(parse_request(dataset_id), remotes, stream or Stream())
+    identity = judge(dataset.blocks.source.manifest)
+    if not identity.is_as_named:  # on this machine: of remotes, such are refused
+        warnings.warn(
+            f"{dataset.source}: {identity.sentence}.", AnotherDatasetWarning, stacklevel=3
+        )
+    dataset = replace(dataset, references=known_references(dataset.recipe.spec))
+    if observation is None and communication is None:
+        return dataset
+    return dataset.reobserve(observation, communication)
+
+
 def stream_request(request: Request, remotes: Remotes, stream: Stream) -> StreamedDataset:
     """Opens a dataset for streaming; one that is on this machine is read from its folder.
 
@@ -39,10 +67,10 @@ def stream_request(request: Request, remotes: Remotes, stream: Stream) -> Stream
         HubError: no remote has it, or the remote of its address failed.
         DatasetError: what is there cannot be used.
     """
-    found = Cache().get(request)
+    found = cached(request)
     if found is None:
         request = remotes.pin(request)
-        found = Cache().get(request)
+        found = cached(request)
     if found is not None:
         manifest = read_manifest(found.folder)
         release = Release(manifest.id, str(found.folder))

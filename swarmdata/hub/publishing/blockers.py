@@ -10,7 +10,7 @@ from pathlib import Path
 from swarmdata.audit import problems_of
 from swarmdata.errors import DatasetError, HubError
 from swarmdata.hub.catalog.identity import judge
-from swarmdata.hub.remotes import Remote
+from swarmdata.hub.remotes.interface import Remote
 from swarmdata.store import StoredDataset, open_store
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES

@@ -63,11 +63,6 @@ class Address:
         return self.remote + dataset + (f"@{self.revision}" if self.revision else "")
 
 
-def is_address(text: str) -> bool:
-    """Whether this is meant as an address, rather than as an id or a path."""
-    return "://" in text
-
-
 def parse_address(text: str) -> Address:
     """Reads the address of a remote or of a dataset on it.
 

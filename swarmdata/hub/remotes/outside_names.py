@@ -47,6 +47,11 @@ def is_id(text: str) -> bool:
     return len(text) <= MAX_ID_LENGTH and ID_PATTERN.fullmatch(text) is not None
 
 
+def is_address(text: str) -> bool:
+    """Whether this is meant as an address, rather than as an id or a path."""
+    return "://" in text
+
+
 def is_folder(text: str | Path) -> bool:
     """Whether this names a folder that is there; what no system takes for a name does not."""
     try:

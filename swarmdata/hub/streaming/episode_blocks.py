@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,7 @@ from swarmdata.hub.streaming.remote_arrays import RemoteArrays
 from swarmdata.registry.components import make_task
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import EpisodeTable
+from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Int
 
@@ -37,14 +37,25 @@ class EpisodeBlocks:
     Attributes:
         source: the arrays.
         table: all stored episodes.
-        origin: what the dataset was made from.
+        recipe: what the dataset was made from.
         spec: the task with other models, through which it is observed again; None: as recorded.
     """
 
     source: RemoteArrays
     table: EpisodeTable
-    origin: Origin
+    recipe: Origin
     spec: TaskSpec | None = None
+    _last: dict[int, dict[str, NDArray[Any]]] = field(default_factory=dict, repr=False)
+    """The block that `rows` read last, each array fetched when it is asked for."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles what is fetched from, not what was."""
+        return EpisodeBlocks, (self.source, self.table, self.recipe, self.spec)
+
+    @property
+    def manifest(self) -> Manifest:
+        """Of the dataset."""
+        return self.source.manifest
 
     @cached_property
     def firsts(self) -> Int:
@@ -60,8 +71,31 @@ class EpisodeBlocks:
     @cached_property
     def first_steps(self) -> Int:
         """First step of each block, and the number of steps, [n + 1]."""
-        steps: Int = np.append(self.table.starts, self.source.manifest.n_steps)[self.firsts]
+        steps: Int = np.append(self.table.starts, self.manifest.n_steps)[self.firsts]
         return steps
+
+    def block_of(self, episodes: Int | int) -> Any:
+        """The block of each episode."""
+        return np.searchsorted(self.firsts, episodes, side="right") - 1
+
+    def rows(self, number: int, name: str) -> NDArray[Any]:
+        """Returns the rows of an array in an episode.
+
+        Raises:
+            HubError: a chunk could not be fetched.
+            ChecksumError: the remote gave wrong bytes, twice.
+        """
+        block = int(self.block_of(number))
+        held = self._last.get(block, {})
+        if name not in held:
+            held = held | self.read(block, (name,))
+            self._last.clear()
+            self._last[block] = held
+        first, n_rows = int(self.table.starts[number]), int(self.table.lengths[number])
+        first -= int(self.first_steps[block])
+        if ALL_FIELDS[name].rows == "states":
+            first, n_rows = first + number - int(self.firsts[block]), n_rows + 1
+        return held[name][first : first + n_rows]
 
     def read(self, block: int, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Returns the rows of a block in some arrays over time.
@@ -76,7 +110,7 @@ class EpisodeBlocks:
         is_observed = len(wanted) < len(names)
         needed = wanted | ({"states", "actions"} if is_observed else set())
         found = self._recorded(block, sorted(needed))
-        task = task_of(self.origin, "reobservation")
+        task = task_of(self.recipe, "reobservation")
         if "actions" in found:
             found["actions"] = actions_for(self.spec, task, found["actions"])
         if is_observed:

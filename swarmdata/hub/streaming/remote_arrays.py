@@ -8,11 +8,11 @@ import xxhash
 from numpy.typing import NDArray
 
 from swarmdata.errors import ChecksumError, HubError
-from swarmdata.hub.remotes import open_remote
+from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import RangeReader, Release, Remote
 from swarmdata.hub.streaming.chunk_cache import ChunkCache
 from swarmdata.store import Manifest
-from swarmdata.store.integrity.damage import rows_of
+from swarmdata.store.damage import rows_of
 
 
 @dataclass(frozen=True, eq=False)

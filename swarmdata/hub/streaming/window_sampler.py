@@ -11,16 +11,9 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.datasets.reobservation import OBSERVED_ARRAYS
-from swarmdata.datasets.sampling import (
-    N_DRAWN_AHEAD,
-    Rows,
-    SampledView,
-    Sampler,
-    batches_drawn,
-    take_at,
-)
+from swarmdata.datasets.sampling import Rows, RowSampler, SampledView, Sampler, take_at
 from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
-from swarmdata.numerics.random import derive, uniform
+from swarmdata.numerics.random import derive
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Batch, Double, Int
 
@@ -47,7 +40,7 @@ class BlockMemory:
         self._blocks = blocks
         self._n_episodes = int(np.diff(blocks.firsts).max())
         self._n_steps = int(np.diff(blocks.first_steps).max())
-        self._names = tuple(n for n in BATCH_ARRAYS if n in blocks.source.manifest.arrays)
+        self._names = tuple(n for n in BATCH_ARRAYS if n in blocks.manifest.arrays)
         self._slots: OrderedDict[int, int] = OrderedDict()  # by block, least recently used first
         self._free = list(range(n_slots))
         self._coming: dict[int, Future[dict[str, NDArray[Any]]]] = {}
@@ -114,7 +107,7 @@ class BlockMemory:
         rows.episode[first_step : first_step + len(numbers)] = numbers
 
 
-class WindowSampler:
+class WindowSampler(RowSampler):
     """Draws batches uniformly over a window of blocks, which moves through shuffled blocks.
 
     The window holds `window` consecutive blocks of an endless sequence in which every pass has its
@@ -172,23 +165,16 @@ class WindowSampler:
         self._n_steps = int(blocks.table.lengths[selection].sum())
         steps = self._n_steps / len(self._live) / (batch_size * (horizon or 1))
         self._turn_batches = max(1, round(steps))
-        self._n_drawn = self._first_ahead = self._turn = 0
-        self._ahead = np.empty((0, batch_size), dtype=np.int64)
+        super().__init__(batch_size, seed)
+        self._turn = 0
         self._valid_rows = lru_cache(maxsize=2)(self._find_valid_rows)
-        self.batch_size, self.horizon, self.burn_in, self.seed = batch_size, horizon, burn_in, seed
+        self.horizon, self.burn_in = horizon, burn_in
+        self.n_rows, self.n_episodes = blocks.manifest.n_steps, len(selection)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the view and the place in its stream."""
         names = ("batch_size", "horizon", "burn_in", "seed")
         return _resumed, (self._view, {name: getattr(self, name) for name in names}, self._n_drawn)
-
-    def __iter__(self) -> "WindowSampler":
-        """Returns the sampler itself; it never ends."""
-        return self
-
-    def __next__(self) -> Batch:
-        """Draws and gathers the next batch."""
-        return self.gather(self.draw())
 
     def __repr__(self) -> str:
         """Shows the settings."""
@@ -198,48 +184,18 @@ class WindowSampler:
             f"seed={self.seed}, n_drawn={self._n_drawn})"
         )
 
-    @property
-    def n_rows(self) -> int:
-        """Rows of the dataset, which an index counts."""
-        return self._blocks.source.manifest.n_steps
-
-    @property
-    def n_episodes(self) -> int:
-        """Episodes that are drawn from."""
-        return len(self._selection)
-
     def dtype(self, name: str) -> np.dtype[Any]:
         """The dtype of an array."""
         is_recorded = self._blocks.spec is None or name not in OBSERVED_ARRAYS
         return np.dtype(self._blocks.source.dtype(name) if is_recorded else np.float32)
 
-    def draw(self) -> Int:
-        """Returns the stored rows of the next batch, int64 [B], without reading any data."""
-        offset = self._n_drawn - self._first_ahead
-        if not 0 <= offset < len(self._ahead):
-            self._first_ahead, offset = self._n_drawn, 0
-            self._ahead = self._draw_ahead()
-        self._n_drawn += 1
-        index: Int = self._ahead[offset].copy()
-        return index
-
-    def _draw_ahead(self) -> Int:
-        """Rows of the next batches from one place of the window."""
+    def _n_ahead(self) -> int:
+        """Batches that are drawn from one place of the window."""
         left = self._turn_batches - self._n_drawn % self._turn_batches
-        n_batches = min(left, max(1, N_DRAWN_AHEAD // self.batch_size))
-        first = self._n_drawn * self.batch_size
-        numbers = np.arange(first, first + n_batches * self.batch_size, dtype=np.uint64)
-        picks = self.pick(uniform(derive(self.seed, 0, numbers)), first)
-        return picks.reshape(n_batches, self.batch_size)
+        return min(left, super()._n_ahead())
 
     def pick(self, places: Double, n_before: int) -> Int:
-        """Returns the stored rows at places among the transitions in the window.
-
-        Args:
-            places: in [0, 1), any shape.
-            n_before: rows that were drawn before, by which the window has moved; a window of all
-                blocks never does.
-        """
+        """Returns the stored rows at places; a window of all blocks never moves."""
         if self._window < len(self._live):
             self._turn = n_before // (self._turn_batches * self.batch_size)
         return take_at(self._valid_rows(self._turn), places)
@@ -288,19 +244,6 @@ class WindowSampler:
             self._memory.expect(self._block_at(self._turn + self._window))
         return batch
 
-    def state_dict(self) -> dict[str, int]:
-        """Everything needed to resume the stream: plain integers."""
-        return {**self.identity(), "n_drawn": self._n_drawn}
-
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Continues where the sampler that returned `state` was.
-
-        Raises:
-            SchemaError: the state is of a sampler with other settings or other data.
-        """
-        self._n_drawn = batches_drawn(state, self.identity())
-        self._ahead = self._ahead[:0]
-
     def settings(self) -> dict[str, int]:
         """Returns what was chosen about the stream, without the data and the window."""
         return self._inner.settings()
@@ -313,6 +256,7 @@ class WindowSampler:
 
 def _resumed(view: SampledView, options: Mapping[str, Any], n_drawn: int) -> WindowSampler:
     """The sampler in another process."""
-    sampler: WindowSampler = view.sampler(**options)
+    sampler = view.sampler(**options)
+    assert isinstance(sampler, WindowSampler)  # as it was there
     sampler.load_state_dict({**sampler.identity(), "n_drawn": n_drawn})
     return sampler

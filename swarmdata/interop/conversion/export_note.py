@@ -14,7 +14,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import AnySpec, Id
+from swarmdata.specs.origins import AnySpec
+from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.plain_names import Sha256
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import SPLITS

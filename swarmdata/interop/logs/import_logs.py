@@ -30,13 +30,14 @@ from swarmdata.runtime.atomic import is_vacant, sync
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import EstimatedClock, ImportedLogs, LogMap, RecordedSpec
-from swarmdata.specs.origins.log_map import StaticTransform
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins.log_map import LogMap, StaticTransform
+from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assemble
 from swarmdata.store.arrays.layout import MANIFEST
+from swarmdata.store.assembly import assemble
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode, Int
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from swarmdata.errors import SpecError
 from swarmdata.runtime.documents import read_document
-from swarmdata.specs.origins import ImportedLogs, LogMap
+from swarmdata.specs.origins.log_map import LogMap
+from swarmdata.specs.origins.log_origin import ImportedLogs
 
 
 def shipped_maps() -> dict[str, Path]:

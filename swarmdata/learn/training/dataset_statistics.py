@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.types import Double, Episode
+from swarmdata.types import Double
 
 
 class ObservationMoments(Protocol):
@@ -24,7 +25,7 @@ class Episodes(Protocol):
 
     @property
     def moments(self) -> ObservationMoments: ...
-    def __iter__(self) -> Iterator[Episode]: ...
+    def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]: ...  # of each episode
 
 
 @runtime_checkable
@@ -73,13 +74,12 @@ class Statistics:
         """
         total = squares = np.zeros(1)
         n_rows, returns, totals, weights = 0.0, [], [], step_weights(episodes)
-        for index, episode in enumerate(episodes):
+        for index, arrays in enumerate(episodes.read("states", "rewards")):
             weight = 1.0 if weights is None else float(weights[index])
-            states = episode.states.astype(np.float64)
+            states, rewards = (array.astype(np.float64) for array in arrays)  # [T+1, S], [T, N]
             total = total + weight * states.sum(axis=0)
             squares = squares + weight * np.square(states).sum(axis=0)
             n_rows += weight * len(states)
-            rewards = episode.rewards.astype(np.float64)  # [T, N]
             returns.append(returns_to_go(rewards, discount))
             totals.append(rewards.sum(axis=0))
         if not returns:

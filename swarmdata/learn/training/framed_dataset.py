@@ -2,14 +2,16 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmdata.learn.training.dataset_statistics import step_weights
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec
-from swarmdata.types import Batch, Double, Episode, Int
+from swarmdata.types import Batch, Double, Int
 
 N_MEASURED = 20_000
 """Transitions whose observations are measured to normalize them."""
@@ -61,8 +63,8 @@ class _FramedData:
     def step_weights(self) -> Double | None:
         return step_weights(self._data)
 
-    def __iter__(self) -> Iterator[Episode]:
-        return iter(self._data)
+    def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
+        return self._data.read(*names)
 
     def sampler(
         self,

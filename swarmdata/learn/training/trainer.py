@@ -192,7 +192,8 @@ def _select(dataset: Data, config: Any) -> tuple[Data, float | None]:
     """Returns the episodes that the algorithm wants, and the least return that it asked for."""
     if not isinstance(config, Selective):
         return dataset, None
-    least = config.least_return(np.array([episode.team_return for episode in dataset]))
+    means = (rewards.mean(axis=1, dtype=np.float64) for (rewards,) in dataset.read("rewards"))
+    least = config.least_return(np.array([float(each.sum()) for each in means]))
     return dataset.filter(min_return=least), least
 
 

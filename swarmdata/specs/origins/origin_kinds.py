@@ -4,15 +4,16 @@ An origin is the content of a dataset's `recipe.json`.
 """
 
 from collections.abc import Mapping
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from swarmdata.errors import SpecError
-from swarmdata.specs.origins.edit_origin import Edit, Parent
-from swarmdata.specs.origins.log_origin import ImportedLogs
-from swarmdata.specs.origins.recording_origin import Recording
+from swarmdata.runtime.own_components import import_component
 from swarmdata.specs.origins.spec_kinds import Spec
 from swarmdata.specs.recipe import PolicySource, Recipe, SplitRule
 from swarmdata.specs.task_spec import TaskSpec
+
+if TYPE_CHECKING:
+    from swarmdata.specs.origins.edit_origin import Parent
 
 
 class Origin(Protocol):
@@ -62,7 +63,7 @@ class Origin(Protocol):
         ...
 
     @property
-    def parents(self) -> tuple[Parent, ...]:
+    def parents(self) -> "tuple[Parent, ...]":
         """The datasets that it was made from, if any."""
         ...
 
@@ -132,13 +133,13 @@ class Origin(Protocol):
         ...
 
 
-ORIGIN_KINDS: dict[str, type[Origin]] = {
-    "recipe": Recipe,
-    "recording": Recording,
-    "edit": Edit,
-    "logs": ImportedLogs,
+ORIGIN_KINDS: dict[str, "str | type[Origin]"] = {
+    "recipe": "swarmdata.specs.recipe:Recipe",
+    "recording": "swarmdata.specs.origins.recording_origin:Recording",
+    "edit": "swarmdata.specs.origins.edit_origin:Edit",
+    "logs": "swarmdata.specs.origins.log_origin:ImportedLogs",
 }
-"""Every kind of origin by its `kind`; a recipe's JSON has none."""
+"""Every kind of origin by its `kind`, "module:Name" or the class; a recipe's JSON has none."""
 
 
 def parse_origin(data: Any, source: str) -> Origin:
@@ -148,7 +149,8 @@ def parse_origin(data: Any, source: str) -> Origin:
         SpecError: it is malformed.
     """
     kind = data.get("kind") if isinstance(data, Mapping) else None
-    model = ORIGIN_KINDS.get(kind, Recipe) if isinstance(kind, str) else Recipe
+    known = kind if isinstance(kind, str) and kind in ORIGIN_KINDS else "recipe"
+    model: type[Origin] = import_component(ORIGIN_KINDS[known])
     return model.parse(data, source)
 
 

@@ -14,9 +14,10 @@ import re
 import struct
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
+import google_crc32c
 import numpy as np
 
 from swarmdata.specs.plain_names import is_file_name
@@ -308,7 +309,7 @@ def shard_index(n_chunks: int, chunk_bytes: int, n_entries: int) -> bytes:
     numbers = [n for k in range(n_chunks) for n in (k * chunk_bytes, chunk_bytes)]
     numbers += [ABSENT] * 2 * (n_entries - n_chunks)
     table = struct.pack(f"<{len(numbers)}Q", *numbers)
-    return table + crc32c(table).to_bytes(4, "little")
+    return table + google_crc32c.value(table).to_bytes(4, "little")
 
 
 def format_version(shards: Iterable[Shard]) -> int:
@@ -418,24 +419,3 @@ def expected_metadata(shard: Shard) -> dict[str, Any]:
 def _bytes_codec(has_order: bool) -> dict[str, Any]:
     little = {"configuration": {"endian": "little"}}
     return {"name": "bytes", **(little if has_order else {})}
-
-
-@cache
-def _crc_table() -> tuple[int, ...]:
-    table = []
-    for value in range(256):
-        for _ in range(8):
-            value = (value >> 1) ^ (0x82F63B78 if value & 1 else 0)  # noqa: PLW2901
-        table.append(value)
-    return tuple(table)
-
-
-def crc32c(data: bytes) -> int:
-    """CRC-32C (Castagnoli) of a few kilobytes: RFC 3720, appendix B.4, reflected 0x1EDC6F41.
-
-    Pure Python, because only shard indices (16 bytes per chunk) go through it.
-    """
-    table, crc = _crc_table(), 0xFFFFFFFF
-    for byte in data:
-        crc = table[(crc ^ byte) & 0xFF] ^ (crc >> 8)
-    return crc ^ 0xFFFFFFFF

@@ -5,7 +5,6 @@ from functools import lru_cache
 from types import MappingProxyType
 
 from swarmdata.specs.origins import Spec
-from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS
 
@@ -69,6 +68,7 @@ def _of_any(n_agents: int, action_size: int) -> dict[str, Shape]:
 def _of_task(spec: TaskSpec) -> dict[str, Shape]:
     from swarmdata.perception.observer import Observer  # noqa: PLC0415  (numba, which readers do without)
     from swarmdata.registry.components import make_task  # noqa: PLC0415  (the same)
+    from swarmdata.specs.state_layout import state_size  # noqa: PLC0415  (the same)
 
     task, n = make_task(spec), spec.n_agents
     observations, sent, delivered, ages = Observer(task, 1).allocate((), n)

@@ -85,7 +85,7 @@ def write_shard(
     left = shard.nbytes
     chunks = _chunks(_checked(name, shard, blocks), shard.chunk_bytes)
     if not shard.n_chunks:
-        return _entry(shard, ())
+        return array_entry(shard, ())
     for index, path in enumerate(array_files(name, shard)):
         with (folder / path).open("wb") as file:
             for chunk in islice(chunks, len(shard.chunks_of(index))):
@@ -95,10 +95,11 @@ def write_shard(
                 file.write(chunk.data)
             file.write(shard.index_of(index))
     deque(chunks, maxlen=0)  # to the end of the blocks, where the number of rows is compared
-    return _entry(shard, tuple(checksums))
+    return array_entry(shard, tuple(checksums))
 
 
-def _entry(shard: Shard, checksums: tuple[str, ...]) -> ArrayEntry:
+def array_entry(shard: Shard, checksums: tuple[str, ...]) -> ArrayEntry:
+    """What a manifest says of an array."""
     return ArrayEntry(
         dtype=shard.dtype,
         shape=shard.shape,

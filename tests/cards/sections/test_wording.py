@@ -2,7 +2,6 @@
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import find_recipe, shipped_recipes
 from swarmdata.cards.sections.wording import (
     COMMON_LIMITS,
     TIER_DESCRIPTIONS,
@@ -11,6 +10,7 @@ from swarmdata.cards.sections.wording import (
 )
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import find_recipe, shipped_recipes
 from swarmdata.specs.rules import PACKAGE_RULES
 
 

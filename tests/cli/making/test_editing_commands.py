@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from swarmdata.building.edit import filter_dataset
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.specs.origins import Edit
+from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.testing.synthetic import make_dataset
 
 RUNNER = CliRunner()

@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata import __version__
-from swarmdata.behavior_policies.tiers import checkpoints
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.envs.world.pettingzoo import ParallelWorld
@@ -31,6 +30,7 @@ from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import TaskReferences
+from swarmdata.registry.recipes import checkpoints
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import with_models

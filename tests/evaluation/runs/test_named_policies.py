@@ -9,9 +9,9 @@ pytest.importorskip("torch", reason="runs need the torch extra")
 
 import swarmdata
 from swarmdata.behavior_policies.learned import Learned
-from swarmdata.behavior_policies.tiers import sources
 from swarmdata.errors import PolicyFitError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy
+from swarmdata.registry.recipes import sources
 from swarmdata.specs.task_spec import TaskSpec
 
 

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="training needs the torch extra")
 
-from swarmdata.behavior_policies.tiers import FAMILIES, checkpoints
 from swarmdata.cli.main import app
 from swarmdata.errors import (
     BuildError,
@@ -36,6 +35,7 @@ from swarmdata.online_algos.runs.seed_files import last_policy
 from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import FAMILIES, checkpoints
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.one_process import use_one_process

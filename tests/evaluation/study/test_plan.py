@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.tiers import is_dataset
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Baseline, Study
 from swarmdata.registry.ablations import ABLATIONS
+from swarmdata.registry.recipes import is_dataset
 
 SHIPPED = Path(__file__).parents[3] / "cards" / "studies"
 

@@ -32,7 +32,7 @@ from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
-from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from swarmdata.store.stored_dataset import Verify
 from tests.support.tiny import TINY, Shelf, flip, make_tiny

@@ -10,8 +10,7 @@ from swarmdata.building.edit import combine_datasets, filter_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, DatasetNotFoundError, MissingManifestError, SpecError
 from swarmdata.hub.catalog.catalog import load
-from swarmdata.hub.catalog.repair import examine, repair
-from swarmdata.hub.catalog.repair_sources import MADE_AGAIN
+from swarmdata.hub.catalog.repair import MADE_AGAIN, examine, repair
 from tests.support.tiny import Shelf, flip, make_tiny
 
 PARENT, EDIT, EDIT_OF_EDIT = "lab-parent_run-v0", "lab-some-v0", "lab-few-v0"

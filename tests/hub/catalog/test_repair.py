@@ -13,14 +13,16 @@ from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError, ManifestError
-from swarmdata.hub.catalog import identity, repair_sources
+from swarmdata.hub.catalog import identity
+from swarmdata.hub.catalog import repair as repair_module
 from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.hub.catalog.sources import RemoteSkippedWarning
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.registry.published import Published
-from swarmdata.store import Manifest, find_damage, open_store, read_manifest
+from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import FORMAT_VERSION
-from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.damage import find_damage
+from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign
@@ -52,7 +54,7 @@ def dataset(intact: Path, tmp_path: Path) -> Path:
 def published(monkeypatch: pytest.MonkeyPatch, intact: Path) -> Published:
     """The tiny dataset is published, and its recipe shipped."""
     entry = publication(open_store(intact))
-    for module in (repair_sources, identity):
+    for module in (repair_module, identity):
         monkeypatch.setattr(module, "published", lambda: MappingProxyType({TINY.id: entry}))
         monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
     return entry
@@ -60,7 +62,7 @@ def published(monkeypatch: pytest.MonkeyPatch, intact: Path) -> Published:
 
 def offer(monkeypatch: pytest.MonkeyPatch, *shelves: Shelf) -> tuple[str, ...]:
     known: dict[str, Remote] = {shelf.address: shelf for shelf in shelves}
-    monkeypatch.setattr(repair_sources, "open_remote", known.__getitem__)
+    monkeypatch.setattr(repair_module, "open_remote", known.__getitem__)
     return tuple(known)
 
 
@@ -214,7 +216,7 @@ def test_other_bits_than_were_written_are_not_swapped_in(
     flip(dataset / STATES, 40)
     before = content(dataset)
     monkeypatch.setattr(
-        repair_sources,
+        repair_module,
         "build",
         lambda recipe, out, **options: make_tiny(out, seed=8),
     )

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
@@ -25,14 +24,16 @@ from swarmdata.errors import (
 from swarmdata.hub.catalog import identity, request, sources
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.hub.catalog.request import (
+    Found,
     Request,
     is_offline,
     request_of_address,
     request_of_id,
     request_of_recipe,
 )
-from swarmdata.hub.catalog.sources import Found, Remotes, RemoteSkippedWarning, obtain
+from swarmdata.hub.catalog.sources import Remotes, RemoteSkippedWarning, obtain
 from swarmdata.hub.remotes.interface import Release, Remote
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
 from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign

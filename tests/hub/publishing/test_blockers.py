@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import FAMILY_SPECS, shipped_recipes
 from swarmdata.cards.card import write_card
 from swarmdata.hub.catalog import identity
 from swarmdata.hub.publishing import blockers
 from swarmdata.hub.publishing.blockers import find_blockers
-from swarmdata.hub.remotes import push
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
+from swarmdata.hub.remotes.push_dataset import push
 from swarmdata.registry.published import published
+from swarmdata.registry.recipes import FAMILY_SPECS, shipped_recipes
 from swarmdata.store import open_store
 
 

@@ -12,11 +12,11 @@ from swarmdata.hub.remotes.addresses import (
     Address,
     config_file,
     configured_remotes,
-    is_address,
     open_remote,
     parse_address,
     store_remotes,
 )
+from swarmdata.hub.remotes.outside_names import is_address
 from tests.hub.remotes.conftest import ID
 
 

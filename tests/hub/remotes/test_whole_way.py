@@ -11,7 +11,8 @@ pytest.importorskip("mpe2", reason="records simple_spread_v3 of mpe2")
 import swarmdata
 from swarmdata.audit import audit
 from swarmdata.cli.main import app
-from swarmdata.hub.remotes import Release, open_remote
+from swarmdata.hub.remotes.addresses import open_remote
+from swarmdata.hub.remotes.interface import Release
 from tests.examples import record_simple_spread as example
 from tests.hub.remotes.loopback_hub import LoopbackHub
 

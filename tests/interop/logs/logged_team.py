@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.specs.origins import LogMap
+from swarmdata.specs.origins.log_map import LogMap
 
 RATE = 20.0  # Hz
 SPEED, TURN = 0.4, 0.5  # m/s, rad/s

@@ -12,7 +12,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.bag_tables import read_bag
-from swarmdata.specs.origins import LogMap
+from swarmdata.specs.origins.log_map import LogMap
 from tests.interop.logs import bags
 
 pytest.importorskip("rosbags", reason="the extra 'logs'")

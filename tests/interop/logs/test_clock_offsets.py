@@ -9,7 +9,8 @@ from numpy.testing import assert_array_equal
 
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.logs import import_logs, remake_logs
-from swarmdata.specs.origins import ImportedLogs, LogMap
+from swarmdata.specs.origins.log_map import LogMap
+from swarmdata.specs.origins.log_origin import ImportedLogs
 from tests.interop.logs.logged_team import write_csv
 
 DT, RATE, ROBOTS = 0.1, 50.0, ("anna", "bert")

@@ -10,7 +10,7 @@ from pettingzoo import ParallelEnv
 
 import swarmdata
 from swarmdata.audit import audit
-from swarmdata.specs.origins import LogMap
+from swarmdata.specs.origins.log_map import LogMap
 from tests.interop.logs import bags
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")

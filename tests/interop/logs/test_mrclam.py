@@ -11,7 +11,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.map_files import shipped_maps
-from swarmdata.specs.origins import ImportedLogs
+from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.spaces import bounds
 
 BARCODES = {1: 5, 2: 14, 3: 41, 4: 32, 5: 23, 6: 72, 7: 27}

@@ -13,7 +13,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.logs import import_logs, remake_logs
 from swarmdata.interop.logs.scored_episodes import LoggedMotion, LoggedWorld, layout_of
-from swarmdata.specs.origins import ImportedLogs, LogMap
+from swarmdata.specs.origins.log_map import LogMap
+from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.state_layout import TX, X, Y, robots_of
 from swarmdata.types import EVENTS, Episode
 from tests.interop.logs.logged_team import write_csv

@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.behavior_policies.learned import Learned
-from swarmdata.behavior_policies.tiers import FAMILY_SPECS, checkpoints
 from swarmdata.errors import BuildError, CheckpointError, SpecError, UnknownNameError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
@@ -20,6 +19,7 @@ from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weig
 from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
+from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 

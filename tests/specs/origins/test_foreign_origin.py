@@ -15,7 +15,7 @@ from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.registry.components import make_policy
-from swarmdata.specs.origins import foreign_origin
+from swarmdata.specs.origins.foreign_origin import foreign_origin
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.own_task import make_thrifty, thrifty_installed
 from tests.support.tiny import TINY, Shelf

@@ -20,7 +20,9 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import ORIGIN_KINDS, Origin, Spec
 from swarmdata.specs.recipe import PolicySource, SplitRule, Splits
 from swarmdata.specs.spaces import BoxSpace, Space
-from swarmdata.store import SPLITS, assemble, write_part
+from swarmdata.store import SPLITS
+from swarmdata.store.assembly import assemble
+from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import END_REASONS, Episode
 

@@ -9,19 +9,15 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.specs.origins import (
-    Edit,
-    Parent,
-    RecordedAgent,
-    RecordedSpec,
-    Recording,
-    parse_origin,
-    task_of,
-)
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec, parse_origin, task_of
+from swarmdata.specs.origins.edit_origin import Edit, Parent
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import SPLITS, assemble, write_part
+from swarmdata.store import SPLITS
+from swarmdata.store.assembly import assemble
+from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import END_REASONS, Episode
 

@@ -13,7 +13,8 @@ from swarmdata.registry.components import TASKS, make_env, make_task, reward_ter
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec, Recording
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec

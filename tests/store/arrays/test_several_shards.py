@@ -19,10 +19,11 @@ from swarmdata.errors import (
 )
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.pull_dataset import fetch_file, pull
-from swarmdata.store import find_damage, open_store, read_manifest
+from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays import layout
 from swarmdata.store.arrays.layout import Shard, array_file, is_array_file, plan_shard
-from swarmdata.store.integrity.manifest_recovery import remake_manifest
+from swarmdata.store.damage import find_damage
+from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, write_release
 from tests.support.tiny import flip, sign

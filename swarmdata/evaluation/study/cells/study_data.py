@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.behavior_policies.tiers import find_recipe, is_dataset
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, Part, mix
@@ -21,6 +20,7 @@ from swarmdata.evaluation.runs.provenance import dataset_key
 from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
+from swarmdata.registry.recipes import find_recipe, is_dataset
 from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import check_installed, task_of
@@ -122,11 +122,7 @@ def short_count(n_steps: int) -> str:
 
 
 def digest_of(dataset: str, *, progress: bool = True) -> str:
-    """Returns the digest of a dataset's arrays: published, else of the loaded dataset.
-
-    Raises:
-        SpecError: it is of an older version of the world, in which no policy can be evaluated.
-    """
+    """Returns the digest of a dataset's arrays: published, else of the loaded dataset."""
     if is_dataset(dataset):
         entry = published().get(find_recipe(dataset).id)
         if entry is not None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.behavior_policies.tiers import find_recipe
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.registry.presets import find_spec
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 

@@ -1,19 +1,35 @@
-"""The damage of a stored dataset: each broken file, its first bad chunk with its rows."""
+"""The slow checks of a stored dataset, which read every byte, and the damage that they find."""
 
+import hashlib
 import os
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import xxhash
+from numpy.typing import NDArray
 
-from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError
+from swarmdata.errors import ChecksumError, DatasetError, DatasetNotFoundError, FormatVersionError
+from swarmdata.runtime.mapped_pages import release_pages
 from swarmdata.store.arrays.layout import MANIFEST, Shard, array_files
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.integrity.recognition import is_dataset, no_dataset, no_folder
-from swarmdata.store.integrity.verification import logical_digest
-from swarmdata.store.manifest import ArrayEntry, Manifest, read_manifest, without_hint
+from swarmdata.store.manifest import (
+    ArrayEntry,
+    Manifest,
+    file_changed,
+    logical_header,
+    read_manifest,
+    repair_hint,
+    without_hint,
+)
+from swarmdata.store.recognition import is_dataset, no_dataset, no_folder
 from swarmdata.store.stored_dataset import blocking_links, check_listing, map_checked, open_store
+
+BLOCK_BYTES = 16 << 20
+"""Bytes that are hashed together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,3 +162,39 @@ def _contradictions(path: Path, manifest: Manifest) -> list[Damage]:
         problem = f"says the logical digest {manifest.digest}, the arrays have {digest}"
         return [Damage(MANIFEST, problem)]
     return []
+
+
+def check_everything(path: Path, manifest: Manifest, raw: Mapping[str, NDArray[np.uint8]]) -> None:
+    """Checks the SHA-256 of every file, and the logical digest of all arrays.
+
+    Raises:
+        ChecksumError: naming the file, or the digests.
+    """
+    for name in sorted(manifest.files):
+        if file_digest(path / name) != manifest.files[name].sha256:
+            raise file_changed(path, name)
+    digest = logical_digest(manifest, raw)
+    if digest != manifest.digest:
+        raise ChecksumError(
+            f"the arrays of {path} have the logical digest {digest}, the manifest says "
+            f"{manifest.digest}. {repair_hint(path)}"
+        )
+
+
+def logical_digest(manifest: Manifest, raw: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 over header and C-order bytes of each array in sorted name order, hex."""
+    logical = hashlib.sha256()
+    for name in sorted(manifest.arrays):
+        entry = manifest.arrays[name]
+        logical.update(logical_header(name, entry.dtype, entry.shape))
+        for block in byte_blocks(raw[name][: manifest.plan[name].shard.nbytes]):
+            logical.update(block.data)
+    return logical.hexdigest()
+
+
+def byte_blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Yields consecutive blocks of bytes, and gives the pages of each back."""
+    for first in range(0, len(values), BLOCK_BYTES):
+        block = values[first : first + BLOCK_BYTES]
+        yield block
+        release_pages(block)

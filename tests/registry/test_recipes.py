@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies import tiers
-from swarmdata.behavior_policies.conventions import conventions_of
 from swarmdata.behavior_policies.learned import read_checkpoint
-from swarmdata.behavior_policies.tiers import (
+from swarmdata.errors import BuildError, UnknownNameError
+from swarmdata.registry import recipes
+from swarmdata.registry.recipes import (
     CONVENTION_FAMILIES,
     FAMILIES,
     FAMILY_SPECS,
@@ -19,7 +19,6 @@ from swarmdata.behavior_policies.tiers import (
     TIERS,
     TRAINED_TIERS,
     Checkpoint,
-    Index,
     checkpoints,
     find_recipe,
     is_dataset,
@@ -27,7 +26,6 @@ from swarmdata.behavior_policies.tiers import (
     shipped_recipes,
     sources,
 )
-from swarmdata.errors import BuildError, UnknownNameError
 from swarmdata.specs.recipe import PolicySource, Recipe
 
 FRAMES = {0: 1_000_000, 1: 3_000_000}
@@ -55,7 +53,12 @@ INDEX = {
 def trained(monkeypatch: pytest.MonkeyPatch) -> MappingProxyType[str, Recipe]:
     """The recipes there would be with checkpoints for `coop_nav` and `formation-n8`."""
     table = {"coop_nav": INDEX, "formation-n8": {"expert": INDEX["expert"]}}
-    monkeypatch.setattr(tiers, "checkpoints", lambda name, tier: table.get(name, {}).get(tier, ()))
+
+    def found(family: str, tier: str) -> tuple[Checkpoint, ...]:
+        return table.get(family, {}).get(tier, ())
+
+    monkeypatch.setattr(recipes, "checkpoints", found)
+    monkeypatch.setattr(recipes, "_index", lambda: table)
     return shipped_recipes.__wrapped__()
 
 
@@ -127,7 +130,7 @@ def test_replay_is_in_the_proportion_of_training_with_its_noise(
 
 def test_replay_without_its_medium_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     table = {**INDEX, "medium": INDEX["medium"][:1]}
-    monkeypatch.setattr(tiers, "checkpoints", lambda name, tier: table[tier])
+    monkeypatch.setattr(recipes, "checkpoints", lambda name, tier: table[tier])
     with pytest.raises(BuildError, match="of run 1 of coop_nav, which has 0 mediums"):
         sources("coop_nav", "medium-replay")
 
@@ -142,7 +145,7 @@ def test_special_tiers_of_coop_nav(trained: MappingProxyType[str, Recipe]) -> No
 
 @pytest.mark.parametrize("family", CONVENTION_FAMILIES)
 def test_half_of_the_teams_follow_each_convention_and_both_are_the_expert(family: str) -> None:
-    known = conventions_of(FAMILY_SPECS[family])
+    known = FAMILY_SPECS[family].rules.conventions
     recorded = find_recipe(f"{family}-two-conventions").policies
     assert tuple(each.convention for each in recorded) == known
     assert {(each.name, each.noise, each.share) for each in recorded} == {("scripted", 0.05, 1.0)}
@@ -182,14 +185,20 @@ def test_shipped_checkpoints_are_those_of_the_index(family: str, tier: str) -> N
         assert read_checkpoint(shipped.file, shipped.sha256)
 
 
-def test_an_index_with_unknown_keys_is_refused() -> None:
-    entry = checkpoint("medium", 0).model_dump() | {"steps": 3}
-    with pytest.raises(ValueError, match="steps"):
-        Index.model_validate({"coop_nav": {"medium": [entry]}})
-
-
 def test_no_file_lies_beside_those_of_the_index() -> None:
     folder = files("swarmdata.behavior_policies") / "checkpoints"
-    index = Index.model_validate_json((folder / "index.json").read_text("utf-8")).root
-    known = {each.file for family in index.values() for tier in family.values() for each in tier}
+    index = recipes._index()
+    files_of = (checkpoints(family, tier) for family in index for tier in index[family])
+    known = {each.file for found in files_of for each in found}
     assert {each.name for each in folder.iterdir()} == known | {"index.json"}
+
+
+def test_a_recipe_is_made_when_it_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    monkeypatch.setattr(recipes, "_recipe", lambda key, *rest: made.append(key) or key)
+    table = shipped_recipes.__wrapped__()
+    assert len(table) > 100
+    assert "coop_nav-medium-v1" in table
+    assert table["coop_nav-medium-v1"] == table["coop_nav-medium-v1"] == "coop_nav-medium-v1"
+    assert made == ["coop_nav-medium-v1"]
+    assert table.get("coop_nav-mediun-v1") is None

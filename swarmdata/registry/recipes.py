@@ -15,10 +15,10 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Annotated
 
-from pydantic import Field, RootModel
+from pydantic import Field
 
-from swarmdata.behavior_policies.conventions import conventions_of
 from swarmdata.errors import BuildError, UnknownNameError
+from swarmdata.registry.lazy_table import LazyTable
 from swarmdata.registry.presets import preset
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
 from swarmdata.specs.plain_names import without_version
@@ -42,7 +42,7 @@ CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
 FAMILIES = (*LEARNED_FAMILIES, *CONVENTION_FAMILIES)
 """Presets that have datasets."""
 
-FAMILY_SPECS = MappingProxyType({name: preset(name) for name in FAMILIES})
+FAMILY_SPECS = LazyTable(FAMILIES, preset)
 """The specs of these presets, by name."""
 
 ACTION_NOISE_STD = 0.1
@@ -99,15 +99,20 @@ class Checkpoint(Frozen):
     figures: dict[str, float]  # means over the validation episodes
 
 
-class Index(RootModel[dict[str, dict[str, tuple[Checkpoint, ...]]]]):
-    """`checkpoints/index.json`: preset, then tier, then its checkpoints."""
-
-
 @cache
 def checkpoints(family: str, tier: str) -> tuple[Checkpoint, ...]:
     """Returns the shipped checkpoints of a tier of a preset; none if it has not been trained."""
-    text = (files("swarmdata.behavior_policies") / "checkpoints" / "index.json").read_text("utf-8")
-    return Index.model_validate(json.loads(text)).root.get(family, {}).get(tier, ())
+    found = _index().get(family, {}).get(tier, ())
+    return tuple(Checkpoint.parse(each, f"checkpoint of {family}-{tier}") for each in found)
+
+
+@cache
+def _index() -> dict[str, dict[str, list[dict[str, object]]]]:
+    """`checkpoints/index.json`: preset, then tier, then its checkpoints."""
+    # from the package's folder: nothing of the folder with the policies is imported
+    file = files("swarmdata") / "behavior_policies" / "checkpoints" / "index.json"
+    index: dict[str, dict[str, list[dict[str, object]]]] = json.loads(file.read_text("utf-8"))
+    return index
 
 
 def sources(
@@ -132,7 +137,7 @@ def sources(
         std = default if noise is None else noise
         return tuple(
             PolicySource(label=each, name="scripted", noise=std, convention=each)
-            for each in conventions_of(FAMILY_SPECS[family])
+            for each in FAMILY_SPECS[family].rules.conventions
         )
     found = []
     for index, checkpoint in enumerate(checkpoints(family, ingredient)):
@@ -192,28 +197,41 @@ def part_size(spec: TaskSpec, policies: Sequence[PolicySource], n_steps: int) ->
 
 
 @cache
-def shipped_recipes() -> MappingProxyType[str, Recipe]:
-    """Returns the shipped recipes by id, with version; tiers without checkpoints are absent."""
-    recipes = {}
-    for name, tier in TIERS.items():
-        for family in tier.families:
-            groups = [sources(family, each, default=tier.noise) for each in tier.ingredients]
-            if not all(groups):
-                continue
-            groups = [group[:1] for group in groups] if tier.first_only else groups
-            policies, spec = _mix(groups), FAMILY_SPECS[family]
-            for suffix, n_steps in (("", N_STEPS), ("-mini", MINI_STEPS)):
-                recipe = Recipe(
-                    id=f"{family}-{name}{suffix}-v{NEWEST_VERSION}",
-                    tier=name,
-                    spec=spec,
-                    policies=policies,
-                    seed=tier.seed,
-                    n_steps=n_steps,
-                    part_episodes=part_size(spec, policies, n_steps),
-                )
-                recipes[recipe.id] = recipe
-    return MappingProxyType(recipes)
+def shipped_recipes() -> Mapping[str, Recipe]:
+    """Returns the shipped recipes by id, with version; tiers without checkpoints are absent.
+
+    A recipe is made when it is first looked at.
+    """
+    sizes = (("", N_STEPS), ("-mini", MINI_STEPS))
+    made_of = {
+        f"{family}-{name}{suffix}-v{NEWEST_VERSION}": (family, name, n_steps)
+        for name, tier in TIERS.items()
+        for family in tier.families
+        if all(_has(family, each) for each in tier.ingredients)
+        for suffix, n_steps in sizes
+    }
+    return LazyTable(made_of, lambda key: _recipe(key, *made_of[key]))
+
+
+def _has(family: str, ingredient: str) -> bool:
+    """Whether a preset has the policies of an ingredient."""
+    is_scripted = ingredient in ("random", "scripted") or family in CONVENTION_FAMILIES
+    return is_scripted or bool(_index().get(family, {}).get(ingredient))
+
+
+def _recipe(dataset_id: str, family: str, name: str, n_steps: int) -> Recipe:
+    tier, spec = TIERS[name], FAMILY_SPECS[family]
+    groups = [sources(family, each, default=tier.noise) for each in tier.ingredients]
+    policies = _mix([group[:1] for group in groups] if tier.first_only else groups)
+    return Recipe(
+        id=dataset_id,
+        tier=name,
+        spec=spec,
+        policies=policies,
+        seed=tier.seed,
+        n_steps=n_steps,
+        part_episodes=part_size(spec, policies, n_steps),
+    )
 
 
 @cache
@@ -223,19 +241,12 @@ def find_recipe(dataset_id: str) -> Recipe:
     Raises:
         UnknownNameError: no shipped recipe has this id; the message names the nearest one.
     """
-    newest = _newest()
-    recipe = shipped_recipes().get(dataset_id) or newest.get(dataset_id)
-    if recipe is None:
-        raise UnknownNameError("dataset", dataset_id, newest)
-    return recipe
+    if not is_dataset(dataset_id):
+        raise UnknownNameError("dataset", dataset_id, map(without_version, shipped_recipes()))
+    recipes, newest = shipped_recipes(), f"{dataset_id}-v{NEWEST_VERSION}"
+    return recipes[dataset_id if dataset_id in recipes else newest]
 
 
 def is_dataset(name: str) -> bool:
     """Whether a shipped recipe has this id, with or without its version."""
-    return name in shipped_recipes() or name in _newest()
-
-
-@cache
-def _newest() -> Mapping[str, Recipe]:
-    """Returns the newest recipes by their ids without version."""
-    return {without_version(key): recipe for key, recipe in shipped_recipes().items()}
+    return any(each in shipped_recipes() for each in (name, f"{name}-v{NEWEST_VERSION}"))

@@ -1,1 +1,0 @@
-"""Integrity of stored datasets: checksums, damage, recognition, recovery of a manifest."""

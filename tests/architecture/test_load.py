@@ -1,0 +1,52 @@
+"""What the first `load` of a cached dataset, a list and an `info` import: no compiled code."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from swarmdata.store import open_store
+from swarmdata.store.publication import publication
+from swarmdata.testing.synthetic import write_release
+
+MOST_MODULES = 60
+"""Modules of ours; those of the command line come on top."""
+
+REPORT = (
+    "import sys, json; print(json.dumps(sorted("
+    "name for name in sys.modules if '.' not in name or name.startswith('swarmdata.'))))"
+)
+
+PUBLISH = (
+    "import json; from pathlib import Path; from swarmdata.hub.catalog import identity;"
+    "from swarmdata.registry.published import Published;"
+    "entry = Published.parse(json.loads(Path({entry!r}).read_text()));"
+    "identity.published = lambda: {{'coop_nav-own-v0': entry}};"
+)
+
+USES = {
+    "load": PUBLISH + "import swarmdata; swarmdata.load('coop_nav-own-v0')[0].team_return",
+    "list": "import swarmdata; assert len(swarmdata.list_datasets()) > 100",
+    "list command": "from swarmdata.cli.main import app; app(['list'], standalone_mode=False)",
+    "info": "from swarmdata.cli.main import app;"
+    "app(['info', 'coop_nav-medium-mini'], standalone_mode=False)",
+}
+
+
+@pytest.mark.parametrize("use", USES)
+def test_what_is_read_imports_little(use: str, tmp_path: Path, cache_folder: Path) -> None:
+    folder = cache_folder / "datasets" / "coop_nav-own-v0"
+    write_release(folder, [30, 70], "coop_nav-own-v0")
+    entry = tmp_path / "entry.json"
+    entry.write_text(publication(open_store(folder)).model_dump_json())
+    code = f"{USES[use].format(entry=str(entry))}; {REPORT}"
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True
+    )
+    modules = json.loads(done.stdout.splitlines()[-1])
+    assert not {"numba", "zarr", "h5py", "pymunk", "torch"} & set(modules)
+    ours = [each for each in modules if each.startswith("swarmdata")]
+    of_library = [each for each in ours if not each.startswith("swarmdata.cli")]
+    assert len(of_library) <= MOST_MODULES, of_library
