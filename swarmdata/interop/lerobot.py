@@ -21,7 +21,7 @@ from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, Arrays, st
 from swarmdata.interop.conversion.export_note import note_of
 from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
-from swarmdata.interop.parquet.parquet_rows import arrow
+from swarmdata.interop.parquet_rows import arrow
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.specs.spaces import width

@@ -16,9 +16,8 @@ from swarmdata.building.edit import subsample_dataset
 from swarmdata.cards.sections.measured_content import measure
 from swarmdata.datasets import reobservation, reweighting
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.conversion.framed_export import in_frame
 from swarmdata.interop.convert import source_digest
-from swarmdata.interop.export import export_dataset
+from swarmdata.interop.export import export_dataset, in_frame
 from swarmdata.runtime import mapped_pages
 from swarmdata.runtime.mapped_pages import mapping_of
 from swarmdata.store.arrays import scratch_arrays

@@ -56,7 +56,7 @@ def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Pat
 def test_episodes_are_taken_one_by_one(source: Path, tmp_path: Path) -> None:
     """Memory does not grow with the number of episodes: readers are lazy."""
     from swarmdata.interop.conversion.user_choices import Choices
-    from swarmdata.interop.d4rl.d4rl import read
+    from swarmdata.interop.d4rl import read
 
     with read(source, "task", Choices()) as incoming:
         assert isinstance(incoming.episodes, Iterator)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from swarmdata.errors import BuildError, EngineError
-from swarmdata.runtime.engines import dask_executor, slurm_executor
+from swarmdata.runtime.engines import cluster_executors, slurm_executor
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.runtime.engines.slurm_executor import SlurmExecutor
@@ -98,7 +98,7 @@ def test_a_dask_scheduler_that_starts_again_gets_the_jobs_again(tmp_path: Path) 
 def test_a_dask_scheduler_that_is_killed_for_good_is_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 20)  # a busy machine starts slowly
+    monkeypatch.setattr(cluster_executors, "CONNECT_SECONDS", 20)  # a busy machine starts slowly
     address = f"127.0.0.1:{free_port()}"
     scheduler = start_dask("dask_scheduler", "--host", address)
     worker = start_dask("dask_worker", f"tcp://{address}", "--nthreads", "1")
@@ -256,7 +256,7 @@ class Client:
 
 def test_a_dask_client_without_its_scheduler_gets_no_calls() -> None:
     client = Client()
-    executor = dask_executor.DaskExecutor(client)
+    executor = cluster_executors.DaskExecutor(client)
     executor.submit(print)
     client.status = "connecting"
     with pytest.raises(ConnectionError, match="client of Dask is connecting"):

@@ -23,8 +23,7 @@ from swarmdata.hub.remotes.network.backoff import (
     TransientError,
     refuse_offline,
 )
-from swarmdata.hub.remotes.network.pace import Meter, Pace
-from swarmdata.hub.remotes.network.threads import watched
+from swarmdata.hub.remotes.network.pace import Meter, Pace, watched
 from swarmdata.hub.remotes.outside_names import is_id, split_id
 from swarmdata.hub.remotes.release_files import files_to_publish
 from swarmdata.store.arrays.layout import MANIFEST

@@ -9,16 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.hub.remotes.network import threads
-from swarmdata.hub.remotes.network.backoff import TooSlowError
-from swarmdata.hub.remotes.network.interruption import (
+from swarmdata.hub.remotes.network import pace
+from swarmdata.hub.remotes.network.backoff import (
     SLICE_SECONDS,
     StoppedError,
+    TooSlowError,
     check_stop,
     pause,
 )
-from swarmdata.hub.remotes.network.pace import Meter, Pace
-from swarmdata.hub.remotes.network.threads import bytes_in, run_all, watched
+from swarmdata.hub.remotes.network.pace import Meter, Pace, bytes_in, run_all, watched
 
 
 def nothing() -> None:
@@ -31,7 +30,7 @@ def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], object]]:
 
     So whoever waited for it would do so for ever.
     """
-    monkeypatch.setattr(threads, "GRACE_SECONDS", 0.05)
+    monkeypatch.setattr(pace, "GRACE_SECONDS", 0.05)
     over = threading.Event()
     yield over.wait
     over.set()
@@ -40,12 +39,12 @@ def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], object]]:
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """What may end by itself has the time for it, on a busy machine."""
-    monkeypatch.setattr(threads, "GRACE_SECONDS", 300.0)
+    monkeypatch.setattr(pace, "GRACE_SECONDS", 300.0)
 
 
 def test_ctrl_c_takes_two_seconds_at_most() -> None:
     """Row 60: what jobs wait for they wait for in slices, and hanging ones are left."""
-    assert SLICE_SECONDS + threads.GRACE_SECONDS < 2.0
+    assert SLICE_SECONDS + pace.GRACE_SECONDS < 2.0
 
 
 def fail() -> None:
