@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     STATE_ARRAYS,
@@ -26,9 +25,8 @@ from swarmdata.interop.conversion.dataset_facts import (
     row_shapes,
     step_blocks,
 )
-from swarmdata.interop.conversion.episode_cuts import Timeline
-from swarmdata.interop.conversion.export_note import note_of, parse_note
-from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.episode_cuts import BlockReader, Timeline
+from swarmdata.interop.conversion.export_note import import_with_note, note_of, parse_note
 from swarmdata.interop.conversion.foreign_data import import_without_note
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths, flags_of, team_shapes

@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.user_paths import absolute_path
+from swarmdata.interop.conversion.user_choices import absolute_path
 from swarmdata.interop.formats import find_format
 from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.runtime.atomic import remove_leftovers, staged

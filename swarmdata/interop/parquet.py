@@ -32,8 +32,12 @@ from swarmdata.interop.conversion.dataset_facts import (
     step_blocks,
 )
 from swarmdata.interop.conversion.episode_cuts import Timeline
-from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
-from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.export_note import (
+    ExportNote,
+    import_with_note,
+    note_of,
+    parse_note,
+)
 from swarmdata.interop.conversion.foreign_data import import_without_note
 from swarmdata.interop.conversion.foreign_rows import columns_of, flags_of, team_shapes
 from swarmdata.interop.conversion.imported_data import ImportedData

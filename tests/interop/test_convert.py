@@ -29,7 +29,7 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
             raise KeyboardInterrupt
         return build_episode(*arguments, **facts)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("swarmdata.interop.conversion.exported_data.build_episode", interrupted)
+    monkeypatch.setattr("swarmdata.interop.conversion.export_note.build_episode", interrupted)
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 100)  # parts are written early
     with pytest.raises(KeyboardInterrupt):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError, SchemaError, SpecError
 from swarmdata.hub.catalog.catalog import load
-from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     STATE_ARRAYS,
@@ -30,8 +29,13 @@ from swarmdata.interop.conversion.dataset_facts import (
     row_shapes,
     step_blocks,
 )
-from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
-from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.episode_cuts import BlockReader
+from swarmdata.interop.conversion.export_note import (
+    ExportNote,
+    import_with_note,
+    note_of,
+    parse_note,
+)
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths
 from swarmdata.interop.conversion.imported_data import ImportedData

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.block_reader import BlockReader
-from swarmdata.interop.conversion.episode_cuts import ReadRows, Timeline
+from swarmdata.interop.conversion.episode_cuts import BlockReader, ReadRows, Timeline
 from swarmdata.interop.conversion.foreign_data import import_without_note
 from swarmdata.interop.conversion.foreign_rows import (
     agent_columns,

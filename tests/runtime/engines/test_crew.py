@@ -1,6 +1,5 @@
 """Workers that die, fail, print and outlive their supervisor."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from swarmdata.errors import BuildError
 from swarmdata.runtime import kernel_progress
 from swarmdata.runtime.engines import crew as crew_module
 from swarmdata.runtime.engines.crew import Crew
-from swarmdata.runtime.engines.jobs import MAX_ATTEMPTS, Job
+from swarmdata.runtime.engines.jobs import Job
 
 HANDLER = """
 import os, signal, sys, time
@@ -88,32 +87,6 @@ def test_all_jobs_are_done_once_and_progress_adds_up(tmp_path: Path, entry: str)
     assert all(line[0].split()[1] == "1" for line in lines), "BLAS must use one thread"
 
 
-def test_killed_job_is_done_again_and_no_other(tmp_path: Path, entry: str) -> None:
-    reports: list[int] = []
-    with Crew(entry, 2) as crew:
-        jobs = [make_job(tmp_path, "good"), make_job(tmp_path, "victim", "die once")]
-        crew.run(jobs, reports.append)
-
-    assert len(starts(tmp_path, "victim")) == 2
-    assert len(starts(tmp_path, "good")) == 1
-    assert sum(reports) == 2 * 7, "what the killed worker had reported is taken back"
-
-
-def test_job_that_always_dies_is_named(tmp_path: Path, entry: str) -> None:
-    with Crew(entry, 1) as crew, pytest.raises(BuildError, match=r"doomed failed.*SIGKILL"):
-        crew.run([make_job(tmp_path, "doomed", "die")])
-
-    assert len(starts(tmp_path, "doomed")) == MAX_ATTEMPTS
-
-
-def test_error_of_the_library_is_reported_and_not_tried_again(tmp_path: Path, entry: str) -> None:
-    message = "picky failed: SpecError: this cannot be done"
-    with Crew(entry, 1) as crew, pytest.raises(BuildError, match=message):
-        crew.run([make_job(tmp_path, "picky", "refuse")])
-
-    assert len(starts(tmp_path, "picky")) == 1
-
-
 def test_bug_in_a_worker_is_an_error(tmp_path: Path, entry: str) -> None:
     with Crew(entry, 1) as crew, pytest.raises(BuildError, match="exit code 1 while doing buggy"):
         crew.run([make_job(tmp_path, "buggy", "crash")])
@@ -164,7 +137,3 @@ def is_running(pid: int) -> bool:
     except (FileNotFoundError, ProcessLookupError):
         return False
     return state != "Z"
-
-
-def test_is_running_sees_this_process() -> None:
-    assert is_running(os.getpid())
