@@ -29,15 +29,6 @@ def test_two_drives_in_one_file_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "dataset").exists()
 
 
-def test_a_clock_that_is_set_back_is_refused(tmp_path: Path) -> None:
-    columns = drive(10.0)
-    columns["t"][50:] -= 2.0
-    with pytest.raises(
-        ConversionError, match=r"row 51: time runs back by 1\.95 s, more than `max_"
-    ):
-        make(tmp_path, columns)
-
-
 def test_small_disorder_is_put_in_order(tmp_path: Path) -> None:
     columns = drive(10.0)
     straight = make(tmp_path, columns)

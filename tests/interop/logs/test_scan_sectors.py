@@ -76,11 +76,6 @@ def test_a_sector_without_a_beam_is_not_known() -> None:
     assert_array_equal(nothing[1], [1, 5])
 
 
-def test_one_empty_scan_changes_no_other() -> None:
-    found = clean_scans([RANGES[0], np.zeros(0)], scan(), "anna")
-    assert_array_equal(found, [[1, 2, 5, 5], [np.nan] * 4])
-
-
 @pytest.mark.parametrize(
     ("rows", "angles", "beams", "words"),
     [

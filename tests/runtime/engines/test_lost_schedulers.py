@@ -93,30 +93,6 @@ def test_a_dask_scheduler_that_starts_again_gets_the_jobs_again(tmp_path: Path) 
     assert sum(starts(tmp_path, each.name) for each in jobs) > N_JOBS, "some were begun again"
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs distributed")
-def test_a_dask_scheduler_that_is_killed_for_good_is_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cluster_executors, "CONNECT_SECONDS", 20)  # a busy machine starts slowly
-    address = f"127.0.0.1:{free_port()}"
-    scheduler = start_dask("dask_scheduler", "--host", address)
-    worker = start_dask("dask_worker", f"tcp://{address}", "--nthreads", "1")
-    engine = open_engine(
-        f"dask://{address}", "engine_handler:work", n_workers=1, folder=tmp_path / "x"
-    )
-    try:
-        with engine as opened:
-            when_a_job_has_begun(tmp_path, scheduler.kill)
-            jobs = [job(tmp_path, f"job-{k}", "wait") for k in range(N_JOBS)]
-            with pytest.raises(EngineError, match=f"no Dask scheduler answers at {address}"):
-                opened.run(jobs, lambda n: None)
-    finally:
-        for daemon in (worker, scheduler):
-            daemon.kill()
-            daemon.wait(START_SECONDS)
-
-
 def closed_client() -> Exception:
     """What Dask's client raises when it has given up its scheduler."""
     client = pytest.importorskip("distributed.client", reason="needs distributed")
