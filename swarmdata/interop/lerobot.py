@@ -52,7 +52,6 @@ LOST_REASONS = {
 
 _DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
-_COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 
 Columns = Mapping[str, NDArray[Any]]
 

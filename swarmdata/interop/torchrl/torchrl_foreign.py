@@ -87,8 +87,8 @@ def leaf_keys(rows: Any) -> set[tuple[str, ...]]:
     return {key if isinstance(key, tuple) else (key,) for key in found}
 
 
-def _numpy(rows: Any, key: tuple[str, ...], n: int | None = None) -> NDArray[Any]:
-    values: NDArray[Any] = rows[key][:n].numpy()
+def _numpy(rows: Any, key: tuple[str, ...]) -> NDArray[Any]:
+    values: NDArray[Any] = rows[key].numpy()
     return values
 
 

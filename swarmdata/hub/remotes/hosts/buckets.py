@@ -59,12 +59,11 @@ class BucketRemote:
         address: str,
         *,
         backoff: Backoff | None = None,
-        pace: Pace | None = None,
         options: dict[str, Any] | None = None,
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()
-        self._pace = pace or Pace.from_environment()
+        self._pace = Pace.from_environment()
         scheme, _, self._root = address.partition("://")
         self._files = _file_system(scheme, options)
 
