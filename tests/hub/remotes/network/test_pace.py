@@ -178,13 +178,6 @@ def test_ctrl_c_stops_all_jobs() -> None:
     assert threading.active_count() <= before  # those of earlier tests may end meanwhile
 
 
-def test_a_pause_without_jobs_is_a_sleep() -> None:
-    started = time.monotonic()
-    pause(0.05)
-    check_stop()
-    assert time.monotonic() - started >= 0.05
-
-
 def test_a_watched_call_returns_or_raises() -> None:
     assert watched(lambda: 3, Meter(Pace(), "x")) == 3
     with pytest.raises(ZeroDivisionError):
