@@ -10,8 +10,8 @@ from time import perf_counter
 
 import numpy as np
 
+from swarmdata.catalogue.drawings.charts import rewards_drawing
 from swarmdata.catalogue.drawings.episode_drawing import episode_drawing
-from swarmdata.catalogue.drawings.rewards_drawing import rewards_drawing
 from swarmdata.catalogue.elements import Html
 from swarmdata.catalogue.entries import Entry, find_entries
 from swarmdata.catalogue.pages.dataset_page import dataset_page

@@ -15,7 +15,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE, committed_studies
-from swarmdata.catalogue.drawings.line_chart import PlottedPoint
+from swarmdata.catalogue.drawings.charts import Line
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import read_results
@@ -52,7 +52,7 @@ class LineSet:
     title: str
     x_name: str
     y_name: str
-    lines: Mapping[str, tuple[PlottedPoint, ...]]
+    lines: Mapping[str, Line]
 
 
 @dataclass(frozen=True)
@@ -231,19 +231,19 @@ def _outcome(rows: Rows, file: Path) -> Outcome:
 def _curves(folder: Path) -> list[LineSet]:
     """A chart of success for each dataset of a study that measured learning curves."""
     file = folder / "curves.csv"
-    lines: dict[str, dict[str, list[PlottedPoint]]] = {}
+    lines: dict[str, dict[str, dict[float, Estimate]]] = {}
     for row in _read_if_there(file, ("cell", "metric", "update", "mean", "low", "high")):
         if row["metric"] == "success":
             label, _, dataset = row["cell"].partition("/")
-            numbers = [_number(row[key], file) for key in ("update", "mean", "low", "high")]
-            point = PlottedPoint(numbers[0], *(100 * value for value in numbers[1:]))
-            lines.setdefault(dataset, {}).setdefault(label, []).append(point)
+            update, *found = (_number(row[key], file) for key in ("update", "mean", "low", "high"))
+            line = lines.setdefault(dataset, {}).setdefault(label, {})
+            line[update] = Estimate(*(100 * value for value in found))
     return [
         LineSet(
             f"Learning curves, {dataset}".removesuffix(", "),
             "updates",
             "success (%), range over seeds",
-            {label: tuple(points) for label, points in found.items()},
+            found,
         )
         for dataset, found in lines.items()
     ]
@@ -253,18 +253,18 @@ def _sweeps(folder: Path) -> list[LineSet]:
     """A chart of the score for each sweep in a study's folder or below it."""
     charts = []
     for file in sorted(folder.rglob("sweep.csv")):
-        lines: dict[str, list[PlottedPoint]] = {}
+        lines: dict[str, dict[float, Estimate]] = {}
         names = ("part", "parameter", "value", "policy", "metric", "estimate", "low", "high")
         rows = _read(file, names)
         for row in rows:
             if row["metric"] == "score" and row["value"] and row["estimate"]:
                 keys = ("value", "estimate", "low", "high")
-                numbers = [_number(row[key], file) for key in keys]
-                lines.setdefault(row["policy"], []).append(PlottedPoint(*numbers))
+                x, *found = (_number(row[key], file) for key in keys)
+                lines.setdefault(row["policy"], {})[x] = Estimate(*found)
         if lines:
-            found = {label: tuple(sorted(line, key=lambda p: p.x)) for label, line in lines.items()}
+            ordered = {label: dict(sorted(line.items())) for label, line in lines.items()}
             what = f"{rows[0]['part']}: {rows[0]['parameter']}"
-            charts.append(LineSet(f"Robustness, {what}", rows[0]["parameter"], "score", found))
+            charts.append(LineSet(f"Robustness, {what}", rows[0]["parameter"], "score", ordered))
     return charts
 
 

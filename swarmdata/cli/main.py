@@ -17,16 +17,13 @@ from typer.core import TyperCommand, TyperGroup
 
 from swarmdata import __version__
 from swarmdata.cli import (
-    audit_commands,
     integrity_commands,
-    kernel_commands,
-    ranking_commands,
+    registry_commands,
     remote_commands,
     result_commands,
     study_commands,
     sweep_commands,
     training_commands,
-    transfer_commands,
 )
 from swarmdata.cli.catalogue_commands import catalogue_app
 from swarmdata.cli.making import (
@@ -35,9 +32,7 @@ from swarmdata.cli.making import (
     generate_commands,
     import_commands,
 )
-from swarmdata.cli.making.record_commands import record_app
 from swarmdata.cli.option_use import refuse
-from swarmdata.cli.registry_commands import registry_app
 from swarmdata.cli.shared_options import (
     Backend,
     Clip,
@@ -158,9 +153,9 @@ app = _App(
     help="Offline multi-agent RL datasets for multi-robot tasks.",
 )
 app.add_typer(task_app, name="task")
-app.add_typer(registry_app, name="registry")
+app.add_typer(registry_commands.registry_app, name="registry")
 app.add_typer(remote_commands.remote_app, name="remote")
-app.add_typer(record_app, name="record")
+app.add_typer(import_commands.record_app, name="record")
 app.add_typer(catalogue_app, name="catalogue")
 
 CLOSED_PIPE_EXIT_CODE = 128 + 13
@@ -361,8 +356,8 @@ def card(
         write_card(folder)
 
 
-app.command()(audit_commands.audit)
-app.command()(kernel_commands.warm)
+app.command()(integrity_commands.audit)
+app.command()(registry_commands.warm)
 app.command("filter")(editing_commands.filter_command)
 app.command("combine")(editing_commands.combine_command)
 app.command("subsample")(editing_commands.subsample_command)
@@ -373,7 +368,7 @@ app.command()(training_commands.ship)
 app.command()(training_commands.algorithms)
 app.command()(training_commands.learning)
 app.command()(training_commands.export_policy)
-app.command()(ranking_commands.rank)
+app.command()(result_commands.rank)
 app.command()(convert_commands.convert)
 app.command("import")(import_commands.import_command)
 app.command()(result_commands.evaluate)
@@ -381,7 +376,7 @@ app.command()(result_commands.report)
 app.command()(study_commands.study)
 app.command("study-pages")(study_commands.study_pages)
 app.command()(sweep_commands.sweep)
-app.command()(transfer_commands.transfer)
+app.command()(sweep_commands.transfer)
 
 
 @app.command()

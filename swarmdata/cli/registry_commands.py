@@ -1,4 +1,4 @@
-"""`swarmdata registry ...`: shows, checks and updates the published digests and figures."""
+"""`swarmdata registry ...`: published digests and figures; `swarmdata warm`: compiled kernels."""
 
 from pathlib import Path
 from typing import Annotated
@@ -115,3 +115,15 @@ def update(
             put_entries(out, {recipe.id: entry.model_dump(mode="json")})
             typer.echo(f"{recipe.id}: {entry.n_steps:,} joint steps, digest {entry.digest}")
     failures.check("datasets")
+
+
+def warm(workers: Workers = None) -> None:
+    """Compile all kernels now, so that no later command waits for it.
+
+    Meant for images and CI. Kernels are kept in SWARMDATA_CACHE, or NUMBA_CACHE_DIR if it is set,
+    and are good for this version of swarmdata and numba and for this kind of CPU.
+    """
+    from swarmdata.building.kernel_warmup import kernel_folder, warm_kernels
+
+    n_compiled = warm_kernels(workers=workers)
+    typer.echo(f"{kernel_folder()}: {n_compiled} kernels compiled, none is left to do")

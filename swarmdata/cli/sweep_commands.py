@@ -1,4 +1,4 @@
-"""`swarmdata sweep`: policies under worse communication, sensing or bodies."""
+"""`swarmdata sweep | transfer`: policies under worse conditions, and in another simulator."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -146,3 +146,40 @@ def _print(axes: "list[Axis]", out: Path) -> None:
     typer.echo((out / "sweep.md").read_text(encoding="utf-8"), nl=False)
     for axis in axes:
         typer.echo(out / f"{axis.part}-{axis.name}.png")
+
+
+def transfer(
+    context: typer.Context,
+    targets: Annotated[
+        list[str], typer.Argument(metavar="TARGET...", help="policies, tiers or run folders")
+    ],
+    tasks: Annotated[
+        list[str],
+        typer.Option("--task", help="task of all targets: a preset, or a spec; may be repeated"),
+    ],
+    results: Annotated[Path, typer.Option(help="folder for result files")],
+    out: Annotated[Path, typer.Option(help="Markdown file to write")],
+    backend: Annotated[
+        str, typer.Option(help="the other simulator: mujoco (an extra), kinematic or pymunk")
+    ] = "mujoco",
+    episodes: Episodes = 200,
+    workers: Processes = 1,
+    engine: Engine = "local",
+) -> None:
+    """Compare policies in two simulators, and write a page.
+
+    Policies act as they are, on the same seeds and layouts. An interrupted comparison resumes: run
+    the same command again.
+    """
+    refuse_workers(context, engine)
+    from swarmdata.evaluation.transfer import simulator_transfer
+    from swarmdata.evaluation.transfer.transfer_page import transfer_page
+    from swarmdata.store import write_file
+
+    planned = simulator_transfer.plan_transfer(
+        targets, tasks, results, backend=backend, n_episodes=episodes
+    )
+    teams = simulator_transfer.run_transfer(planned, engine=engine, workers=workers)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_file(out, transfer_page(teams).encode())
+    typer.echo(out)

@@ -14,8 +14,7 @@ from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.foreign_file import check_plain
 from swarmdata.interop.conversion.imported_data import ImportedData
-from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.interop.conversion.user_paths import absolute_path
+from swarmdata.interop.conversion.user_choices import Choices, absolute_path
 from swarmdata.interop.formats import FORMATS, Reader, find_format
 from swarmdata.runtime.atomic import is_vacant, sync
 from swarmdata.runtime.locking import locked

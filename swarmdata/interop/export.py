@@ -1,14 +1,19 @@
 """Converts a dataset, or a view of one, to a foreign format."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.framed_export import in_frame
-from swarmdata.interop.conversion.user_paths import absolute_path
+from swarmdata.interop.conversion.user_choices import absolute_path
 from swarmdata.interop.formats import find_format
+from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.runtime.atomic import remove_leftovers, staged
+from swarmdata.runtime.mapped_pages import MappedReads
+from swarmdata.store.arrays.scratch_arrays import new_arrays
 
 
 class MisplacedExportWarning(UserWarning):
@@ -50,3 +55,46 @@ def export_dataset(
     if found.misplaced is not None and (problem := found.misplaced(dataset, path)):
         warnings.warn(f"{problem}.", MisplacedExportWarning, stacklevel=2)
     return path
+
+
+def in_frame(dataset: Dataset, anchor: str) -> Dataset:
+    """Returns the episodes of a view with observations and actions turned, all others as zeros.
+
+    They are those of `learn.training.framed_dataset`: after the observation's own numbers come the
+    numbers that the frame adds, `Frame.names`. States, messages and layouts stay in the world's
+    frame. Large new arrays are in files without a name, as those of `Dataset.reobserve` are.
+
+    Args:
+        dataset: to turn.
+        anchor: of the frame, as `frames.find_frame` takes it; `world` changes nothing.
+
+    Raises:
+        SpecError: the dataset cannot have such a frame.
+        DiskFullError: the new arrays are large, and no space is left.
+    """
+    frame = frame_of(dataset.spec, anchor)
+    if frame is None:
+        return dataset
+    stored, arrays = dataset.stored, dataset.stored.arrays
+    shape, kept = arrays["observations"].shape, arrays["actions"]
+    new = new_arrays(
+        {
+            "observations": ((*shape[:-1], shape[-1] + frame.n_added), np.dtype(np.float32)),
+            "actions": (kept.shape, kept.dtype),
+        }
+    )
+    everything = np.arange(len(stored.table))
+    turned = replace(dataset, stored=replace(stored, arrays={**arrays, **new}))
+    recorded, written = (
+        replace(dataset, selection=everything),
+        replace(turned, selection=everything),
+    )
+    chosen = np.isin(everything, dataset.selection).tolist()
+    reads = MappedReads((arrays["observations"], kept, *new.values()))
+    for source, target, is_chosen in zip(recorded, written, chosen, strict=True):
+        inputs, actions = source.observations, source.actions
+        target.observations[...] = frame.inputs(inputs) if is_chosen else 0
+        target.actions[...] = frame.recorded(inputs[:-1], actions) if is_chosen else 0
+        reads.add(inputs, actions, target.observations, target.actions)
+    reads.release()
+    return turned

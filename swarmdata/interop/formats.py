@@ -11,13 +11,13 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.registry.components import resolve
 
 FORMATS = {
-    "d4rl": "swarmdata.interop.d4rl.d4rl:FORMAT",
-    "d4rl-agents": "swarmdata.interop.d4rl.d4rl_agents:FORMAT",
+    "d4rl": "swarmdata.interop.d4rl:FORMAT",
+    "d4rl-agents": "swarmdata.interop.d4rl_agents:FORMAT",
     "lerobot": "swarmdata.interop.lerobot:FORMAT",
     "mcap": "swarmdata.interop.bags.mcap_file:FORMAT",
     "minari": "swarmdata.interop.minari:FORMAT",
-    "numpy": "swarmdata.interop.numpy_folders.numpy_folders:FORMAT",
-    "parquet": "swarmdata.interop.parquet.parquet:FORMAT",
+    "numpy": "swarmdata.interop.numpy_folders:FORMAT",
+    "parquet": "swarmdata.interop.parquet:FORMAT",
     "rosbag2": "swarmdata.interop.bags.rosbag2:FORMAT",
     "torchrl": "swarmdata.interop.torchrl.torchrl:FORMAT",
     "vault": "swarmdata.interop.vault:FORMAT",

@@ -21,7 +21,7 @@ from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, Arrays, st
 from swarmdata.interop.conversion.export_note import note_of
 from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
-from swarmdata.interop.parquet.parquet_rows import arrow
+from swarmdata.interop.parquet_rows import arrow
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.specs.spaces import width
@@ -52,7 +52,6 @@ LOST_REASONS = {
 
 _DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
-_COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 
 Columns = Mapping[str, NDArray[Any]]
 

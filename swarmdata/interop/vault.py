@@ -21,16 +21,19 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.conversion.block_reader import BlockReader
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     STATE_ARRAYS,
     TIME_ARRAYS,
     step_blocks,
 )
-from swarmdata.interop.conversion.episode_cuts import Timeline
-from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
-from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.episode_cuts import BlockReader, Timeline
+from swarmdata.interop.conversion.export_note import (
+    ExportNote,
+    import_with_note,
+    note_of,
+    parse_note,
+)
 from swarmdata.interop.conversion.foreign_data import import_without_note
 from swarmdata.interop.conversion.foreign_file import check_stored, folder_bytes, reading
 from swarmdata.interop.conversion.foreign_rows import (

@@ -1,9 +1,9 @@
 """YAML and JSON from outside, read with bounds and one kind of error, which names the place.
 
 A document has the kinds of JSON and no others: mappings, sequences, text, finite numbers,
-booleans and null. YAML's dates are text; its tags for other types, and its
-merge keys, are refused. Reading takes time and memory linear in the size, which is bounded, as are
-depth, number of values, and what aliases unfold to.
+booleans and null. YAML's dates are text; its tags for other types, and its merge keys, are refused.
+Reading takes time and memory linear in the size, which is bounded, as are depth and number of
+values, those that aliases repeat included.
 """
 
 import json
@@ -11,6 +11,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +129,7 @@ def parse_yaml(text: str | bytes, source: str) -> Any:
     try:
         loader = _BoundedLoader(decoded)
         node = loader.get_single_node()
-        return None if node is None else _value(node, ())
+        return None if node is None else _value(node, (), count(1))
     except yaml.MarkedYAMLError as error:
         place = _place(error.problem_mark or error.context_mark)
         problem = ", ".join(filter(None, (error.context, error.problem)))
@@ -218,39 +219,22 @@ def _check_surrogates(data: Any, source: str) -> None:
 
 
 class _BoundedLoader(yaml.SafeLoader):
-    """Composes the nodes of a document, counting as it goes; it constructs no objects."""
+    """Composes the nodes of a document of bounded depth; it constructs no objects."""
 
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self._depth = self._deepest = self._n_values = 0
-        self._sizes: dict[str, tuple[int, int]] = {}  # values and depth under finished anchors
+    _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Composes one value; an alias counts as all that it repeats."""
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-        anchor, is_alias = event.anchor, isinstance(event, yaml.AliasEvent)
-        if is_alias and anchor in self.anchors and anchor not in self._sizes:
-            raise _error(
-                f"alias {anchor!r:.100} stands inside of what it repeats", event.start_mark
-            )
         is_inner = isinstance(event, yaml.CollectionStartEvent)
-        n_values, depth = self._sizes.get(anchor, (1, 0)) if is_alias else (1, int(is_inner))
-        self._n_values += n_values
-        if self._n_values > MAX_VALUES:
-            problem = f"there are more than {MAX_VALUES} values, the most allowed"
-            raise _error(problem, event.start_mark)
-        if self._depth + depth > MAX_DEPTH:
-            problem = f"values are nested deeper than {MAX_DEPTH}, the most allowed"
-            raise _error(problem, event.start_mark)
-        before, above = self._n_values - 1, self._deepest
-        self._deepest = self._depth + depth
+        if is_inner and self._depth == MAX_DEPTH:
+            raise _error(_TOO_DEEP, event.start_mark)
         self._depth += is_inner
         node = super().compose_node(parent, index)
         self._depth -= is_inner
-        if anchor is not None and not is_alias:
-            self._sizes[anchor] = self._n_values - before, self._deepest - self._depth
-        self._deepest = max(self._deepest, above)
         return node
+
+
+_TOO_DEEP = f"values are nested deeper than {MAX_DEPTH}, the most allowed"
 
 
 def _without_dates() -> dict[str, list[tuple[str, Any]]]:
@@ -270,23 +254,28 @@ _BoundedLoader.add_implicit_resolver(
     list("-+.0123456789"),
 )
 
-_KINDS = {
-    "int": "whole number",
-    "float": "finite number",
-    "bool": "boolean",
-    "null": "null",
-}
+_KINDS = {"int": "whole number", "float": "finite number", "bool": "boolean", "null": "null"}
 
 _SCALARS = yaml.constructor.SafeConstructor()
 
 
-def _value(node: yaml.Node, path: tuple[str, ...]) -> Any:
-    """What a node stands for; `path` is that of the keys down to it."""
+def _value(node: yaml.Node, path: tuple[str, ...], number: "count[int]") -> Any:
+    """What a node stands for, once for each alias of it.
+
+    Args:
+        node: to read.
+        path: of the keys down to it.
+        number: of the values so far.
+    """
+    if next(number) > MAX_VALUES:
+        raise _error(f"there are more than {MAX_VALUES} values, the most allowed", node.start_mark)
+    if len(path) == MAX_DEPTH and isinstance(node, yaml.CollectionNode):
+        raise _error(_TOO_DEEP, node.start_mark)
     kind = node.tag.removeprefix("tag:yaml.org,2002:")
     if isinstance(node, yaml.SequenceNode) and kind == "seq":
-        return [_value(each, (*path, str(k))) for k, each in enumerate(node.value)]
+        return [_value(each, (*path, str(k)), number) for k, each in enumerate(node.value)]
     if isinstance(node, yaml.MappingNode) and kind == "map":
-        return dict(_entries(node, path))
+        return dict(_entries(node, path, number))
     if isinstance(node, yaml.ScalarNode) and kind in ("str", "null", "bool", "int", "float"):
         return _scalar(node, kind, path)
     raise _error(
@@ -297,7 +286,9 @@ def _value(node: yaml.Node, path: tuple[str, ...]) -> Any:
     )
 
 
-def _entries(node: yaml.MappingNode, path: tuple[str, ...]) -> Iterator[tuple[Any, Any]]:
+def _entries(
+    node: yaml.MappingNode, path: tuple[str, ...], number: "count[int]"
+) -> Iterator[tuple[Any, Any]]:
     """Keys and values of a mapping; keys are scalars, each given once."""
     seen = set()
     for key_node, value_node in node.value:
@@ -308,11 +299,11 @@ def _entries(node: yaml.MappingNode, path: tuple[str, ...]) -> Iterator[tuple[An
         if key_node.value == "<<" and key_node.style is None:
             problem = "a merge key <<, which is not supported; write the keys out"
             raise _error(problem, key_node.start_mark, path)
-        key = _value(key_node, path)
+        key = _value(key_node, path, number)
         if key in seen:
             raise _error(f"key {key!r:.100} is given twice", key_node.start_mark, path)
         seen.add(key)
-        yield key, _value(value_node, (*path, str(key)))
+        yield key, _value(value_node, (*path, str(key)), number)
 
 
 def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:

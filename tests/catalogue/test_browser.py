@@ -100,17 +100,6 @@ def test_play_pause_step_scrub_and_the_keyboard(visit: Visit) -> None:
 
 
 @slow
-def test_the_canvas_changes_with_time(visit: Visit) -> None:
-    visit.open(f"datasets/{TINY.id}.html")
-    pictures = [
-        visit.run(f"swarmdata.player.seek({time}), swarmdata.views[0].canvas.toDataURL()")
-        for time in (0, 1, 0)
-    ]
-
-    assert pictures[0] == pictures[2] != pictures[1]
-
-
-@slow
 def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
     page = visit.page
@@ -183,13 +172,6 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     assert visit.run("swarmdata.views.map((view) => view.replay.position)") == [2, 5]
 
 
-@slow
-def test_an_episode_that_is_not_shown_is_said(visit: Visit) -> None:
-    visit.open(f"datasets/{TINY.id}.html#episode=4000")
-
-    assert "Episode 4000 is not among" in visit.texts("#notice")[0]
-
-
 def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
     visit.page.set_viewport_size({"width": 1360, "height": 768})
     for name in ("formation-small-v0", "painting_v1-mine-v0"):
@@ -222,15 +204,6 @@ def test_back_leads_to_the_last_choice(visit: Visit) -> None:
     visit.wait("location.hash.startsWith('#episode=2')")
     visit.page.go_back()
     visit.wait("swarmdata.views[0].replay.position === 1")
-
-
-@slow
-def test_a_link_is_followed_without_loading_the_page(visit: Visit) -> None:
-    visit.open(f"datasets/{TINY.id}.html#episode=0")
-    visit.run("location.hash = '#episode=3&t=2'")
-
-    visit.wait("swarmdata.views[0].replay.position === 3")
-    visit.wait("swarmdata.player.time === 2")
 
 
 @slow

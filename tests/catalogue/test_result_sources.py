@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.catalogue import result_sources
 from swarmdata.catalogue.pages.results_page import results_page
-from swarmdata.catalogue.result_sources import committed_sources, own_sources
+from swarmdata.catalogue.result_sources import ResultSource, committed_sources, own_sources
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import save_result
 from swarmdata.runtime.batches import Failures
@@ -46,8 +47,8 @@ def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
     assert math.isnan(outcome.estimates["time_to_goal"].value)
     assert found.data == {"coop_nav-medium-v1": 57.5}
     curve, sweep = found.charts
-    assert [point.value for point in curve.lines["bc"]] == [20, 40]
-    assert [point.x for point in sweep.lines["bc"]] == [0.0, 0.5]
+    assert [each.value for each in curve.lines["bc"].values()] == [20, 40]
+    assert list(sweep.lines["bc"]) == [0.0, 0.5]
 
 
 def test_the_page_shows_and_links_them(study: Path) -> None:
@@ -64,7 +65,13 @@ def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
     assert "datasets/" not in results_page(own_sources([study], Failures(1)), frozenset()).body
 
 
-def test_studies_on_validation_seeds_are_no_committed_results() -> None:
+def test_studies_on_validation_seeds_are_no_committed_results(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def of_study(folder: Path, place: str) -> ResultSource:
+        return ResultSource("", place, (), {})
+
+    monkeypatch.setattr(result_sources, "_of_study", of_study)  # which reads archives for long
     places = {found.place for found in committed_sources()}
 
     assert "cards/studies/goals" in places

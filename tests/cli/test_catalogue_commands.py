@@ -6,9 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from swarmdata.catalogue.build_catalogue import CatalogueChoices
 from swarmdata.cli.main import app
-from swarmdata.hub.catalog.catalog import list_datasets
 from tests.support.tiny import TINY
 
 RUNNER = CliRunner()
@@ -71,27 +69,3 @@ def test_all_episodes_and_a_number_of_them_exclude_each_other(tmp_path: Path) ->
 
     assert result.exit_code == 2
     assert "cannot be combined with --episodes" in result.output
-
-
-def test_every_option_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[object] = []
-
-    def record(names: object, out: Path, choices: CatalogueChoices, *, note: object) -> Path:
-        seen.extend((list(names), out, choices))  # type: ignore[call-overload]
-        return out
-
-    monkeypatch.setattr("swarmdata.catalogue.build_catalogue.build_catalogue", record)
-    options = ["--out", "o", "--results", "r", "--results", "s", "--workers", "2"]
-    models = ["--observation", "lidar", "--communication", "none"]
-
-    RUNNER.invoke(app, ["catalogue", "build", "a", "b", *options, *models, "--episodes", "7"])
-    RUNNER.invoke(app, ["catalogue", "build", "--all"])
-
-    choices = CatalogueChoices(7, (Path("r"), Path("s")), "lidar", "none", 2)
-    assert seen == [["a", "b"], Path("o"), choices, [], Path("site"), CatalogueChoices(None)]
-    RUNNER.invoke(app, ["catalogue", "build", "--minis"])
-    minis = [info.id for info in list_datasets() if "-mini-v" in info.id]
-    assert seen[6:] == [minis, Path("site"), CatalogueChoices(1000)]
-    both = RUNNER.invoke(app, ["catalogue", "build", "a", "--minis"])
-    assert both.exit_code == 2
-    assert "cannot be combined with names" in both.output

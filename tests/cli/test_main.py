@@ -18,7 +18,6 @@ from swarmdata import __version__
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.cli import main
 from swarmdata.cli.main import SECTIONS, app
-from swarmdata.errors import UnknownNameError
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
@@ -186,14 +185,6 @@ def test_results_say_their_models_and_the_report_finds_them(tmp_path: Path) -> N
 
     run("evaluate", "random", "--episodes", "2", "--out", results)
     assert "measured under other models" in run("report", results, "--out", out, code=1)
-
-
-def test_threads_do_not_change_results(tmp_path: Path) -> None:
-    command = ("evaluate", "straight", "--episodes", "5", "--out")
-    one, two = run(*command, tmp_path / "one"), run(*command, tmp_path / "two", "--threads", "2")
-    assert one == two
-    (first,), (second,) = ((tmp_path / name).iterdir() for name in ("one", "two"))
-    assert json.loads(first.read_text())["metrics"] == json.loads(second.read_text())["metrics"]
 
 
 def test_tasks_are_presets_or_files(tmp_path: Path) -> None:
@@ -421,10 +412,3 @@ def test_the_algorithms_are_listed_without_torch() -> None:
         *((name, "online") for name in ONLINE_ALGORITHMS),
     ]
     assert all(len(line.split(maxsplit=2)) == 3 for line in found), "each has a summary"
-
-
-def test_a_list_never_ends_in_a_single_hidden_name() -> None:
-    for n in range(1, 12):
-        message = str(UnknownNameError("thing", "x", [f"name{k}" for k in range(n)]))
-        assert "and 1 more" not in message
-        assert (f"and {n - 5} more" in message) == (n > 6)

@@ -140,10 +140,10 @@ CASES = (
          {f"{CATALOG}:find_folder": Path("data")},
          idle={"--write": "the boundary ends the command before it"}),
     Case("audit data", ("swarmdata.audit:audit",),
-         {"swarmdata.cli.audit_commands:_folder": Path("data")},
+         {"swarmdata.cli.integrity_commands:_folder": Path("data")},
          idle={"--json": "the boundary ends the command before it prints"}),
     Case("audit data", (),
-         {"swarmdata.cli.audit_commands:_folder": Path("data"),
+         {"swarmdata.cli.integrity_commands:_folder": Path("data"),
           "swarmdata.audit:audit": SimpleNamespace(
               problems=(), to_json=lambda: "{}", to_text=lambda: "text")},
          idle={"--sample": "the audit is a stub here"}),

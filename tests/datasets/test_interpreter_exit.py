@@ -40,8 +40,7 @@ print(len(dataset))
 """
 
 
-@pytest.mark.parametrize("backend", ["fast", "public"])
-@pytest.mark.parametrize("beside", ["torch", "nothing"])
+@pytest.mark.parametrize(("beside", "backend"), [("torch", "fast"), ("nothing", "public")])
 def test_nothing_is_printed_at_exit(tmp_path: Path, beside: str, backend: str) -> None:
     if beside == "torch":
         pytest.importorskip("torch", reason="an extra")

@@ -29,7 +29,7 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
             raise KeyboardInterrupt
         return build_episode(*arguments, **facts)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("swarmdata.interop.conversion.exported_data.build_episode", interrupted)
+    monkeypatch.setattr("swarmdata.interop.conversion.export_note.build_episode", interrupted)
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 100)  # parts are written early
     with pytest.raises(KeyboardInterrupt):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
@@ -56,7 +56,7 @@ def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Pat
 def test_episodes_are_taken_one_by_one(source: Path, tmp_path: Path) -> None:
     """Memory does not grow with the number of episodes: readers are lazy."""
     from swarmdata.interop.conversion.user_choices import Choices
-    from swarmdata.interop.d4rl.d4rl import read
+    from swarmdata.interop.d4rl import read
 
     with read(source, "task", Choices()) as incoming:
         assert isinstance(incoming.episodes, Iterator)

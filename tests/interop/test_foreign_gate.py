@@ -21,56 +21,12 @@ from swarmdata.interop.export import export_dataset
 from swarmdata.specs.spaces import MultiDiscreteSpace
 from swarmdata.store.damage import find_damage
 from swarmdata.types import END_REASONS
+from tests.interop.foreign import WRITERS, hdf5, numpy_folder, parquet, team
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
 pq = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
 
-Arrays = dict[str, Any]
 TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
-
-
-def team(n: int = 60, n_agents: int = 2, length: int = 5) -> Arrays:
-    """Rows of a team whose observations say agent and row; episodes of `length`."""
-    rows = np.arange(n)
-    seen = np.stack([np.stack([rows, np.full(n, k)], 1) for k in range(n_agents)], 1)
-    last = rows % length == length - 1
-    return {
-        "observations": seen.astype(np.float32),
-        "next_observations": (seen + np.array([1, 0])).astype(np.float32),
-        "actions": seen.astype(np.float32)[..., :1] / n,
-        "rewards": rows.astype(np.float32),
-        "terminals": np.zeros((n, n_agents), bool),
-        "timeouts": np.repeat(last[:, None], n_agents, 1),
-    }
-
-
-def hdf5(path: Path, arrays: Arrays) -> Path:
-    with h5py.File(path, "w") as file:
-        for name, values in arrays.items():
-            file[name] = values
-    return path
-
-
-def parquet(path: Path, arrays: Arrays) -> Path:
-    names = {"terminals": "terminations", "timeouts": "truncations"}
-    table = {names.get(name, name): pyarrow.array(v.tolist()) for name, v in arrays.items()}
-    pq.write_table(pyarrow.table(table), path)
-    return path
-
-
-def numpy_folder(path: Path, arrays: Arrays) -> Path:
-    path.mkdir()
-    names = {"observations": "obs", "next_observations": "next_obs", "actions": "acs"}
-    dones = arrays["terminals"] | arrays["timeouts"]
-    for k in range(arrays["observations"].shape[1]):
-        for ours, theirs in names.items():
-            np.save(path / f"{theirs}_{k}.npy", arrays[ours][:, k])
-        np.save(path / f"rews_{k}.npy", arrays["rewards"])
-        np.save(path / f"dones_{k}.npy", dones[:, k].astype(np.float32))
-    return path
-
-
-WRITERS = {"d4rl": hdf5, "parquet": parquet, "numpy": numpy_folder}
 
 
 def convert(source: Path, kind: str, **answers: Any) -> Dataset:

@@ -20,15 +20,6 @@ minari = pytest.importorskip("minari", reason="the extra 'minari'")
 RoundTrip = Callable[[Dataset, str], Dataset]
 
 
-def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(ours, "minari")
-
-
-def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
-    back = round_trip(recorded, "minari")
-    assert back.spec == recorded.spec
-
-
 def test_minari_loads_it_by_name(
     recorded: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,16 +40,22 @@ def there_and_back(view: Dataset, name: str, path: Path) -> Iterator[ImportedDat
         yield incoming
 
 
+@pytest.mark.parametrize("kind", ["ours", "recorded", "images"])
 @pytest.mark.parametrize("name", WRITTEN)
-def test_images_stay_bytes(
-    name: str, images: Dataset, round_trip: Callable[[Dataset, str], Dataset]
+def test_a_dataset_survives(
+    name: str,
+    kind: str,
+    request: pytest.FixtureRequest,
+    round_trip: Callable[[Dataset, str], Dataset],
 ) -> None:
     if name in NEEDS:
         pytest.importorskip(NEEDS[name], reason=f"the extra of {name}")
-    back = round_trip(images, name)
-    assert back.stored.arrays["observations"].dtype == np.uint8
-    assert back.stored.arrays["states"].dtype == np.uint8
-    assert back.spec == images.spec
+    dataset: Dataset = request.getfixturevalue(kind)
+    back = round_trip(dataset, name)
+    assert (back.spec, back.recipe.policies) == (dataset.spec, dataset.recipe.policies)
+    for array in ("observations", "states"):
+        assert back.stored.arrays[array].dtype == dataset.stored.arrays[array].dtype
+    assert back.statistics.reward_mean == dataset.statistics.reward_mean
 
 
 @pytest.mark.parametrize("name", WRITTEN)
@@ -70,7 +76,7 @@ def test_any_view_survives(
     block = data.draw(st.sampled_from((1, 500, 1 << 20)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", block)
-        patch.setattr("swarmdata.interop.conversion.block_reader.BLOCK_BYTES", block)
+        patch.setattr("swarmdata.interop.conversion.episode_cuts.BLOCK_BYTES", block)
         path = tmp_path_factory.mktemp("any") / whole.id
         with there_and_back(view, name, path) as incoming:
             episodes = list(incoming.episodes)
@@ -151,7 +157,7 @@ def test_wrong_choices() -> None:
 def test_a_failed_export_leaves_nothing(
     ours: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmdata.interop.d4rl.d4rl.note_of", lambda *view: 1 / 0)
+    monkeypatch.setattr("swarmdata.interop.d4rl.note_of", lambda *view: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         export_dataset(ours, tmp_path / "x", format="d4rl")
     assert not list(tmp_path.iterdir())

@@ -23,14 +23,6 @@ RoundTrip = Callable[[Dataset, str], Dataset]
 pytestmark = pytest.mark.slow  # importing JAX takes seconds
 
 
-def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(ours, "vault")
-
-
-def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(recorded, "vault")
-
-
 def test_flashbax_reads_it(recorded: Dataset, tmp_path: Path) -> None:
     export_dataset(recorded, tmp_path / "vaults/tag.vlt/mine", format="vault")
     vault = flashbax_vault.Vault("tag.vlt", rel_dir=str(tmp_path / "vaults"), vault_uid="mine")

@@ -13,7 +13,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds, policy_actions
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Bool, Float, Int, Step
-from tests.record.worlds import Choosing, play
+from tests.record.worlds import play
 
 torch = pytest.importorskip("torch")
 
@@ -211,36 +211,3 @@ def test_actions_are_those_of_the_environment(dataset: Dataset) -> None:
     actions = policy_actions(Says([3, 1], [2, 0]), dataset.spec, step)
     assert actions["many"].tolist() == [3, 1]
     assert actions["few"] == 2
-
-
-def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
-    from swarmdata.learn.training.trainer import train_seeds
-
-    with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
-        play(recorder, 5)
-    dataset = recorder.close()
-    with pytest.raises(SchemaError, match="actions of mixed in choosing_v2 have a continuous part"):
-        train_seeds("vdn", dataset, tmp_path / "run", progress=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["vdn", "qmix"])
-def test_simple_spread_is_learned_from_choices(tmp_path: Path, algorithm: str) -> None:
-    spread = pytest.importorskip("mpe2.simple_spread_v3", reason="simple_spread needs mpe2")
-    from swarmdata.evaluation.runs.train import train
-
-    def make() -> Any:
-        return spread.parallel_env(N=2, local_ratio=0.5, max_cycles=25, continuous_actions=False)
-
-    path = tmp_path / "ds"
-    with Recorder(make(), id="simple_spread_v3-mine-v0", path=path) as recorder:
-        play(recorder, 200)
-    dataset = recorder.close()
-    regulariser = {"regulariser": "bcq", "threshold": "0.1"}
-    changes = {"n_updates": "1000", "hidden": "64,64", **regulariser}
-    policy = train(
-        algorithm, str(path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
-    )[0]
-    assert isinstance(dataset.spec, RecordedSpec)
-    result = evaluate_parallel(policy, make, dataset.spec, foreign_evaluation_seeds(30))
-    assert result.metrics["return"].mean() > dataset.episodes.team_return.mean()

@@ -388,16 +388,6 @@ def test_a_bad_description_is_refused_at_once(
         Recorder(Counting(), **arguments)
 
 
-@pytest.mark.slow
-def test_long_episodes_are_whole(tmp_path: Path) -> None:
-    """Minari 0.5 tore episodes of more than 32,767 steps apart without a word (issue 351)."""
-    with Recorder(Counting(length=33_000), id=ID, path=tmp_path / "ds") as recorder:
-        play(recorder, 1, steady)
-    dataset = recorder.close()
-    assert dataset.episodes.lengths.tolist() == [33_000]
-    assert dataset[0].observations[-1, 0, 1] == 330_000
-
-
 @settings(max_examples=4)  # each makes a dataset
 @given(lengths=st.lists(st.integers(1, 6), min_size=3, max_size=8), limit=st.integers(1, 4))
 def test_any_lengths_in_parts_of_any_size_give_the_same_episodes(

@@ -11,8 +11,8 @@ from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogu
 from swarmdata.cli.main import app
 from swarmdata.errors import BatchError, DiskFullError, SchemaError, SpecError
 from swarmdata.runtime.batches import Failures
-from swarmdata.runtime.engines.do_jobs import do_jobs
 from swarmdata.runtime.engines.jobs import Job
+from swarmdata.runtime.engines.open_engine import do_jobs
 from tests.catalogue.conftest import one_study
 from tests.support.own_task import make_thrifty, thrifty_installed
 from tests.support.tiny import TINY, make_tiny

@@ -6,8 +6,6 @@ import hashlib
 import logging
 import os
 import pickle
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -152,44 +150,6 @@ def test_a_cache_that_cannot_be_written_is_said_once(
     (said,) = [each.message for each in caplog.records if "cannot be kept" in each.message]
     assert os.strerror(number) in said
     assert "SWARMDATA_CACHE" in said
-
-
-TWO_PROCESSES = """
-import sys, time
-from numba import types
-from numba.extending import overload
-from swarmdata.runtime.kernels import kernel
-
-def twice(x): ...
-
-@overload(twice)
-def compile_twice(x):
-    time.sleep(2.0)  # as long as two processes that start together need to meet here
-    return lambda x: 2.0 * x
-
-@kernel
-def double(x: float) -> float:
-    return twice(x)
-
-assert double(1.5) == 3.0
-print(sum(double.stats.cache_misses.values()))
-"""
-
-
-def test_two_processes_compile_a_kernel_once(tmp_path: Path) -> None:
-    script = tmp_path / "script.py"
-    script.write_text(TWO_PROCESSES)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    both = [
-        subprocess.Popen(
-            [sys.executable, str(script)], env=environment, stdout=subprocess.PIPE, text=True
-        )
-        for _ in range(2)
-    ]
-
-    compiled = sorted(int(process.communicate()[0]) for process in both)
-
-    assert compiled == [0, 1]
 
 
 def test_a_kernel_that_fails_lets_others_compile_it(

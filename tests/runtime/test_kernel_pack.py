@@ -74,11 +74,7 @@ def of_another_numba(index: Path) -> None:
     index.write_bytes(content.replace(version.encode(), b"0" * len(version), 1))
 
 
-def damage(index: Path) -> None:
-    index.write_bytes(index.read_bytes()[:-1])
-
-
-@pytest.mark.parametrize("spoil", [of_another_numba, damage, Path.unlink])
+@pytest.mark.parametrize("spoil", [of_another_numba, Path.unlink])
 def test_a_pack_that_does_not_fit_is_ignored(
     script: Path, pack: Path, tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
@@ -90,13 +86,6 @@ def test_a_pack_that_does_not_fit_is_ignored(
     spoil(index)
 
     assert run(script, tmp_path / "pack", tmp_path / "kernels") == 0
-
-
-def test_changed_source_compiles(pack: Path, script: Path, tmp_path: Path) -> None:
-    changed = tmp_path / "script.py"
-    changed.write_text(script.read_text().replace("0.5 * x", "x / 2.0"))
-
-    assert run(changed, pack, tmp_path / "kernels") == 0
 
 
 def test_a_cpu_without_avx2_runs_no_pack(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,13 +142,6 @@ def test_what_is_in_the_place_of_a_lock_is_left(tmp_path: Path, kind: str) -> No
     assert kind != "file" or place.read_text() == "mine"
 
 
-def test_a_lock_leaves_nothing(tmp_path: Path) -> None:
-    with locked(tmp_path / "a" / "b" / "x"):
-        text = (tmp_path / "a" / "b" / ".x.lock").read_text()
-        assert text.startswith(f"process {os.getpid()} on ")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_who_does_not_want_to_wait_is_told_for_whom(tmp_path: Path) -> None:
     with locked(tmp_path / "x"):
         message = f"x is in use by process {os.getpid()} on .* Wait for it"

@@ -149,16 +149,21 @@ def test_an_error_leaves_everything(tmp_path: Path) -> None:
     assert texts(tmp_path / "old") == {"a": "1"}
 
 
-def test_a_kill_before_any_change_of_the_disk_loses_nothing(tmp_path: Path) -> None:
-    """With files of the user's in it, a folder is filled one file after the other."""
+@pytest.mark.parametrize("has_own", [True, False], ids=["files of the user", "nothing else"])
+def test_a_kill_before_any_change_of_the_disk_loses_nothing(tmp_path: Path, has_own: bool) -> None:
+    """A folder with files of the user's is filled one file after the other, another in a rename."""
 
     def earlier(place: Path) -> None:
+        place.mkdir(exist_ok=True)
         write(place / "out", whole=True, a="1", old="1")
-        (place / "out" / "mine").write_text("mine")
+        if has_own:
+            (place / "out" / "mine").write_text("mine")
 
     def check(place: Path) -> None:
-        assert (place / "out" / "mine").read_text() == "mine"
-        assert (place / "out" / "a").read_text() in "12"
+        if has_own:
+            assert (place / "out" / "mine").read_text() == "mine"
+        if has_own or (place / "out").exists():  # there is none between two renames
+            assert (place / "out" / "a").read_text() in "12"
 
     operation = Operation(
         earlier, lambda place: write(place / "out", whole=True, a="2", new="2"), check

@@ -5,8 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from swarmdata.catalogue.drawings.estimate_chart import Bar, estimate_chart
-from swarmdata.catalogue.drawings.line_chart import line_chart
+from swarmdata.catalogue.drawings.charts import Bar, estimate_chart, line_chart
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import outcomes_table

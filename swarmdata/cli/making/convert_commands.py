@@ -122,7 +122,7 @@ def _export(
     from swarmdata.datasets.dataset import Dataset
     from swarmdata.hub.catalog.catalog import load
     from swarmdata.hub.remotes.outside_names import is_folder
-    from swarmdata.interop.conversion.user_paths import absolute_path
+    from swarmdata.interop.conversion.user_choices import absolute_path
     from swarmdata.interop.export import export_dataset
 
     folder = absolute_path(source)

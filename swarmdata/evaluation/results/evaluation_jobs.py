@@ -15,9 +15,8 @@ from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.numerics.random import SeedBlock, block_seeds
-from swarmdata.runtime.engines.do_jobs import do_jobs
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
-from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.runtime.engines.open_engine import LOCAL, do_jobs
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, ranges_of
 from swarmdata.specs.randomization import Randomization

@@ -10,9 +10,8 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError
 from swarmdata.learn.training.run_files import CONFIG, run_folders
-from swarmdata.runtime.engines.do_jobs import do_jobs
 from swarmdata.runtime.engines.jobs import Job
-from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.runtime.engines.open_engine import LOCAL, do_jobs
 from swarmdata.runtime.output_folder import check_marked
 
 Group = tuple[int, ...]

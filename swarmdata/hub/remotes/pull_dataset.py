@@ -16,7 +16,7 @@ from swarmdata.errors import (
     SwarmdataError,
 )
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.network.threads import bytes_in, run_all
+from swarmdata.hub.remotes.network.pace import bytes_in, run_all
 from swarmdata.hub.remotes.release_files import contradictions
 from swarmdata.runtime.atomic import disk_full_explained, is_vacant, put_in_place, sync, sync_tree
 from swarmdata.runtime.locking import beside, locked

@@ -8,8 +8,7 @@ the attachments are `swarmdata.json`, with the spec, policies and the table of e
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.bags.bag_messages import messages_of, refuse_frame
-from swarmdata.interop.bags.ros_messages import RosMessages
+from swarmdata.interop.bags.bag_messages import RosMessages, messages_of, refuse_frame
 from swarmdata.interop.conversion.dataset_facts import TIME_ARRAYS
 from swarmdata.interop.conversion.export_note import note_of
 from swarmdata.interop.formats import Format

@@ -8,9 +8,8 @@ folder. Such a bag can be read again by `swarmdata import`, with a map. Write on
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.bags.bag_messages import messages_of, refuse_frame
+from swarmdata.interop.bags.bag_messages import RosMessages, messages_of, refuse_frame
 from swarmdata.interop.bags.mcap_file import KEPT_NAMES, NOTE_NAME, RECIPE_NAME
-from swarmdata.interop.bags.ros_messages import RosMessages
 from swarmdata.interop.conversion.export_note import note_of
 from swarmdata.interop.formats import Format
 

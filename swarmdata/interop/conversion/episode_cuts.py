@@ -3,13 +3,15 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS
+from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES, NEXT_PREFIX, STATE_ARRAYS
+from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import admit_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.types import Bool
@@ -290,3 +292,33 @@ def check_continues(
             f"{source}: {NEXT_PREFIX}{name} of row {row} differs from {name} of row {row + 1}, "
             f"though both belong to one episode. {advice}"
         )
+
+
+class BlockReader:
+    """A `ReadRows` that reads many rows at once and serves small slices from them.
+
+    Slices should come in increasing order; other orders work but are slow.
+
+    Args:
+        read: reads some rows.
+        n_rows: number of rows.
+        row_bytes: approximate size of a row, which bounds the memory.
+        source: what is read, for errors: whatever `read` raises becomes one of ours.
+    """
+
+    def __init__(self, read: ReadRows, n_rows: int, row_bytes: int, source: Path | str) -> None:
+        self._read, self._source = read, source
+        self._n_rows = n_rows
+        self._block = max(1, BLOCK_BYTES // max(1, row_bytes))
+        self._held: Mapping[str, NDArray[Any]] = {}
+        self._start = self._stop = 0
+
+    def __call__(self, window: slice) -> Mapping[str, NDArray[Any]]:
+        """Returns the rows of `window`, which has a start and a stop."""
+        if not self._start <= window.start <= window.stop <= self._stop:
+            self._start = window.start
+            self._stop = min(self._n_rows, max(window.stop, window.start + self._block))
+            with reading(self._source):
+                self._held = self._read(slice(self._start, self._stop))
+        inside = slice(window.start - self._start, window.stop - self._start)
+        return {name: np.asarray(values[inside]) for name, values in self._held.items()}

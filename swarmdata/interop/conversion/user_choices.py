@@ -1,6 +1,7 @@
 """Choices: what only the user knows about foreign data."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 from swarmdata.errors import ConversionError
@@ -81,3 +82,19 @@ class Choices:
         names = ("time_limit", "episode_length", "final", "unfinished")
         values = {name: getattr(self, name) for name in names}
         return {name: str(value) for name, value in values.items() if value is not None}
+
+
+def absolute_path(path: Path | str) -> Path:
+    """Returns the absolute path that is meant; `~` is a home folder.
+
+    Raises:
+        ConversionError: it begins with `~NAME`, and there is no such user.
+    """
+    try:
+        return Path(path).expanduser().absolute()
+    except RuntimeError as error:  # pathlib's, for a user without a home folder
+        user = Path(path).parts[0]
+        raise ConversionError(
+            f"{str(path)!r}: {user!r} is no home folder of this machine. Write the whole path, or "
+            f"'./{user}' for a folder of that name."
+        ) from error

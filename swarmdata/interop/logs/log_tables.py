@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError, did_you_mean, listed
 from swarmdata.interop.conversion.foreign_file import ForeignFile
-from swarmdata.interop.parquet.parquet_rows import arrow
+from swarmdata.interop.parquet_rows import arrow
 from swarmdata.specs.origins.log_map import TableForm
 from swarmdata.specs.plain_names import repeated
 from swarmdata.types import Bool, Int

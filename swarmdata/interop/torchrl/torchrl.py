@@ -6,7 +6,7 @@ critics; ("collector", "traj_ids") separates episodes, for `SliceSampler`. Next 
 "next", so no transition is lost and none crosses episodes. `replay_buffer` makes a buffer of the
 folder without copying. Such folders are read, as well as folders written by a replay buffer's
 `dumps`, several groups, and batches [B, T] of a collector, whose trajectories are joined by their
-ids. `Dataset.replay_buffer` makes a buffer without files; `torchrl_source` is for TorchRL's
+ids. `Dataset.replay_buffer` makes a buffer without files; `register_torchrl` is for TorchRL's
 `load_dataset`.
 """
 
@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError, MissingExtraError, SchemaError
-from swarmdata.interop.conversion.block_reader import BlockReader
+from swarmdata.errors import ConversionError, MissingExtraError, SchemaError, SpecError
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     STATE_ARRAYS,
@@ -29,8 +29,13 @@ from swarmdata.interop.conversion.dataset_facts import (
     row_shapes,
     step_blocks,
 )
-from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
-from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.episode_cuts import BlockReader
+from swarmdata.interop.conversion.export_note import (
+    ExportNote,
+    import_with_note,
+    note_of,
+    parse_note,
+)
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths
 from swarmdata.interop.conversion.imported_data import ImportedData
@@ -38,8 +43,11 @@ from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.interop.torchrl.torchrl_foreign import leaf_keys, read_foreign_rows
+from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.spaces import DiscreteSpace
+from swarmdata.specs.task_spec import TaskSpec
 
 NOTE_FILE = "swarmdata.json"
 
@@ -303,3 +311,67 @@ def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
 
 
 FORMAT = Format("torchrl", "TorchRL TensorDict", KEPT_NAMES, LOST_REASONS, read, write)
+
+
+PREFIX = "swarmdata"
+"""What names of this library's datasets begin with in TorchRL, before a colon."""
+
+
+def register_torchrl() -> None:
+    """Makes `load` a source of TorchRL's `load_dataset`, in this process.
+
+    Raises:
+        MissingExtraError: TorchRL is not installed, or is too old to have such a registry (before
+            0.14).
+    """
+    try:
+        from torchrl.data.datasets import register_dataset  # noqa: PLC0415  (an extra)
+    except ImportError as error:
+        raise MissingExtraError("torchrl>=0.14", "torchrl", "register_torchrl") from error
+    register_dataset(PREFIX, f"{__name__}:load_replay_buffer", replace=True)
+
+
+def make_torchrl_env(
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, seed: int | None = None
+) -> Any:
+    """Makes copies of a task as one environment of TorchRL, with the keys of our replay buffers.
+
+    The batch is [E]: `n_copies` copies that are stepped together, on the CPU. A copy that has ended
+    is not reset by itself; TorchRL's collectors and `rollout(..., break_when_any_done=False)` do.
+
+    Args:
+        spec: the task; or a preset's name, or a spec file.
+        n_copies: number of copies, E.
+        seed: of all episodes, none of which is reserved for evaluation; drawn if None.
+
+    Raises:
+        MissingExtraError: TorchRL is not installed.
+        SpecError: the number of copies is not positive.
+    """
+    for package in ("torchrl", "tensordict"):
+        require_extra(package, "torchrl", "make_torchrl_env")
+    if n_copies < 1:
+        raise SpecError(f"n_copies is {n_copies}, expected at least 1")
+    from swarmdata.interop.torchrl.torchrl_world import TorchRLWorld  # noqa: PLC0415  (an extra)
+
+    return TorchRLWorld(find_spec(spec), n_copies, seed)
+
+
+def load_replay_buffer(
+    dataset_id: str,
+    *,
+    batch_size: int = 256,
+    slice_length: int | None = None,
+    keys: Sequence[Key | str] | None = None,
+    **options: Any,
+) -> Any:
+    """Loads a dataset as a TorchRL replay buffer of its train split.
+
+    Args:
+        dataset_id: as of `swarmdata.load`.
+        batch_size: number of transitions of a sample.
+        slice_length: consecutive steps of one episode; None: single transitions.
+        keys: to sample; None: all.
+        **options: of `swarmdata.load`.
+    """
+    return replay_buffer(load(dataset_id, **options).split("train"), batch_size, slice_length, keys)

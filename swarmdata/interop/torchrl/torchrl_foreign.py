@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.block_reader import BlockReader
-from swarmdata.interop.conversion.episode_cuts import ReadRows, Timeline
+from swarmdata.interop.conversion.episode_cuts import BlockReader, ReadRows, Timeline
 from swarmdata.interop.conversion.foreign_data import import_without_note
 from swarmdata.interop.conversion.foreign_rows import (
     agent_columns,
@@ -88,8 +87,8 @@ def leaf_keys(rows: Any) -> set[tuple[str, ...]]:
     return {key if isinstance(key, tuple) else (key,) for key in found}
 
 
-def _numpy(rows: Any, key: tuple[str, ...], n: int | None = None) -> NDArray[Any]:
-    values: NDArray[Any] = rows[key][:n].numpy()
+def _numpy(rows: Any, key: tuple[str, ...]) -> NDArray[Any]:
+    values: NDArray[Any] = rows[key].numpy()
     return values
 
 

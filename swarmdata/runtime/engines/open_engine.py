@@ -1,16 +1,17 @@
 """Engines by name: `local`, `dask://HOST:PORT`, `slurm[:PARTITION]`, `ray[://HOST:PORT]`."""
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from urllib.parse import parse_qsl
 
 from swarmdata.errors import EngineError
+from swarmdata.runtime.batches import Failures
+from swarmdata.runtime.engines.cluster_executors import open_dask, open_ray
 from swarmdata.runtime.engines.crew import Crew
-from swarmdata.runtime.engines.dask_executor import open_dask
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
-from swarmdata.runtime.engines.jobs import Engine
-from swarmdata.runtime.engines.ray_executor import open_ray
+from swarmdata.runtime.engines.jobs import Engine, Job, Report, load_handler
 from swarmdata.runtime.engines.slurm_executor import open_slurm
 
 LOCAL = "local"
@@ -60,3 +61,44 @@ def _minutes(options: str, engine: str) -> int:
     if found or not text.isdecimal() or int(text) < 1:
         raise EngineError(f"engine {engine!r} has {options!r}, expected such as ?minutes=60")
     return int(text)
+
+
+def do_jobs(
+    jobs: Sequence[Job],
+    entry: str,
+    what: str,
+    *,
+    engine: str | Executor = LOCAL,
+    workers: int = 1,
+    folder: Path,
+    report: Report = lambda amount: None,
+) -> None:
+    """Does all jobs, as a batch: one that fails does not stop the others.
+
+    Args:
+        jobs: what to do.
+        entry: "module:function" that returns the handler.
+        what: the jobs in words, such as "evaluations".
+        engine: as `open_engine` takes it.
+        workers: processes of the engine `local`; 1: this one, in the order of the jobs.
+        folder: what the command writes to, as `open_engine` takes it.
+        report: gets what handlers report.
+
+    Raises:
+        SwarmdataError: what the handler of the only job raised, in this process.
+        BatchError: jobs failed; the message names them and has the errors.
+        EngineError: the engine is unknown, or cannot be reached.
+    """
+    if not jobs:
+        return
+    failures = Failures(len(jobs))
+    if engine == LOCAL and workers == 1:
+        handle = load_handler(entry)
+        for job in jobs:
+            with failures.item(job.name):
+                handle(job.payload, report)
+    else:
+        n_workers = min(workers, len(jobs))
+        with open_engine(engine, entry, n_workers=n_workers, folder=folder) as opened:
+            opened.run(jobs, report, lambda job, error: failures.note(job.name, error))
+    failures.check(what, "The others are kept: run the same command again to go on.")

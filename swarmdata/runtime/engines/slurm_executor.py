@@ -133,14 +133,13 @@ def queued_jobs() -> set[str] | None:
     return set(found.stdout.split()) if found.returncode == 0 else None
 
 
-def open_slurm(partition: str | None, folder: Path, minutes: int, n_cores: int = 1) -> Executor:
+def open_slurm(partition: str | None, folder: Path, minutes: int) -> Executor:
     """Returns an executor whose calls are SLURM jobs.
 
     Args:
         partition: of the cluster; None: its default.
         folder: for submitit's files, which all nodes see.
         minutes: after which SLURM ends a job; the engine then submits it again, and it resumes.
-        n_cores: of a job.
 
     Raises:
         MissingExtraError: submitit is not installed.
@@ -158,9 +157,9 @@ def open_slurm(partition: str | None, folder: Path, minutes: int, n_cores: int =
     places = {} if partition is None else {"slurm_partition": partition}
     submitter.update_parameters(
         timeout_min=minutes,
-        cpus_per_task=n_cores,
+        cpus_per_task=1,
         name="swarmdata",
-        slurm_setup=[f"export {name}={n_cores}" for name in THREAD_VARIABLES],
+        slurm_setup=[f"export {name}=1" for name in THREAD_VARIABLES],
         **places,
     )
     return SlurmExecutor(submitter, queued_jobs)

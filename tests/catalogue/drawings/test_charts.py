@@ -9,9 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.catalogue.drawings.axes import nice_axis
-from swarmdata.catalogue.drawings.estimate_chart import Bar, estimate_chart
-from swarmdata.catalogue.drawings.line_chart import LABEL_HEIGHT, PlottedPoint, line_chart
+from swarmdata.catalogue.drawings.charts import (
+    LABEL_HEIGHT,
+    Bar,
+    estimate_chart,
+    line_chart,
+    nice_axis,
+)
 from swarmdata.rollouts.score_statistics import Estimate
 
 VALUES = st.floats(-1e6, 1e6, allow_subnormal=False)
@@ -60,7 +64,7 @@ def test_estimates_are_drawn_with_their_intervals() -> None:
 @given(heights=st.lists(st.floats(0, 100), min_size=1, max_size=40))
 def test_labels_of_lines_do_not_cover_each_other(heights: list[float]) -> None:
     lines = {
-        f"line-{k}": (PlottedPoint(0, 0, 0, 0), PlottedPoint(1, y, y - 1, y + 1))
+        f"line-{k}": {0.0: Estimate(0, 0, 0), 1.0: Estimate(y, y - 1, y + 1)}
         for k, y in enumerate(heights)
     }
 

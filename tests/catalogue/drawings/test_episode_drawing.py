@@ -5,8 +5,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from swarmdata.catalogue.drawings.charts import rewards_drawing
 from swarmdata.catalogue.drawings.episode_drawing import SIDE, episode_drawing
-from swarmdata.catalogue.drawings.rewards_drawing import rewards_drawing
 from swarmdata.envs.coop_nav.coop_nav import CoopNav
 from swarmdata.envs.render.targets import targets_of
 from swarmdata.envs.search.search_rules import SearchRules

@@ -42,7 +42,7 @@ def test_a_card_has_its_parts() -> None:
     assert "<strong>bold</strong>" in found
     assert 'href="https://example.org/a?b=1&amp;c=2"' in found
     assert '<th scope="row">x | y</th><td>&lt;script&gt;</td>' in found
-    assert "<li>two goes on</li>" in found
+    assert "<li>two\ngoes on</li>" in found
     assert "print(&quot;&lt;b&gt;&quot;)" in found
     assert "<code>swarmdata load</code>" in found
     assert "picture" not in found

@@ -11,7 +11,7 @@ from swarmdata.hub.catalog import identity
 from swarmdata.hub.publishing import blockers
 from swarmdata.hub.publishing.blockers import find_blockers
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
-from swarmdata.hub.remotes.push_dataset import push
+from swarmdata.hub.remotes.release_files import push
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import FAMILY_SPECS, shipped_recipes
 from swarmdata.store import open_store

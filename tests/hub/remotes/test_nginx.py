@@ -1,7 +1,6 @@
 """The `https` remote against a real web server: TLS, byte ranges, limits, redirects."""
 
 import shutil
-import ssl
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -83,38 +82,10 @@ def test_a_pull_that_was_cut_goes_on_with_ranges(
     assert f" 206 {left} " in line
 
 
-def test_a_file_that_is_there_whole_is_asked_for_no_more(
-    serve: Serve, dataset: Path, tmp_path: Path
-) -> None:
-    """Row 69: a range behind the end is 416 there; it is begun anew."""
-    server = serve()
-    found, release = remote(server), Release(ID, f"{server.url}/{ID}")
-    size = (dataset / ARRAY).stat().st_size
-    (tmp_path / "x.part").write_bytes((dataset / ARRAY).read_bytes())
-    found.read(release, ARRAY, tmp_path / "x", size + 10)
-    assert (tmp_path / "x").read_bytes() == (dataset / ARRAY).read_bytes()
-    codes = [line.split()[8] for line in server.log() if ARRAY in line]
-    assert codes == ["416", "200"]
-
-
 def test_an_unknown_authority_is_refused(serve: Serve) -> None:
     """Row 69: with the certificate's problem, and without another attempt."""
     with pytest.raises(HubError, match="has no valid certificate"):
         remote(serve(is_trusted=False)).find(ID)
-
-
-def test_a_certificate_of_another_name_is_refused(serve: Serve) -> None:
-    """Row 69: the server is `localhost`, not its address."""
-    server = serve()
-    with pytest.raises(HubError, match="has no valid certificate"):
-        WebRemote(f"https://127.0.0.1:{server.port}", backoff=Backoff(attempts=1)).find(ID)
-
-
-def test_plain_http_to_a_port_of_tls(serve: Serve) -> None:
-    """Row 69: one error."""
-    server = serve()
-    with pytest.raises(HubError):
-        WebRemote(f"http://localhost:{server.port}", backoff=Backoff(attempts=1)).find(ID)
 
 
 def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_path: Path) -> None:
@@ -131,16 +102,6 @@ def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_pa
     assert time.monotonic() - started < 10.0
 
 
-def test_a_server_with_a_higher_limit_is_waited_for(
-    serve: Serve, dataset: Path, tmp_path: Path
-) -> None:
-    """Row 69: 20 kB/s are enough for a least rate of 1 kB/s."""
-    server = serve("limit_rate 20k;")
-    found = remote(server, pace=Pace(5.0, 1000.0, 1.0))
-    release = Release(ID, f"{server.url}/{ID}")
-    assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
-
-
 def test_redirects_of_a_real_server(serve: Serve) -> None:
     """Row 69: within TLS they are followed, out of it they are not."""
     server = serve()
@@ -148,10 +109,3 @@ def test_redirects_of_a_real_server(serve: Serve) -> None:
     assert WebRemote(f"{server.url}/moved", backoff=backoff).find(ID) is not None
     with pytest.raises(HubError, match="expected another https:// address"):
         WebRemote(f"{server.url}/plain", backoff=backoff).find(ID)
-
-
-def test_the_client_speaks_a_modern_tls() -> None:
-    """Row 69: nothing before 1.2, whatever the server offers."""
-    context = ssl.create_default_context()
-    assert context.minimum_version >= ssl.TLSVersion.TLSv1_2
-    assert context.verify_mode == ssl.CERT_REQUIRED

@@ -195,35 +195,23 @@ def test_half_written_leftovers_are_fetched_again(
     assert is_pulled(tmp_path / ID, dataset)
 
 
-@pytest.mark.parametrize(
-    ("victim", "change"),
-    [
-        ("manifest.json", flip),
-        ("recipe.json", flip),
-        ("data.zarr/actions/c.0.0.0", flip),
-        ("data.zarr/actions/c.0.0.0", lambda content: content[:-1]),
-    ],
-)
-def test_wrong_bytes_once_and_always(
-    root: Path, dataset: Path, tmp_path: Path, victim: str, change: Callable[[bytes], bytes]
-) -> None:
-    hit: list[str] = []
-
-    def once(file: str, content: bytes) -> bytes:
-        if file != victim or file in hit:
-            return content
-        hit.append(file)
-        return change(content)
+def test_a_file_that_ends_early_once_and_always(root: Path, dataset: Path, tmp_path: Path) -> None:
+    victim, hit = "data.zarr/actions/c.0.0.0", list[str]()
 
     def always(file: str, content: bytes) -> bytes:
-        return change(content) if file == victim else content
+        return content[:-1] if file == victim else content
 
-    with pytest.raises(ChecksumError, match=victim.rpartition("/")[0] or "manifest|recipe"):
+    def once(file: str, content: bytes) -> bytes:
+        if file in hit:
+            return content
+        hit.append(file)
+        return always(file, content)
+
+    with pytest.raises(ChecksumError, match=r"data\.zarr/actions"):
         pull(Tampered(root, always), RELEASE, tmp_path / ID, progress=False)
     assert nothing_there(tmp_path)
-    pull(Tampered(root, once), RELEASE, tmp_path / ID, progress=False)
-    assert hit
-    assert is_pulled(tmp_path / ID, dataset)
+    assert is_pulled(pull(Tampered(root, once), RELEASE, tmp_path / ID, progress=False), dataset)
+    assert victim in hit
 
 
 def test_another_dataset_than_the_published_one(root: Path, tmp_path: Path) -> None:

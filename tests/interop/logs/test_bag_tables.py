@@ -97,10 +97,3 @@ def test_a_topic_that_is_not_there(tmp_path: Path) -> None:
         make(log, tmp_path / "a", each={**bags.MAP["each"], "pose": {"topic": "/{robot}/odm"}})
     with pytest.raises(ConversionError, match="pose of robot_0 has no topic"):
         make(log, tmp_path / "a", each={**bags.MAP["each"], "pose": {}})
-
-
-def test_files_that_are_no_bags(tmp_path: Path) -> None:
-    for name in ("monday.mcap", "monday.bag", "monday.db3"):
-        (tmp_path / name).write_bytes(b"no bag" * 100)
-        with pytest.raises(ConversionError, match=name):
-            make(tmp_path / name, tmp_path / "a")

@@ -271,14 +271,6 @@ def test_frames_with_and_without_a_slash(tmp_path: Path) -> None:
         read_bag(log, {"/a"})
 
 
-def test_static_transforms_in_json_are_not_read(tmp_path: Path) -> None:
-    content = b'{"transforms": [{"parent_frame_id": "map"}]}'
-    log = write_messages(tmp_path / "a.mcap", ("/tf_static", "json", content), ("/a", "json", GOOD))
-    found = read_bag(log, {"/a"})
-    assert found.transforms == ()
-    assert found.unread == ("/tf_static",)
-
-
 @pytest.mark.parametrize("compression", ["ZSTD", "LZ4"])
 def test_a_bag_that_unfolds_without_end(
     tmp_path: Path, compression: str, few_free_bytes: int
@@ -342,18 +334,6 @@ def test_a_database_with_messages_of_no_topic(tmp_path: Path) -> None:
         read_bag(log, TOPICS)
 
 
-def test_a_database_with_names_that_are_none(tmp_path: Path) -> None:
-    log = write_sqlite(tmp_path / "monday.db3")
-    with sqlite3.connect(log) as database:
-        without_constraints(database, "topics")
-        database.execute("UPDATE topics SET name = NULL, type = 7 WHERE name = '/robot_0/scan'")
-        database.execute("UPDATE topics SET type = NULL WHERE name = '/robot_0/odom'")
-    database.close()
-    assert "" in read_bag(log, {"/robot_1/odom"}).unread
-    with pytest.raises(ConversionError, match="defines the type '' of the messages of /robot_0/od"):
-        read_bag(log, TOPICS)
-
-
 @pytest.mark.parametrize("time", [-5, 2**62 + 1, "noon", None])
 def test_times_of_writing_out_of_bounds(tmp_path: Path, time: Any) -> None:
     log = write_sqlite(tmp_path / "monday.db3")
@@ -413,15 +393,6 @@ def test_a_pipe_in_place_of_a_log(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
     with pytest.raises(FileKindError, match=f"{name} is a pipe, expected a regular file"):
         make(tmp_path / name, tmp_path / "dataset")
-
-
-def test_a_pipe_in_a_folder_that_is_a_bag(tmp_path: Path) -> None:
-    folder = bags.write_ros2(tmp_path / "monday", storage="mcap", seconds=0.5)
-    (log,) = folder.glob("*.mcap")
-    log.unlink()
-    os.mkfifo(log)
-    with pytest.raises(FileKindError, match=r"\.mcap is a pipe"):
-        make(folder, tmp_path / "dataset")
 
 
 def test_a_topic_without_messages(tmp_path: Path) -> None:

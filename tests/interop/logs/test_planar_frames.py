@@ -37,12 +37,6 @@ def test_the_first_of_two_transforms_wins() -> None:
     assert frames.pose_of("odom", "poses")[0] == 1
 
 
-def test_yaws_of_quaternions() -> None:
-    angles = np.linspace(-3, 3, 13)
-    zeros = np.zeros(13)
-    assert_allclose(yaw_of(zeros, zeros, np.sin(angles / 2), np.cos(angles / 2)), angles)
-
-
 def test_yaws_of_quaternions_of_any_norm_and_tilt() -> None:
     angles = np.deg2rad([90.0, 90.0, -120.0])
     norms = np.array([1.05, 2.0, 1e-3])

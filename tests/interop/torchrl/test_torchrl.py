@@ -22,14 +22,6 @@ RoundTrip = Callable[[Dataset, str], Dataset]
 pytestmark = pytest.mark.slow  # importing TorchRL takes seconds
 
 
-def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(ours, "torchrl")
-
-
-def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(recorded, "torchrl")
-
-
 def test_keys_are_those_of_multi_agent_environments(ours: Dataset, tmp_path: Path) -> None:
     from tensordict import TensorDict
 

@@ -1,6 +1,5 @@
 """Workers that die, fail, print and outlive their supervisor."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -14,53 +13,15 @@ from swarmdata.errors import BuildError
 from swarmdata.runtime import kernel_progress
 from swarmdata.runtime.engines import crew as crew_module
 from swarmdata.runtime.engines.crew import Crew
-from swarmdata.runtime.engines.jobs import MAX_ATTEMPTS, Job
-
-HANDLER = """
-import os, signal, sys, time
-from pathlib import Path
-from swarmdata.errors import SpecError
-
-def handle(payload, report):
-    action, note = payload["action"], Path(payload["note"])
-    print("noise on standard output")
-    report(3)
-    with note.open("a") as file:
-        file.write(f"{os.getpid()} {os.environ['OMP_NUM_THREADS']}\\n")
-    starts = len(note.read_text().splitlines())
-    if action == "die" or (action == "die once" and starts == 1):
-        os.kill(os.getpid(), signal.SIGKILL)
-    if action == "refuse":
-        raise SpecError("this cannot be done")
-    if action == "crash":
-        raise ZeroDivisionError("a bug")
-    if action == "compile":
-        from swarmdata.runtime.kernel_progress import PROGRESS
-        PROGRESS.say("compiling kernels")
-    while action in ("forever", "silently forever"):
-        if action == "forever":
-            report(1)
-        time.sleep(0.02)
-    report(4)
-
-def work():
-    return handle
-"""
+from swarmdata.runtime.engines.jobs import Job
+from tests.runtime.engines.test_engines import HANDLER, job, starts
 
 
 @pytest.fixture
 def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    (tmp_path / "handler_for_test.py").write_text(HANDLER)
+    (tmp_path / "engine_handler.py").write_text(HANDLER)
     monkeypatch.syspath_prepend(str(tmp_path))
-    return "handler_for_test:work"
-
-
-def make_job(folder: Path, name: str, action: str = "work") -> Job:
-    return Job(name, {"action": action, "note": str(folder / name)})
-
-
-def starts(folder: Path, name: str) -> list[str]:
-    return (folder / name).read_text().splitlines()
+    return "engine_handler:work"
 
 
 def test_workers_leave_it_to_the_supervisor_to_say_once_that_kernels_are_compiled(
@@ -71,52 +32,21 @@ def test_workers_leave_it_to_the_supervisor_to_say_once_that_kernels_are_compile
     monkeypatch.setattr(crew_module, "PROGRESS", kernel_progress.PROGRESS)
     kernel_progress.PROGRESS.tell = said.append
     with Crew(entry, 2) as crew:
-        crew.run([make_job(tmp_path, name, "compile") for name in ("a", "b", "c")])
+        crew.run([job(tmp_path, name, "say") for name in ("a", "b", "c")])
     assert said == ["compiling kernels"]
 
 
-def test_all_jobs_are_done_once_and_progress_adds_up(tmp_path: Path, entry: str) -> None:
-    reports: list[int] = []
+def test_workers_do_many_jobs_with_one_thread_each(tmp_path: Path, entry: str) -> None:
     with Crew(entry, 2) as crew:
-        crew.run([make_job(tmp_path, f"job-{k}") for k in range(5)], reports.append)
-        crew.run([make_job(tmp_path, "later")], reports.append)
-
-    assert sum(reports) == 6 * 7
-    lines = [starts(tmp_path, f"job-{k}") for k in range(5)]
-    assert all(len(line) == 1 for line in lines)
-    assert len({line[0].split()[0] for line in lines}) <= 2
-    assert all(line[0].split()[1] == "1" for line in lines), "BLAS must use one thread"
-
-
-def test_killed_job_is_done_again_and_no_other(tmp_path: Path, entry: str) -> None:
-    reports: list[int] = []
-    with Crew(entry, 2) as crew:
-        jobs = [make_job(tmp_path, "good"), make_job(tmp_path, "victim", "die once")]
-        crew.run(jobs, reports.append)
-
-    assert len(starts(tmp_path, "victim")) == 2
-    assert len(starts(tmp_path, "good")) == 1
-    assert sum(reports) == 2 * 7, "what the killed worker had reported is taken back"
-
-
-def test_job_that_always_dies_is_named(tmp_path: Path, entry: str) -> None:
-    with Crew(entry, 1) as crew, pytest.raises(BuildError, match=r"doomed failed.*SIGKILL"):
-        crew.run([make_job(tmp_path, "doomed", "die")])
-
-    assert len(starts(tmp_path, "doomed")) == MAX_ATTEMPTS
-
-
-def test_error_of_the_library_is_reported_and_not_tried_again(tmp_path: Path, entry: str) -> None:
-    message = "picky failed: SpecError: this cannot be done"
-    with Crew(entry, 1) as crew, pytest.raises(BuildError, match=message):
-        crew.run([make_job(tmp_path, "picky", "refuse")])
-
-    assert len(starts(tmp_path, "picky")) == 1
+        crew.run([job(tmp_path, f"job-{k}") for k in range(5)])
+    started = [(tmp_path / f"job-{k}").read_text().split() for k in range(5)]
+    assert len({worker for worker, _ in started}) <= 2
+    assert all(threads == "1" for _, threads in started), "BLAS must use one thread"
 
 
 def test_bug_in_a_worker_is_an_error(tmp_path: Path, entry: str) -> None:
     with Crew(entry, 1) as crew, pytest.raises(BuildError, match="exit code 1 while doing buggy"):
-        crew.run([make_job(tmp_path, "buggy", "crash")])
+        crew.run([job(tmp_path, "buggy", "crash")])
 
 
 def test_worker_that_cannot_start_is_an_error() -> None:
@@ -142,8 +72,8 @@ def test_workers_end_when_the_supervisor_is_killed(
             crew.run([Job("long", {{"action": {action!r}, "note": {str(tmp_path / "long")!r}}})])
     """)
     supervisor = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
-    wait_for(lambda: (tmp_path / "long").exists() and bool(starts(tmp_path, "long")))
-    worker = int(starts(tmp_path, "long")[0].split()[0])
+    wait_for(lambda: (tmp_path / "long").exists() and starts(tmp_path, "long") > 0)
+    worker = int((tmp_path / "long").read_text().split()[0])
     supervisor.send_signal(number)
     supervisor.wait()
 
@@ -164,7 +94,3 @@ def is_running(pid: int) -> bool:
     except (FileNotFoundError, ProcessLookupError):
         return False
     return state != "Z"
-
-
-def test_is_running_sees_this_process() -> None:
-    assert is_running(os.getpid())

@@ -22,20 +22,30 @@ from swarmdata.store import read_manifest
 from tests.support.tiny import TINY, make_tiny
 
 HANDLER = """
-import os, signal, time
+import os, signal, time  # each start of a job is a line: the process, and the threads of BLAS
 from pathlib import Path
 from swarmdata.errors import SpecError
 
 def handle(payload, report):
     action, note = payload["action"], Path(payload["note"])
+    print("noise on standard output")
     report(3)
     with note.open("a") as file:
-        file.write(f"{os.getpid()}\\n")
+        file.write(f"{os.getpid()} {os.environ.get('OMP_NUM_THREADS')}\\n")
     starts = len(note.read_text().splitlines())
     if action == "die" or (action == "die once" and starts == 1):
         os.kill(os.getpid(), signal.SIGKILL)
     if action == "refuse":
         raise SpecError("this cannot be done")
+    if action == "crash":
+        raise ZeroDivisionError("a bug")
+    if action == "say":
+        from swarmdata.runtime.kernel_progress import PROGRESS
+        PROGRESS.say("compiling kernels")
+    while action in ("forever", "silently forever"):
+        if action == "forever":
+            report(1)
+        time.sleep(0.02)
     if action == "wait":
         time.sleep(2)
     if action == "compile":

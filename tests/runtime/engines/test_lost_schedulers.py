@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from swarmdata.errors import BuildError, EngineError
-from swarmdata.runtime.engines import dask_executor, slurm_executor
+from swarmdata.runtime.engines import cluster_executors, slurm_executor
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.runtime.engines.slurm_executor import SlurmExecutor
@@ -91,30 +91,6 @@ def test_a_dask_scheduler_that_starts_again_gets_the_jobs_again(tmp_path: Path) 
             daemon.wait(START_SECONDS)
     assert sum(reports) == N_JOBS * 7
     assert sum(starts(tmp_path, each.name) for each in jobs) > N_JOBS, "some were begun again"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs distributed")
-def test_a_dask_scheduler_that_is_killed_for_good_is_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 20)  # a busy machine starts slowly
-    address = f"127.0.0.1:{free_port()}"
-    scheduler = start_dask("dask_scheduler", "--host", address)
-    worker = start_dask("dask_worker", f"tcp://{address}", "--nthreads", "1")
-    engine = open_engine(
-        f"dask://{address}", "engine_handler:work", n_workers=1, folder=tmp_path / "x"
-    )
-    try:
-        with engine as opened:
-            when_a_job_has_begun(tmp_path, scheduler.kill)
-            jobs = [job(tmp_path, f"job-{k}", "wait") for k in range(N_JOBS)]
-            with pytest.raises(EngineError, match=f"no Dask scheduler answers at {address}"):
-                opened.run(jobs, lambda n: None)
-    finally:
-        for daemon in (worker, scheduler):
-            daemon.kill()
-            daemon.wait(START_SECONDS)
 
 
 def closed_client() -> Exception:
@@ -256,7 +232,7 @@ class Client:
 
 def test_a_dask_client_without_its_scheduler_gets_no_calls() -> None:
     client = Client()
-    executor = dask_executor.DaskExecutor(client)
+    executor = cluster_executors.DaskExecutor(client)
     executor.submit(print)
     client.status = "connecting"
     with pytest.raises(ConnectionError, match="client of Dask is connecting"):

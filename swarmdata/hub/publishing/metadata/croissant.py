@@ -2,7 +2,7 @@
 
 Croissant format specification 1.1 and its RAI extension 1.0 (MLCommons). Every file is listed with
 its SHA-256, so that a reader notices a changed one, and the episode table is a record set. The text
-is a pure function of the dataset's files and the arguments: no dates of its own.
+is a pure function of the dataset's files: no dates of its own.
 """
 
 import hashlib
@@ -92,17 +92,13 @@ _TYPES = {
 """Columns of the episode table that are not integers."""
 
 
-def croissant(
-    dataset: Dataset, tables: Mapping[str, bytes], *, url: str | None, published: str | None
-) -> bytes:
+def croissant(dataset: Dataset, tables: Mapping[str, bytes]) -> bytes:
     """Returns the text of `croissant.json`.
 
     Args:
         dataset: the whole dataset.
         tables: the Parquet files beside it, by path; without `episodes.parquet` there is no record
             set.
-        url: page of the dataset, if it has one.
-        published: ISO date on which it was published, if it was.
     """
     recipe = dataset.recipe
     content = {
@@ -122,8 +118,6 @@ def croissant(
             recipe.tier,
         ],
         "isLiveDataset": False,
-        **({"url": url} if url else {}),
-        **({"datePublished": published} if published else {}),
         **_responsible(dataset),
         "distribution": _distribution(dataset, tables),
         **({"recordSet": _record_sets()} if EPISODES_FILE in tables else {}),

@@ -39,9 +39,7 @@ EPISODES_CONFIG = "episodes"
 """Name of the configuration that the Hub's viewer shows."""
 
 
-def metadata_files(
-    folder: Path, *, url: str | None = None, published: str | None = None
-) -> dict[str, bytes]:
+def metadata_files(folder: Path) -> dict[str, bytes]:
     """Returns the files to upload beside a dataset's own, by path; nothing is written.
 
     `episodes.parquet` with all episodes and `episodes/<split>.parquet` with those of each split,
@@ -49,16 +47,13 @@ def metadata_files(
 
     Args:
         folder: of a finished dataset.
-        url: page of the dataset, if it has one.
-        published: ISO date of its publication, if it is published.
 
     Raises:
         DatasetError: the dataset cannot be used.
     """
     dataset = Dataset.open(folder)
     tables = _tables(dataset)
-    text = croissant(dataset, tables, url=url, published=published)
-    return {**tables, CROISSANT_FILE: text}
+    return {**tables, CROISSANT_FILE: croissant(dataset, tables)}
 
 
 def write_beside(folder: Path, out: Path) -> None:

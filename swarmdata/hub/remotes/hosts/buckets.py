@@ -23,8 +23,7 @@ from swarmdata.hub.remotes.network.backoff import (
     TransientError,
     refuse_offline,
 )
-from swarmdata.hub.remotes.network.pace import Meter, Pace
-from swarmdata.hub.remotes.network.threads import watched
+from swarmdata.hub.remotes.network.pace import Meter, Pace, watched
 from swarmdata.hub.remotes.outside_names import is_id, split_id
 from swarmdata.hub.remotes.release_files import files_to_publish
 from swarmdata.store.arrays.layout import MANIFEST
@@ -60,12 +59,11 @@ class BucketRemote:
         address: str,
         *,
         backoff: Backoff | None = None,
-        pace: Pace | None = None,
         options: dict[str, Any] | None = None,
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()
-        self._pace = pace or Pace.from_environment()
+        self._pace = Pace.from_environment()
         scheme, _, self._root = address.partition("://")
         self._files = _file_system(scheme, options)
 

@@ -39,12 +39,10 @@ class HubRemote:
     `HF_TOKEN`.
     """
 
-    def __init__(
-        self, address: str, *, backoff: Backoff | None = None, pace: Pace | None = None
-    ) -> None:
+    def __init__(self, address: str, *, backoff: Backoff | None = None) -> None:
         self.address = address
         self._organization = address.removeprefix("hf://")
-        pace = pace or Pace.from_environment()
+        pace = Pace.from_environment()
         self._calls = HubCalls(address, os.environ.get("HF_ENDPOINT"), backoff or Backoff(), pace)
         self._listings: dict[tuple[str, str], Mapping[str, Listed]] = {}
 

@@ -1,15 +1,53 @@
-"""Backoff, how often and after how long a remote is asked again."""
+"""Backoff, how often and after how long a remote is asked again; and how waiting is interrupted."""
 
 import errno
 import os
+import threading
+import time
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TypeVar
 
 from swarmdata.errors import HubError
-from swarmdata.hub.remotes.network.interruption import pause
 
 T = TypeVar("T")
+
+SLICE_SECONDS = 0.25
+"""Seconds between two looks at whether to stop."""
+
+STOP_EVENT: ContextVar[threading.Event | None] = ContextVar("stop", default=None)
+"""Of the jobs of this thread; set once they are not wanted any more."""
+
+
+class StoppedError(BaseException):
+    """The job was cancelled; this is no failure of a remote, so it is not tried again."""
+
+
+def check_stop() -> None:
+    """Ends the job of this thread if it is not wanted any more.
+
+    Raises:
+        StoppedError: another job failed, or the user pressed Ctrl-C.
+    """
+    stop = STOP_EVENT.get()
+    if stop is not None and stop.is_set():
+        raise StoppedError
+
+
+def pause(seconds: float) -> None:
+    """Sleeps, unless the job of this thread is not wanted any more.
+
+    Raises:
+        StoppedError: it is not.
+    """
+    stop = STOP_EVENT.get()
+    if stop is None:
+        time.sleep(seconds)
+    else:
+        stop.wait(seconds)
+        check_stop()
+
 
 LOCAL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """Failures of this machine's disk, which no other attempt and no other remote can change."""

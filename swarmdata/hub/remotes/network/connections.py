@@ -25,7 +25,7 @@ from urllib.request import (
 )
 
 from swarmdata.errors import HubError, quoted
-from swarmdata.hub.remotes.network.interruption import SLICE_SECONDS, check_stop
+from swarmdata.hub.remotes.network.backoff import SLICE_SECONDS, check_stop
 from swarmdata.hub.remotes.network.pace import Meter, Pace
 
 _TRANSLATED = ip_network("64:ff9b::/96")

@@ -35,7 +35,7 @@ def folder(original: Path, tmp_path: Path) -> Path:
 
 
 def write_all(folder: Path) -> dict[str, bytes]:
-    files = metadata_files(folder, url="https://example.org/ds", published="2026-11-21")
+    files = metadata_files(folder)
     for path, content in files.items():
         (folder / path).parent.mkdir(exist_ok=True)
         write_file(folder / path, content)

@@ -10,7 +10,6 @@ import s3fs
 from fsspec.implementations.memory import MemoryFileSystem
 
 from swarmdata.errors import (
-    AbsentFileError,
     ConflictError,
     HubError,
     MissingExtraError,
@@ -19,7 +18,7 @@ from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.hosts.buckets import CLAIM_FILE, BucketRemote
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, NEXT, is_pulled
+from tests.hub.remotes.conftest import ID, is_pulled
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.object_store import ObjectStore
 
@@ -157,28 +156,6 @@ def test_two_pushers_do_not_mix(remote: BucketRemote, dataset: Path) -> None:
     with pytest.raises(ConflictError, match=r"delete memory://.*\.pushing and push again"):
         remote.publish(dataset, ID)
     assert objects(remote) == {f"{ID}/{CLAIM_FILE}"}
-
-
-def test_reading_what_is_not_there_or_too_large(
-    remote: BucketRemote, dataset: Path, tmp_path: Path
-) -> None:
-    release = remote.publish(dataset, ID)
-    with pytest.raises(AbsentFileError, match="not there"):
-        remote.read(release, "nothing", tmp_path / "x", 100)
-    with pytest.raises(HubError, match="expected at most 10"):
-        remote.read(release, "recipe.json", tmp_path / "x", 10)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_index_lists_what_is_there(
-    remote: BucketRemote, dataset: Path, successor: Path
-) -> None:
-    remote.publish(dataset, ID)
-    remote.publish(successor, NEXT)
-    assert remote.ids() == (ID, NEXT)
-    index = f"{remote.address.removeprefix('memory:/')}/index.json"
-    assert ID.encode() in memory.cat_file(index)
-    assert NEXT.encode() in memory.cat_file(index)
 
 
 def test_missing_credentials_are_not_tried_again(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.errors import AbsentFileError, ConflictError, HubError, VersionTakenError
+from swarmdata.errors import AbsentFileError, HubError
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull_dataset import pull
@@ -32,18 +32,6 @@ def test_a_push_is_one_commit_and_a_tag(
     assert {"README.md", "more/table.parquet"} <= repository.main.keys()
     assert any(blob.sha256 for blob in repository.main.values())
     assert remote.ids() == (ID,)
-
-
-def test_the_same_again_changes_nothing_and_another_is_refused(
-    remote: HubRemote, hub: LoopbackHub, dataset: Path, other: Path
-) -> None:
-    release = remote.publish(dataset, ID)
-    before = dict(hub.repositories[NAME].commits)
-
-    assert remote.publish(dataset, ID) == release
-    with pytest.raises(VersionTakenError, match="a published version never changes"):
-        remote.publish(other, ID)
-    assert hub.repositories[NAME].commits == before
 
 
 def test_a_next_version_replaces_the_data_and_nothing_else(
@@ -78,16 +66,6 @@ def test_reads_are_pinned(
     assert (tmp_path / "out").read_bytes() == (dataset / "recipe.json").read_bytes()
     with pytest.raises(HubError, match="not pinned"):
         remote.read(Release(ID, "hf://org/coop_nav-synthetic@v0"), "x", tmp_path / "x", 1)
-
-
-def test_reading_what_is_not_there_or_too_large(
-    remote: HubRemote, dataset: Path, tmp_path: Path
-) -> None:
-    release = remote.publish(dataset, ID)
-    with pytest.raises(AbsentFileError, match="no file 'nothing'"):
-        remote.read(release, "nothing", tmp_path / "x", 100)
-    with pytest.raises(HubError, match="expected at most 10"):
-        remote.read(release, "recipe.json", tmp_path / "x", 10)
     nowhere = Release(ID, f"hf://org/coop_nav-synthetic@{'0' * 40}")
     with pytest.raises(AbsentFileError, match="no commit"):
         remote.read(nowhere, "recipe.json", tmp_path / "x", 10)
@@ -122,25 +100,6 @@ def test_refusals_say_what_to_do_and_hide_the_token(
     with pytest.raises(HubError, match="hf auth login") as caught:
         remote.publish(successor, NEXT)
     assert TOKEN not in str(caught.value)
-
-
-def test_someone_elses_commit_is_a_conflict(
-    remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path
-) -> None:
-    remote.publish(dataset, ID)
-    repository = hub.repositories[NAME]
-    fault_of = hub.fault_of
-
-    def push_in_between(request: str) -> Fault | None:
-        if request.startswith("POST") and "/commit/" in request:
-            repository.commit({"recipe.json": repository.main["recipe.json"]}, "other")
-        return fault_of(request)
-
-    hub.fault_of = push_in_between  # type: ignore[method-assign]
-    with pytest.raises(ConflictError, match="swarmdata pull"):
-        remote.publish(successor, NEXT)
-    assert repository.titles[-1] == "other"
-    assert repository.tags.keys() == {"v0"}
 
 
 def test_without_a_card(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path: Path) -> None:

@@ -1,11 +1,26 @@
 """The pace: deadlines and rates, from the environment or as they are."""
 
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import count
+from pathlib import Path
+
 import pytest
 
 from swarmdata.errors import HubError
 from swarmdata.hub.remotes.hosts.web import WebRemote
-from swarmdata.hub.remotes.network.backoff import Backoff, TooSlowError
-from swarmdata.hub.remotes.network.pace import Meter, Pace
+from swarmdata.hub.remotes.network import pace
+from swarmdata.hub.remotes.network.backoff import (
+    SLICE_SECONDS,
+    Backoff,
+    StoppedError,
+    TooSlowError,
+    check_stop,
+    pause,
+)
+from swarmdata.hub.remotes.network.pace import Meter, Pace, bytes_in, run_all, watched
 from tests.hub.remotes.faults import Clock
 
 
@@ -65,3 +80,148 @@ def test_a_slow_server_is_asked_twice_and_no_more() -> None:
     with pytest.raises(HubError, match="failed 2 times: it did not answer"):
         Backoff(attempts=5, sleep=lambda seconds: None).run("asking", ask)
     assert len(calls) == 2
+
+
+def nothing() -> None:
+    """A tick that is not looked at."""
+
+
+@pytest.fixture
+def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], object]]:
+    """Waits as a client library does, whatever happens meanwhile; it returns after the test.
+
+    So whoever waited for it would do so for ever.
+    """
+    monkeypatch.setattr(pace, "GRACE_SECONDS", 0.05)
+    over = threading.Event()
+    yield over.wait
+    over.set()
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What may end by itself has the time for it, on a busy machine."""
+    monkeypatch.setattr(pace, "GRACE_SECONDS", 300.0)
+
+
+def test_ctrl_c_takes_two_seconds_at_most() -> None:
+    """Row 60: what jobs wait for they wait for in slices, and hanging ones are left."""
+    assert SLICE_SECONDS + pace.GRACE_SECONDS < 2.0
+
+
+def fail() -> None:
+    raise ZeroDivisionError
+
+
+def test_all_jobs_are_done_a_few_at_a_time() -> None:
+    done: list[int] = []
+    running, most = [0], [0]
+    lock = threading.Lock()
+
+    def job(number: int) -> None:
+        with lock:
+            running[0] += 1
+            most[0] = max(most[0], running[0])
+        time.sleep(0.01)
+        with lock:
+            running[0] -= 1
+            done.append(number)
+
+    ticks: list[int] = []
+    run_all([partial(job, k) for k in range(20)], 3, lambda: ticks.append(0), 0.005)
+    assert sorted(done) == list(range(20))
+    assert most[0] == 3
+    assert ticks
+    run_all([], 3, nothing, 0.1)
+
+
+@pytest.mark.usefixtures("patient")
+@pytest.mark.parametrize("wait", [partial(pause, 600.0), check_stop], ids=["waiting", "looking"])
+def test_the_first_error_stops_the_rest(wait: Callable[[], None]) -> None:
+    ended: list[type[BaseException]] = []
+    began = threading.Event()
+
+    def wait_long() -> None:
+        began.set()
+        try:
+            while True:
+                wait()
+                time.sleep(0.001)
+        except BaseException as error:
+            ended.append(type(error))
+            raise
+
+    def fail_later() -> None:
+        began.wait()
+        fail()
+
+    never: list[int] = []
+    with pytest.raises(ZeroDivisionError):
+        run_all([wait_long, fail_later, lambda: never.append(0)], 2, nothing, 0.1)
+    assert ended == [StoppedError]
+    assert never == []
+
+
+def test_nothing_waits_long_for_a_job_that_hangs(hanging: Callable[[], None]) -> None:
+    with pytest.raises(ZeroDivisionError):
+        run_all([hanging, fail], 2, nothing, 0.1)
+
+
+@pytest.mark.usefixtures("patient")
+def test_ctrl_c_stops_all_jobs() -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    before = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        run_all([partial(pause, 600.0)] * 3, 2, interrupt, 0.05)
+    assert threading.active_count() <= before  # those of earlier tests may end meanwhile
+
+
+def test_a_watched_call_returns_or_raises() -> None:
+    assert watched(lambda: 3, Meter(Pace(), "x")) == 3
+    with pytest.raises(ZeroDivisionError):
+        watched(fail, Meter(Pace(), "x"))
+
+
+def test_a_watched_call_that_is_too_slow_is_left(hanging: Callable[[], None]) -> None:
+    with pytest.raises(TooSlowError, match=r"x did not answer within 0\.1 s"):
+        watched(hanging, Meter(Pace(answer_seconds=0.1), "x"))
+    arrived = [0]
+
+    def slowly() -> int:
+        arrived[0] += 10
+        return arrived[0]
+
+    pace = Pace(least_rate=1000.0, window_seconds=0.1)
+    with pytest.raises(TooSlowError, match="fewer than the least rate of 1000 bytes/s"):
+        watched(hanging, Meter(pace, "x"), slowly)
+    looks, enough = count(step=10**9), threading.Event()
+
+    def quickly() -> int:
+        found = next(looks)
+        if found >= 3 * 10**9:  # it was looked at in several windows
+            enough.set()
+        return found
+
+    assert watched(lambda: enough.wait(300.0), Meter(pace, "x"), quickly)
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_watched_call_ends_with_the_jobs() -> None:
+    over = threading.Event()
+
+    def watch() -> None:
+        watched(over.wait, Meter(Pace(), "x"))
+
+    with pytest.raises(ZeroDivisionError):
+        run_all([watch, fail], 2, nothing, 0.1)
+    over.set()
+
+
+def test_bytes_in_a_folder_that_changes(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "x").write_bytes(b"123")
+    (tmp_path / "dangling").symlink_to("nowhere")
+    assert bytes_in(tmp_path) == 3
+    assert bytes_in(tmp_path / "nowhere") == 0

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.conversion.block_reader import BlockReader
+from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     STATE_ARRAYS,
@@ -25,15 +25,15 @@ from swarmdata.interop.conversion.dataset_facts import (
     row_shapes,
     step_blocks,
 )
-from swarmdata.interop.conversion.export_note import note_of, parse_note
-from swarmdata.interop.conversion.exported_data import import_with_note
+from swarmdata.interop.conversion.episode_cuts import BlockReader, Timeline
+from swarmdata.interop.conversion.export_note import import_with_note, note_of, parse_note
+from swarmdata.interop.conversion.foreign_data import import_without_note
 from swarmdata.interop.conversion.foreign_file import reading
-from swarmdata.interop.conversion.foreign_rows import check_lengths
+from swarmdata.interop.conversion.foreign_rows import check_lengths, flags_of, team_shapes
 from swarmdata.interop.conversion.hdf5_reader import numbers, open_hdf5
 from swarmdata.interop.conversion.hdf5_writer import create_hdf5
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.interop.d4rl.d4rl_foreign import read_foreign_file
 from swarmdata.interop.formats import Format
 
 NOTE_KEY, LAYOUTS_KEY = "metadata/swarmdata", "metadata/layouts"
@@ -142,6 +142,53 @@ def _read_exported(file: Any, source: Path) -> ImportedData:
     layouts = numbers(file, LAYOUTS_KEY, source)[:] if LAYOUTS_KEY in file else None
     row_bytes = sum(each.nbytes // n for each in arrays.values())
     return import_with_note(note, BlockReader(rows, n, row_bytes, source), n, str(source), layouts)
+
+
+REQUIRED_KEYS = ("observations", "actions", "rewards", "terminals")
+_OPTIONAL_KEYS = ("timeouts", "next_observations")
+_FLAG_KEYS = ("terminals", "timeouts")
+
+
+def read_foreign_file(file: Any, source: Path, task: str, choices: Choices) -> ImportedData:
+    """Imports flat arrays: of one agent, of several concatenated agents, or with an agent axis.
+
+    Raises:
+        ConversionError: it is no such file, or is ambiguous.
+    """
+    absent = [name for name in REQUIRED_KEYS if name not in file]
+    if absent:
+        raise ConversionError(
+            f"{source} has no {absent[0]!r}, expected D4RL's keys observations, actions, rewards, "
+            f"terminals and timeouts; it has {', '.join(sorted(file))}"
+        )
+    names = [name for name in (*REQUIRED_KEYS, *_OPTIONAL_KEYS) if name in file]
+    arrays = {name: numbers(file, name, source) for name in names}
+    n = check_lengths({name: len(each) for name, each in arrays.items()}, str(source))
+    shapes = team_shapes(arrays["observations"].shape, arrays["actions"], choices, str(source))
+    n_agents = len(shapes.observations)
+    with reading(source):
+        flags = {name: arrays[name][:] for name in _FLAG_KEYS if name in arrays}
+    terminals, timeouts = (
+        flags_of(flags[name], n_agents, f"{source}: {name}") if name in flags else None
+        for name in _FLAG_KEYS
+    )
+    assert terminals is not None
+
+    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
+        return {name: each[window] for name, each in arrays.items() if name not in _FLAG_KEYS}
+
+    row_bytes = sum(each.nbytes // n for each in arrays.values())
+    reader = BlockReader(rows, n, row_bytes, source)
+    timeline = Timeline(str(source), terminals, timeouts, reader, "next_observations" in arrays)
+    unread = [name for name in _all_arrays(file) if name not in names]
+    return import_without_note(task, shapes, [timeline], choices, unread=unread)
+
+
+def _all_arrays(file: Any) -> list[str]:
+    """Names of all arrays, those in groups with the group's."""
+    found: list[str] = []
+    file.visititems(lambda name, each: found.append(name) if hasattr(each, "dtype") else None)
+    return found
 
 
 FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT_NAMES, LOST_REASONS, read, write)

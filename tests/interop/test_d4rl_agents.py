@@ -10,7 +10,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
-from swarmdata.interop.d4rl.d4rl import read
+from swarmdata.interop.d4rl import read
 from swarmdata.interop.export import export_dataset
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError, MissingExtraError
-from swarmdata.interop.conversion.block_reader import BlockReader
-from swarmdata.interop.conversion.episode_cuts import ReadRows
+from swarmdata.interop.conversion.episode_cuts import BlockReader, ReadRows
 from swarmdata.interop.conversion.foreign_file import check_stored, reading
 
 

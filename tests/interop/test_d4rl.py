@@ -14,7 +14,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
-from swarmdata.interop.d4rl.d4rl import read
+from swarmdata.interop.d4rl import read
 from swarmdata.interop.export import export_dataset
 from swarmdata.store.scratch import scratch_folder
 from swarmdata.testing.synthetic import make_dataset
@@ -34,22 +34,6 @@ def read_all(path: Path) -> dict[str, Any]:
     with h5py.File(path) as file:
         file.visititems(visit)
     return found
-
-
-def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
-    back = round_trip(ours, "d4rl")
-    assert back.recipe.policies == ours.recipe.policies
-    assert back.statistics.reward_mean == ours.statistics.reward_mean
-
-
-def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(recorded, "d4rl")
-
-
-def test_a_view_survives(ours: Dataset, round_trip: RoundTrip) -> None:
-    view = ours.filter(policy="tag-1", split="train")
-    assert 0 < len(view) < len(ours)
-    round_trip(view, "d4rl")
 
 
 def test_rows_are_aligned_and_none_is_missing(ours: Dataset, tmp_path: Path) -> None:
@@ -183,20 +167,6 @@ def test_a_limit_stored_as_a_termination_is_noticed(tmp_path: Path, take_in: Tak
     assert set(take_in(path, "d4rl", time_limit=0).ends) == {"ended"}
 
 
-def test_an_open_end_is_asked_about(tmp_path: Path, take_in: TakeIn) -> None:
-    arrays = timeline([3] * 24 + [5, 4], [False] * 26)
-    arrays["terminals"][-1] = False
-    path = write_foreign(tmp_path / "x.hdf5", **arrays)
-    with pytest.raises(ConversionError, match="4 rows from row 77 on without an end"):
-        take_in(path, "d4rl")
-    kept = take_in(path, "d4rl", unfinished="truncate")
-    assert kept.lengths[-2:] == [5, 4]
-    assert kept.ends[-1] == "horizon"
-    dropped = take_in(path, "d4rl", unfinished="drop")
-    assert len(dropped.episodes) == 25
-    assert dropped.metadata["dropped_rows"] == "4"
-
-
 def test_a_lost_boundary_is_found_by_the_next_observation(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([3] * 24 + [5], [False] * 25)
     arrays["terminals"][5] = False  # two episodes look like one
@@ -216,36 +186,6 @@ def test_several_agents(tmp_path: Path, take_in: TakeIn, axis: str) -> None:
     assert dataset.spec.n_agents == 2
     assert dataset.episodes[0].observations.shape == (4, 2, 2)
     check_alignment(dataset.episodes, with_next=True)
-
-
-def test_whole_number_actions_are_discrete(tmp_path: Path, take_in: TakeIn) -> None:
-    arrays = timeline([3, 4] * 13, [False, True] * 13)
-    arrays["actions"] = arrays["actions"][:, 0].astype(np.int64)
-    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays), "d4rl")
-    assert dataset.spec.agents[0].action.kind == "discrete"
-    assert dataset.spec.agents[0].action.n == 4
-    assert dataset.episodes[0].actions.shape == (3, 1, 1)
-
-
-def test_agents_that_end_early_are_masked(tmp_path: Path, take_in: TakeIn) -> None:
-    arrays = timeline([4] * 24 + [6], [False] * 25)
-    n = len(arrays["actions"])
-    for name in ("observations", "next_observations", "actions"):
-        arrays[name] = np.stack([arrays[name], arrays[name] + 1], 1)
-    last = arrays["terminals"].copy()
-    second = last.copy()
-    second[np.flatnonzero(last) - 1] = True  # and stays up until the team ends
-    arrays["terminals"] = np.stack([last, second], 1)
-    arrays["timeouts"] = np.zeros((n, 2), dtype=bool)
-    dataset = take_in(write_foreign(tmp_path / "x.hdf5", **arrays), "d4rl", time_limit=0)
-    episode = dataset.episodes[0]
-    assert episode.alive is not None
-    np.testing.assert_array_equal(episode.alive[:, 1], [True, True, True, False, False])
-    np.testing.assert_array_equal(episode.alive[:, 0], [True, True, True, True, False])
-    assert episode.agent_terminations is not None
-    np.testing.assert_array_equal(np.argmax(episode.agent_terminations, 0), [3, 2])
-    assert not episode.actions[3, 1].any()
-    assert not episode.rewards[3, 1]
 
 
 def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from concurrent.futures import Future
 
 import pytest
 
-from swarmdata.runtime.engines.ray_executor import _hand_over
+from swarmdata.runtime.engines.cluster_executors import _hand_over
 
 
 def test_outcomes_are_handed_over() -> None:

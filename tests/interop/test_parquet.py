@@ -19,21 +19,13 @@ RoundTrip = Callable[[Dataset, str], Dataset]
 TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
-def test_ours_survives(ours: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(ours, "parquet")
-
-
-def test_a_recording_survives(recorded: Dataset, round_trip: RoundTrip) -> None:
-    round_trip(recorded, "parquet")
-
-
 def test_blocks_do_not_matter(
     ours: Dataset, round_trip: RoundTrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", 2000)
-    monkeypatch.setattr("swarmdata.interop.conversion.block_reader.BLOCK_BYTES", 1500)
+    monkeypatch.setattr("swarmdata.interop.conversion.episode_cuts.BLOCK_BYTES", 1500)
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 1000)
-    monkeypatch.setattr("swarmdata.interop.parquet.parquet._GROUP_ROWS", 3)
+    monkeypatch.setattr("swarmdata.interop.parquet._GROUP_ROWS", 3)
     round_trip(ours, "parquet")
 
 

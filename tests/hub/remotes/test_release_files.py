@@ -6,7 +6,7 @@ import pytest
 
 from swarmdata.errors import DatasetNotFoundError, GateError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
-from swarmdata.hub.remotes.push_dataset import push
+from swarmdata.hub.remotes.release_files import push
 from tests.hub.remotes.conftest import ID
 
 

@@ -12,9 +12,8 @@ from typer.testing import CliRunner
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
-from swarmdata.interop.conversion.framed_export import in_frame
 from swarmdata.interop.convert import import_dataset
-from swarmdata.interop.export import export_dataset
+from swarmdata.interop.export import export_dataset, in_frame
 from swarmdata.interop.formats import FORMATS
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.perception.frames import in_world

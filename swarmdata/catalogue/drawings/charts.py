@@ -1,0 +1,224 @@
+"""Charts as SVG: estimates with intervals, lines with bands, and the rewards of an episode.
+
+Pages need no library for them, and their colors are those of the style sheet, so that charts are
+dark where the page is; the figures of reports and studies are matplotlib's.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarmdata.catalogue.drawings import svg_shapes
+from swarmdata.catalogue.elements import Html, element
+from swarmdata.drawing.line_labels import spread_labels
+from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.types import Double, Float
+
+WIDTH, BOTTOM = 680.0, 44.0
+
+ROWS_TOP, ROW_HEIGHT, NAMES_WIDTH, VALUES_WIDTH = 10.0, 24.0, 190.0, 70.0
+"""Of a chart of estimates."""
+
+LINES_TOP, TICKS_WIDTH, LABELS_WIDTH, LEAST_HEIGHT, LABEL_HEIGHT = 28.0, 52.0, 170.0, 300.0, 15.0
+"""Of a chart of lines."""
+
+MOST_BANDS = 8
+"""Lines up to which bands are drawn: more would hide each other."""
+
+N_COLORS = 6
+"""Colors of series, `--series-0` and so on in the style sheet."""
+
+N_DASHES = 3
+"""Kinds of dashes, which change once the colors repeat."""
+
+MOST_TICKS = 7
+
+REWARDS_WIDTH, REWARDS_HEIGHT, MARGIN = 200.0, 130.0, 8.0
+MOST_POINTS, MOST_AGENTS = 60, 12
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Values from `low` to `high`, drawn from `start` to `end`."""
+
+    low: float
+    high: float
+    step: float
+    start: float
+    end: float
+
+    def place(self, value: float) -> float:
+        """Where a value is drawn."""
+        return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
+
+    @property
+    def ticks(self) -> list[float]:
+        """Round values, from the lowest to the highest."""
+        n = round((self.high - self.low) / self.step)
+        return [self.low + k * self.step for k in range(n + 1)]
+
+    def label(self, value: float, extra: int = 0) -> str:
+        """A value with the decimals of the ticks, and `extra` more."""
+        decimals = max(0, -math.floor(math.log10(self.step) + 1e-9)) + extra
+        text = f"{value:,.{decimals}f}"
+        return text.removeprefix("-") if not float(text.replace(",", "")) else text
+
+
+def nice_axis(values: Sequence[float], start: float, end: float) -> Axis:
+    """Returns an axis that holds all values, with round ends; without any, it goes from 0 to 1."""
+    low, high = (min(values), max(values)) if values else (0.0, 1.0)
+    span = high - low or abs(high) or 1.0
+    power = 10.0 ** math.floor(math.log10(span / MOST_TICKS))
+    step = next(k * power for k in (1, 2, 5, 10) if k * power * MOST_TICKS >= span)
+    first, last = math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
+    return Axis(first, last if last > first else first + step, step, start, end)
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One row of a chart of estimates."""
+
+    label: str
+    estimate: Estimate  # in shown units
+    series: int  # which color
+    note: str = ""  # more about it, shown on hovering
+    href: str = ""  # the page of its runs and episodes; empty: there is none
+
+
+def estimate_chart(bars: Sequence[Bar], quantity: str, title: str, data: float | None) -> Html:
+    """Draws a row for each estimate: its mean as a disc on the line of its interval.
+
+    Args:
+        bars: from top to bottom; those with undefined means are left out.
+        quantity: what the axis shows, with its unit.
+        title: for screen readers.
+        data: the mean of the dataset's own episodes, a dashed line; None: not known.
+    """
+    rows = [bar for bar in bars if not math.isnan(bar.estimate.value)]
+    ends = [value for bar in rows for value in bar.estimate if not math.isnan(value)]
+    axis = nice_axis([*ends, *([] if data is None else [data])], NAMES_WIDTH, WIDTH - VALUES_WIDTH)
+    base = ROWS_TOP + ROW_HEIGHT * len(rows)
+    parts = [_ticks_below(axis, base, quantity)]
+    if data is not None:
+        x = axis.place(data)
+        parts.append(svg_shapes.line((x, ROWS_TOP), (x, base), class_="data"))
+        parts.append(svg_shapes.text((x, base + 38), "data", class_="data", text_anchor="middle"))
+    parts += [_row(bar, ROWS_TOP + ROW_HEIGHT * (k + 0.5), axis) for k, bar in enumerate(rows)]
+    role = "group" if any(bar.href for bar in rows) else "img"  # links are no part of an image
+    return svg_shapes.drawing(WIDTH, base + BOTTOM, title, *parts, class_="chart", role=role)
+
+
+def _ticks_below(axis: Axis, base: float, quantity: str) -> Html:
+    parts = []
+    for tick in axis.ticks:
+        x = axis.place(tick)
+        parts.append(svg_shapes.line((x, ROWS_TOP), (x, base), class_="grid"))
+        parts.append(svg_shapes.text((x, base + 15), axis.label(tick), text_anchor="middle"))
+    at = WIDTH - VALUES_WIDTH, base + 38
+    parts.append(svg_shapes.text(at, quantity, text_anchor="end", class_="quantity"))
+    return element("g", *parts, class_="axis")
+
+
+def _row(bar: Bar, y: float, axis: Axis) -> Html:
+    value, low, high = bar.estimate
+    inside = []
+    if not math.isnan(low):
+        inside.append(svg_shapes.line((axis.place(low), y), (axis.place(high), y)))
+    inside.append(svg_shapes.disc((axis.place(value), y), 4.5))
+    mark = element("g", *inside, class_=f"mark series-{bar.series}")
+    name = svg_shapes.text((NAMES_WIDTH - 12, y + 4), bar.label, text_anchor="end")
+    at = WIDTH - VALUES_WIDTH + 14, y + 4
+    shown = svg_shapes.text(at, axis.label(value, extra=1), class_="value")
+    inside = [element("title", f"{bar.label}: {bar.note}"), name, mark, shown]
+    return element("a", *inside, href=bar.href) if bar.href else element("g", *inside)
+
+
+Line = Mapping[float, Estimate]
+"""Place on the horizontal axis, in its order -> estimate, in shown units."""
+
+
+def line_chart(lines: Mapping[str, Line], x_name: str, y_name: str, title: str) -> Html:
+    """Draws a line with a band for each label; labels stand beside the ends of their lines.
+
+    Args:
+        lines: label -> estimates; none is empty.
+        x_name: of the horizontal axis, with its unit.
+        y_name: of the vertical axis, with its unit.
+        title: for screen readers.
+    """
+    height = max(LEAST_HEIGHT, LINES_TOP + BOTTOM + LABEL_HEIGHT * len(lines))
+    base = height - BOTTOM
+    across = nice_axis([x for line in lines.values() for x in line], TICKS_WIDTH, _right())
+    ends = [value for line in lines.values() for each in line.values() for value in each]
+    up = nice_axis(ends, base, LINES_TOP)
+    last = np.array([up.place([*line.values()][-1].value) for line in lines.values()])
+    span = base - LINES_TOP
+    places = LINES_TOP + span * spread_labels((last - LINES_TOP) / span, LABEL_HEIGHT / span)
+    parts = [_axes(across, up, x_name, y_name)]
+    for k, ((label, line), y) in enumerate(zip(lines.items(), places.tolist(), strict=True)):
+        name = svg_shapes.text((_right() + 8, y + 4), label, class_="name")
+        looks = f"line series-{k % N_COLORS} dashed-{k // N_COLORS % N_DASHES}"
+        shapes = _line(line, across, up, has_band=len(lines) <= MOST_BANDS)
+        parts.append(element("g", *shapes, name, class_=looks))
+    return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart")
+
+
+def _right() -> float:
+    return WIDTH - LABELS_WIDTH
+
+
+def _axes(across: Axis, up: Axis, x_name: str, y_name: str) -> Html:
+    base, parts = up.start, []
+    for tick in up.ticks:
+        y = up.place(tick)
+        parts.append(svg_shapes.line((TICKS_WIDTH, y), (_right(), y), class_="grid"))
+        parts.append(svg_shapes.text((TICKS_WIDTH - 8, y + 4), up.label(tick), text_anchor="end"))
+    for tick in across.ticks:
+        at = across.place(tick), base + 16
+        parts.append(svg_shapes.text(at, across.label(tick), text_anchor="middle"))
+    parts.append(svg_shapes.text((_right(), base + 36), x_name, text_anchor="end"))
+    parts.append(svg_shapes.text((TICKS_WIDTH, LINES_TOP - 12), y_name, class_="quantity"))
+    return element("g", *parts, class_="axis")
+
+
+def _line(line: Line, across: Axis, up: Axis, *, has_band: bool) -> list[Html]:
+    """The band of a line, if it has one, and the line."""
+    means, low, high = (
+        [(across.place(x), up.place(getattr(each, name))) for x, each in line.items()]
+        for name in ("value", "low", "high")
+    )
+    mean = svg_shapes.path(means, class_="mean")
+    band = svg_shapes.path([*low, *reversed(high)], closed=True, class_="band")
+    return [band, mean] if has_band else [mean]
+
+
+def rewards_drawing(rewards: Float, label: str) -> Html:
+    """Draws the rewards of each agent so far as a line.
+
+    Args:
+        rewards: of an episode, [T, N].
+        label: for screen readers.
+    """
+    shown = rewards[:, :MOST_AGENTS].astype(np.float64)
+    sums = np.cumsum(np.where(np.isfinite(shown), shown, 0.0), axis=0)
+    sums = np.concatenate([np.zeros_like(sums[:1]), sums])
+    low, high = float(sums.min()), float(sums.max())
+    rows = np.unique(np.linspace(0, len(sums) - 1, MOST_POINTS).astype(int))
+    across = MARGIN + rows / max(1, len(sums) - 1) * (REWARDS_WIDTH - 2 * MARGIN)
+
+    def up(values: Double) -> Double:
+        share = (values - low) / (high - low or 1.0)
+        return REWARDS_HEIGHT - MARGIN - share * (REWARDS_HEIGHT - 2 * MARGIN)
+
+    zero = float(up(np.zeros(1))[0])
+    lines = [
+        svg_shapes.path(
+            list(zip(across.tolist(), up(sums[rows, i]).tolist(), strict=True)),
+            class_=f"series-{i % N_COLORS}",
+        )
+        for i in range(sums.shape[1])
+    ]
+    axis = svg_shapes.line((MARGIN, zero), (REWARDS_WIDTH - MARGIN, zero))
+    return svg_shapes.drawing(REWARDS_WIDTH, REWARDS_HEIGHT, label, axis, *lines, class_="rewards")

@@ -1,1 +1,0 @@
-"""D4RL-style HDF5 files."""

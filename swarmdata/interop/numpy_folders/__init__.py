@@ -1,1 +1,0 @@
-"""NumPy folders, as in OMAR and CFCQL."""
