@@ -35,11 +35,11 @@ from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.perceptrons import (
     MLPShape,
     StackedMLP,
+    affine,
     initialize,
     mlp_of_products,
 )
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.products.stacked_products import affine, product
 
 FLOW_STREAM = 4
 """Of a seed's initial parameters, beside those of `networks.actor` and `networks.factored_critics`.
@@ -123,6 +123,6 @@ class JointFlow:
         moving, path = weight[:, n_known:-1], noise.flatten(2)
         for step in range(self.n_steps):
             now = weight[:, -1:] * (step / self.n_steps)
-            products = product(path, moving).add_(known).add_(now)
+            products = torch.bmm(path, moving).add_(known).add_(now)
             path = path + (mlp_of_products(layers, products) - path) / (self.n_steps - step)
         return path.clamp(-1, 1).view_as(noise)

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedLayers, mlp
-from swarmdata.learn.products.stacked_products import affine
+from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedLayers, affine, mlp
 
 N_GATE_LAYERS = 2
 

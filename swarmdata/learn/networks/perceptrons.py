@@ -16,7 +16,6 @@ from torch import Tensor
 from torch.nn.functional import layer_norm
 
 from swarmdata.errors import CheckpointError
-from swarmdata.learn.products.stacked_products import affine, product
 from swarmdata.numerics.random import derive
 
 Initialization = Literal["uniform", "orthogonal"]
@@ -171,6 +170,11 @@ def backward(loss: Tensor, networks: Sequence[StackedLayers]) -> None:
         buffer.copy_(gradient)
 
 
+def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """Returns x weight + bias of R networks, [R, B, outputs]; arguments as in `Layer`."""
+    return torch.bmm(x, weight).add_(bias)
+
+
 def mlp(layers: Sequence[Layer], inputs: Tensor) -> Tensor:
     """Returns the outputs, [R, B, outputs], of R networks on inputs [R, B, inputs]."""
     x = inputs
@@ -195,7 +199,7 @@ def mlp_of_branches(layers: Sequence[Layer], shared: Tensor, varied: Tensor) -> 
     """
     first, n_shared, n_branches = layers[0], shared.shape[2], varied.shape[2]
     common = affine(shared, first.weight[:, :n_shared], first.bias)
-    own = product(varied.flatten(1, 2), first.weight[:, n_shared:])
+    own = torch.bmm(varied.flatten(1, 2), first.weight[:, n_shared:])
     outputs = mlp_of_products(layers, common.repeat_interleave(n_branches, 1).add_(own))
     return outputs.view(len(outputs), -1, n_branches, outputs.shape[2])
 
