@@ -144,7 +144,7 @@ def train_run(
     data: Data | None = None,
     n_threads: int = 1,
     progress: bool = True,
-    report: Callable[[int], object] = lambda steps: None,
+    report: Callable[[int], object] | None = None,
 ) -> Path:
     """Trains a run, or continues it where it stopped; returns its folder.
 
@@ -243,7 +243,7 @@ class _Training:
         if start is not None and not run.has_checkpoint:
             self._checkpoint({})
 
-    def finish(self, progress: bool, report: Callable[[int], object]) -> None:
+    def finish(self, progress: bool, report: Callable[[int], object] | None) -> None:
         n_steps, algorithm = self.about.n_steps, self.algorithm
         every = n_steps / self.about.n_checkpoints
         started, since = time.perf_counter(), self.run.now
@@ -253,7 +253,8 @@ class _Training:
                 before = algorithm.frames
                 losses = self._update()
                 bar.update(algorithm.frames - before)
-                report(algorithm.frames - before)
+                if report is not None:
+                    report(algorithm.frames - before)
                 is_last = algorithm.frames >= n_steps
                 if is_last or _crosses(every / POLICIES_PER_CHECKPOINT, before, algorithm.frames):
                     self._save_policies()

@@ -56,7 +56,7 @@ def test_seeds_are_found_in_a_run_and_in_a_folder_of_runs(run: Path) -> None:
     wanted = [Seed(run, 0), Seed(run, 1)]
     assert seeds_of([run]) == wanted
     assert seeds_of([run.parent]) == wanted
-    with pytest.raises(BuildError, match="no online run"):
+    with pytest.raises(BuildError, match="holds no run"):
         seeds_of([run.parent.parent / "nothing"])
 
 
