@@ -52,7 +52,7 @@ def offline_page(name: str) -> str:
 
 def online_page(name: str) -> str:
     """The page of an online algorithm."""
-    head = f"    swarmdata train {name} --task coop_nav --out runs/{name}\n"
+    head = f"    swarmdata train-online {name} coop_nav --out runs/{name}\n"
     algorithm = resolve("online algorithm", ONLINE_ALGORITHMS, name)
     return _page(f"`{name}`, online", head, algorithm, ONLINE_ALGORITHMS[name])
 

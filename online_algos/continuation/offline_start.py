@@ -19,7 +19,7 @@ from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.run_files import is_online, run_folders, run_hash
-from swarmdata.learn.training.run_folder import Run, load_last
+from swarmdata.learn.training.run_folder import OfflineRun, load_last
 from swarmdata.online_algos.collection.input_moments import Moments
 from swarmdata.perception.frames import Frame
 from swarmdata.runtime.documents import parse_json
@@ -41,7 +41,7 @@ class OfflineStart:
     """An offline run as of its last checkpoint."""
 
     source: StartSource
-    run: Run
+    run: OfflineRun
     algorithm: Algorithm
     statistics: Statistics
     is_compact: bool  # it has no critics any more

@@ -13,12 +13,12 @@ from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.run_folder import last_policy
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam
 from swarmdata.online_algos.ppo.networks import Actors, ActorWeights
 from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clone_teacher
 from swarmdata.online_algos.runs.export_policy import restored
-from swarmdata.online_algos.runs.seed_files import last_policy
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import make_policy, policy_class
 from swarmdata.registry.recipes import (

@@ -25,10 +25,16 @@ import numpy as np
 from swarmdata.behavior_policies.learned import digest_of, own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError, OutputError
-from swarmdata.learn.training.run_files import CONFIG, CURVE, read_table, run_folders
+from swarmdata.learn.training.run_files import (
+    CURVE,
+    Seed,
+    last_policy_path,
+    policy_path,
+    read_table,
+    saved_frames,
+)
 from swarmdata.online_algos.runs.export_policy import exact_error, export
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
-from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path, saved_frames
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
@@ -52,13 +58,6 @@ N_EPISODES, N_REPLAY_EPISODES, N_ROUGH_EPISODES = 1024, 256, 128
 """Selection episodes that measure mediums and experts, replay policies, and medium candidates."""
 
 
-class Seed(NamedTuple):
-    """One seed of one run."""
-
-    folder: Path
-    seed: int
-
-
 class Chosen(NamedTuple):
     """A checkpoint that goes into the package."""
 
@@ -69,22 +68,6 @@ class Chosen(NamedTuple):
     noise: float | None  # standard deviation in its training; None for the tier's own
     figures: dict[str, float]
     file: Path
-
-
-def seeds_of(runs: Sequence[Path]) -> list[Seed]:
-    """Returns all seeds of run folders, or of the runs in a folder that several processes trained.
-
-    Raises:
-        BuildError: a folder holds no run.
-    """
-    found = []
-    for run in runs:
-        folders = run_folders(run)
-        if not folders:
-            raise BuildError(f"{run} holds no online run: there is no {CONFIG} in it")
-        for folder in folders:
-            found += [Seed(folder, seed) for seed in read_online_run(folder).seeds]
-    return found
 
 
 def read_curve(seed: Seed) -> list[dict[str, float]]:

@@ -46,7 +46,7 @@ from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError, printable
 
 SECTIONS = {
-    "First": ("list", "info", "train", "evaluate", "report", "render", "generate"),
+    "First": ("list", "info", "train", "train-online", "evaluate", "report", "render", "generate"),
     "Data": (
         "record",
         "import",
@@ -112,7 +112,7 @@ class _Group(TyperGroup):
 
 
 class _Command(TyperCommand):
-    """Lists options that are for one case only, such as `online: ...`, in a section of it."""
+    """Lists options that are for one case only, such as `with --task: ...`, in a section of it."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Lists the arguments, the options of every case, and those of each."""
@@ -141,7 +141,7 @@ class _App(typer.Typer):
         return super().command(name, **{"cls": _Command, **settings})
 
 
-_CASE = re.compile(r"(offline|online|with --[a-z]+): ")
+_CASE = re.compile(r"(with --[a-z]+): ")
 """How the help of an option begins that has an effect in one case only."""
 
 app = _App(
@@ -364,6 +364,7 @@ app.command("subsample")(editing_commands.subsample_command)
 app.command()(remote_commands.push)
 app.command()(remote_commands.pull)
 app.command()(training_commands.train)
+app.command("train-online")(training_commands.train_online)
 app.command()(training_commands.ship)
 app.command()(training_commands.algorithms)
 app.command()(training_commands.learning)

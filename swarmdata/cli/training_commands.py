@@ -1,11 +1,11 @@
-"""`swarmdata train`, `ship`, `learning`, `export-policy`: runs, checkpoints, reports, robots."""
+"""`swarmdata train`, `train-online`, `ship`, `learning`, `export-policy`: runs and policies."""
 
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from swarmdata.cli.option_use import given, refuse, refuse_workers
+from swarmdata.cli.option_use import refuse, refuse_workers
 from swarmdata.cli.shared_options import (
     Communication,
     Engine,
@@ -14,124 +14,148 @@ from swarmdata.cli.shared_options import (
     Processes,
     Randomize,
     Settings,
+    Threads,
     parse_part,
     parse_ranges,
     parse_settings,
 )
 
-ONLINE_OPTIONS = (
-    "first_seed",
-    "steps",
-    "checkpoints",
-    "start",
-    "recorded",
-    "offline_share",
-    "threads",
-    "randomize",
-)
-OFFLINE_OPTIONS = (
-    "updates", "regulariser", "curve_every", "keep", "reward", "frame", "device", "compile",
-)  # fmt: skip
-"""Options of `train` that only one kind of algorithm has."""
 
-Steps = Annotated[float | None, typer.Option(min=1, help="online: joint steps of each seed")]
-Regulariser = Annotated[str | None, typer.Option(help="offline vdn and qmix: none, bc, bcq or cql")]
-Reward = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME=WEIGHT", help="offline: weight of a reward term, may be repeated; or safe"
-    ),
+def _algorithm(known: str, other: str, use: str) -> Any:
+    """An argument for the algorithms of a table, which names the command for those of the other.
+
+    Args:
+        known: name of the table in `registry.components`.
+        other: name of the other table.
+        use: command for algorithms that are in the other table only.
+    """
+
+    def check(name: str) -> str:
+        from swarmdata.registry import components
+
+        if name not in getattr(components, known) and name in getattr(components, other):
+            raise typer.BadParameter(f"{name} is trained with: swarmdata {use.format(name)}")
+        return name
+
+    return typer.Argument(
+        metavar="ALGORITHM", callback=check, help="as `swarmdata algorithms` lists them"
+    )
+
+
+Offline = Annotated[
+    str, _algorithm("OFFLINE_ALGORITHMS", "ONLINE_ALGORITHMS", "train-online {} TASK")
 ]
+Online = Annotated[str, _algorithm("ONLINE_ALGORITHMS", "OFFLINE_ALGORITHMS", "train {} ID")]
+Out = Annotated[
+    Path | None, typer.Option(help="run folder", show_default="runs/ALGORITHM-DATA or -TASK")
+]
+Seeds = Annotated[int, typer.Option(min=1, help="number of seeds")]
 Config = Annotated[str | None, typer.Option(help="settings: a shipped file's name, or a YAML file")]
-FrameName = Annotated[str, typer.Option(help="offline: robots' frame: auto, world, or an anchor")]
-Data = Annotated[
-    str | None,
-    typer.Argument(metavar="[ID]", help="offline: dataset id or folder; ID=0.8,ID=0.2 mixes"),
-]
-Start = Annotated[Path | None, typer.Option(help="online: folder of an offline run to begin with")]
-Recorded = Annotated[
-    str | None,
-    typer.Option("--data", metavar="ID", help="online: dataset to mix into the batches"),
-]
-Share = Annotated[float, typer.Option(help="online: part of each batch that --data gives")]
-Device = Annotated[str, typer.Option(help="offline: torch device")]
-CurveEvery = Annotated[int, typer.Option(min=1, help="offline: updates between two evaluations")]
-Checkpoints = Annotated[int, typer.Option(min=1, help="online: evaluations on the way")]
-Threads = Annotated[int, typer.Option(min=1, help="online: threads that step the worlds")]
-Compile = Annotated[bool, typer.Option(help="offline: compile with torch.compile, for long runs")]
 
 
 def train(
     context: typer.Context,
-    algorithm: Annotated[str, typer.Argument(help="such as bc (offline) or mappo (online)")],
-    data: Data = None,
-    task: Annotated[str | None, typer.Option(help="online: preset or spec file")] = None,
-    out: Annotated[Path | None, typer.Option(help="run folder; runs/ALGORITHM-DATA")] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="number of seeds: 0, 1, ...")] = 4,
-    first_seed: Annotated[int, typer.Option(min=0, help="online: first seed")] = 0,
-    steps: Steps = None,
-    checkpoints: Checkpoints = 40,
-    start: Start = None,
-    recorded: Recorded = None,
-    offline_share: Share = 0.5,
-    updates: Annotated[int | None, typer.Option(min=1, help="offline: gradient updates")] = None,
-    regulariser: Regulariser = None,
+    algorithm: Offline,
+    data: Annotated[
+        str, typer.Argument(metavar="ID", help="dataset id or folder; ID=0.8,ID=0.2 mixes")
+    ],
+    out: Out = None,
+    seeds: Seeds = 4,
+    updates: Annotated[int | None, typer.Option(min=1, help="number of gradient updates")] = None,
+    regulariser: Annotated[
+        str | None, typer.Option(help="of vdn and qmix: none, bc, bcq or cql")
+    ] = None,
     config: Config = None,
     settings: Settings = None,
-    curve_every: CurveEvery = 1000,
-    keep: Annotated[bool, typer.Option(help="offline: keep all checkpoints, for `rank`")] = False,
+    curve_every: Annotated[int, typer.Option(min=1, help="updates between evaluations")] = 1000,
+    keep: Annotated[bool, typer.Option(help="keep all checkpoints, for `rank`")] = False,
+    observation: Observation = None,
+    communication: Communication = None,
+    reward: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=WEIGHT", help="weight of a reward, may be repeated; or safe"),
+    ] = None,
+    frame: Annotated[str, typer.Option(help="robots' frame: auto, world, or an anchor")] = "auto",
+    workers: Processes = 1,
+    engine: Engine = "local",
+    part: Part = None,
+    device: Annotated[str, typer.Option(help="torch device")] = "cpu",
+    compile: Annotated[bool, typer.Option(help="use torch.compile, for long runs")] = False,
+) -> None:
+    """Train an offline algorithm on a dataset.
+
+    Uses the train split; with --observation or --communication, the dataset is re-observed from its
+    states, and with --reward, its rewards are computed from their terms. An interrupted training
+    resumes: run the same command again. Several processes train groups of the seeds in folders
+    OUT/seeds-..., as --part K/N trains the K-th.
+    """
+    group = _group(context, engine, part)
+    changes = _changes(config, settings, n_updates=updates, regulariser=regulariser)
+    ids, weights = _datasets(data)
+    folder = out or _default_folder(algorithm, ids)
+    _trainers().train(
+        algorithm, ids, folder, weights=weights, n_seeds=seeds, changes=changes,
+        observation=observation, communication=communication, rewards=_rewards(reward),
+        frame=frame, curve_every=curve_every, keep=keep, device=device, compile=compile,
+        workers=workers, engine=engine, part=group,
+    )  # fmt: skip
+    typer.echo(folder)
+
+
+def train_online(
+    context: typer.Context,
+    algorithm: Online,
+    task: Annotated[str, typer.Argument(metavar="TASK", help="preset or spec file")],
+    out: Out = None,
+    seeds: Seeds = 4,
+    first_seed: Annotated[int, typer.Option(min=0, help="first seed")] = 0,
+    steps: Annotated[float | None, typer.Option(min=1, help="joint steps of each seed")] = None,
+    checkpoints: Annotated[int, typer.Option(min=1, help="evaluations on the way")] = 40,
+    start: Annotated[Path | None, typer.Option(help="offline run to begin with")] = None,
+    data: Annotated[
+        str | None,
+        typer.Option(metavar="ID", help="dataset to mix into the batches, as `train` takes it"),
+    ] = None,
+    offline_share: Annotated[float, typer.Option(help="part of a batch that --data gives")] = 0.5,
+    config: Config = None,
+    settings: Settings = None,
     observation: Observation = None,
     communication: Communication = None,
     randomize: Randomize = None,
-    reward: Reward = None,
-    frame: FrameName = "auto",
     workers: Processes = 1,
     engine: Engine = "local",
     part: Part = None,
     threads: Threads = 1,
-    device: Device = "cpu",
-    compile: Compile = False,
 ) -> None:
-    """Train an algorithm, offline on a dataset or online in a task.
+    """Train an online algorithm in a task.
 
-    Offline training uses the train split; with --observation or --communication, the dataset is
-    re-observed from its states, and with --reward, its rewards are computed from their terms. An
-    interrupted training resumes: run the same command again. Online training may begin with the
-    networks of an offline run (--start) and mix recorded data into its batches (--data). Several
-    processes train groups of the seeds in folders OUT/seeds-..., as --part K/N trains the K-th.
+    May begin with the networks of an offline run (--start) and mix recorded data into the batches
+    (--data). An interrupted training resumes: run the same command again. Several processes train
+    groups of the seeds in folders OUT/seeds-..., as --part K/N trains the K-th.
     """
-    _check_arguments(context, algorithm, data, task)
-    _check_processes(context, engine, part)
-    changes = _changes(config, settings, n_steps=steps, n_updates=updates, regulariser=regulariser)
-    ids, weights = _datasets(recorded if data is None else data)
-    folder = out or _default_folder(algorithm, task or ids)
-    shared = {
-        "observation": observation, "communication": communication, "weights": weights,
-        "changes": changes, "workers": workers, "engine": engine, "part": _group(part),
-    }  # fmt: skip
-    if task is not None:
-        _trainers().train_online(
-            algorithm, task, folder, seeds=range(first_seed, first_seed + seeds), start=start,
-            data=ids, offline_share=offline_share, n_threads=threads, n_checkpoints=checkpoints,
-            randomization=parse_ranges(randomize), **shared,
-        )  # fmt: skip
-    elif data is not None:
-        _trainers().train(
-            algorithm, ids or data, folder, n_seeds=seeds, curve_every=curve_every, keep=keep,
-            frame=frame, device=device, compile=compile, rewards=_rewards(reward), **shared,
-        )  # fmt: skip
+    group = _group(context, engine, part)
+    if data is None:
+        refuse(context, ("offline_share",), "without --data")
+    changes = _changes(config, settings, n_steps=None if steps is None else round(steps))
+    ids, weights = (None, None) if data is None else _datasets(data)
+    folder = out or _default_folder(algorithm, task)
+    _trainers().train_online(
+        algorithm, task, folder, seeds=range(first_seed, first_seed + seeds), changes=changes,
+        observation=observation, communication=communication,
+        randomization=parse_ranges(randomize), start=start, data=ids, weights=weights,
+        offline_share=offline_share, workers=workers, engine=engine, part=group,
+        n_threads=threads, n_checkpoints=checkpoints,
+    )  # fmt: skip
     typer.echo(folder)
 
 
-def _check_processes(context: typer.Context, engine: str, part: str | None) -> None:
-    """Refuses options of processes that have no effect."""
+def _group(context: typer.Context, engine: str, part: str | None) -> tuple[int, int] | None:
+    """Reads `--part`, and refuses options of processes that have no effect."""
     refuse_workers(context, engine)
-    if part is not None:
-        refuse(context, ("workers", "engine"), "with --part")
-
-
-def _group(part: str | None) -> tuple[int, int] | None:
-    return None if part is None else parse_part(part)
+    if part is None:
+        return None
+    refuse(context, ("workers", "engine"), "with --part")
+    return parse_part(part)
 
 
 def _trainers() -> Any:
@@ -144,35 +168,25 @@ def _trainers() -> Any:
     return train
 
 
-def _default_folder(algorithm: str, sources: str | list[str] | None) -> Path:
+def _default_folder(algorithm: str, sources: str | list[str]) -> Path:
     """Returns the run folder that is named after the algorithm and the task or datasets."""
-    names = [sources] if isinstance(sources, str) else sources or []
+    names = [sources] if isinstance(sources, str) else sources
     return Path("runs") / f"{algorithm}-{'+'.join(Path(name).stem for name in names)}"
 
 
-def _check_arguments(
-    context: typer.Context, algorithm: str, data: str | None, task: str | None
-) -> None:
-    """Refuses an algorithm without its dataset or task, and options that it would ignore."""
-    from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+def _changes(
+    config: str | None, settings: list[str] | None, **options: int | str | None
+) -> dict[str, str]:
+    """Merges the settings of a file, of options and of `--set`; later ones win."""
+    from swarmdata.evaluation.runs.train import read_settings
 
-    resolve("algorithm", {**ONLINE_ALGORITHMS, **OFFLINE_ALGORITHMS}, algorithm)
-    sources = {"a dataset's ID": OFFLINE_ALGORITHMS, "--task TASK": ONLINE_ALGORITHMS}
-    wanted = " or ".join(name for name, table in sources.items() if algorithm in table)
-    is_online = task is not None
-    known = ONLINE_ALGORITHMS if is_online else OFFLINE_ALGORITHMS
-    if (data is None) != is_online or algorithm not in known:
-        raise typer.BadParameter(f"{algorithm} needs {wanted}; not both ID and --task")
-    place = "in a task" if is_online else "on a dataset"
-    unused = OFFLINE_OPTIONS if is_online else ONLINE_OPTIONS
-    refuse(context, unused, f"when {algorithm} learns {place}")
-    if not given(context, "recorded"):
-        refuse(context, ("offline_share",), "without --data")
+    changes = {name: str(value) for name, value in options.items() if value is not None}
+    return (read_settings(config) if config else {}) | changes | parse_settings(settings)
 
 
-def _datasets(text: str | None) -> tuple[str | list[str] | None, list[float] | None]:
+def _datasets(text: str) -> tuple[str | list[str], list[float] | None]:
     """Reads an id, or a mixture, `ID,ID,...` or `ID=WEIGHT,ID=WEIGHT,...`: ids and weights."""
-    if text is None or "," not in text:
+    if "," not in text:
         return text, None
     parts = [each.partition("=") for each in text.split(",")]
     ids = [name for name, _, _ in parts]
@@ -226,17 +240,6 @@ def ship(
         for each in checkpoints:
             success = 100 * each["figures"]["success"]
             typer.echo(f"{tier} {each['file']}: {success:.1f} % at {each['frames']:,} joint steps")
-
-
-def _changes(
-    config: str | None, settings: list[str] | None, **options: float | str | None
-) -> dict[str, str]:
-    """Merges the settings of a file, of options and of `--set`; later ones win."""
-    from swarmdata.evaluation.runs.train import read_settings
-
-    whole = {k: round(v) if isinstance(v, float) else v for k, v in options.items()}
-    changes = {name: str(value) for name, value in whole.items() if value is not None}
-    return (read_settings(config) if config else {}) | changes | parse_settings(settings)
 
 
 def algorithms() -> None:

@@ -30,7 +30,7 @@ LINES = (
     "evaluate {data} --episodes 1",
     "generate --task search --policy idle --id search-b-v0 --steps 300 --workers 1 --out {out}/b",
     "train bc {data} --out {out}/run",
-    "train mappo --task search --out {out}/run",
+    "train-online mappo search --out {out}/run",
     "catalogue build {data} --episodes 1 --out {out}/site",
 )
 

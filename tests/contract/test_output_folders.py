@@ -35,7 +35,7 @@ FOLDERS = {
     "sweep": ["expert", "--observation", "noise=0..0.1"],
     "task table": [],
     "train": ["bc", "nothing"],
-    "train --task": ["mappo", "--task", "coop_nav"],
+    "train-online": ["mappo", "coop_nav"],
 }
 """Arguments of the commands that write to a folder."""
 
@@ -111,7 +111,7 @@ def run(name: str, out: Path, tiny: Path, shelf: str, plan: Path) -> Result:
     words = {"tiny": str(tiny), "shelf": shelf, "plan": str(plan), "out": str(out)}
     arguments = [each.format(**words) for each in FOLDERS[name]]
     where = [] if name == "convert" else ["--out", str(out)]
-    return RUNNER.invoke(app, [*name.removesuffix(" --task").split(), *arguments, *where])
+    return RUNNER.invoke(app, [*name.split(), *arguments, *where])
 
 
 @pytest.mark.parametrize("name", FOLDERS)

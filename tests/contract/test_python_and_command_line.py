@@ -55,27 +55,18 @@ class Pair:
         return self.options.get(option, RENAMED.get(option, option))
 
 
-ABOUT_SETTINGS = dict.fromkeys(
-    ("config", "regulariser", "updates", "steps"), "a setting, which `changes` holds"
-)
-ONLINE = dict.fromkeys(
-    ("task", "first_seed", "checkpoints", "start", "recorded", "offline_share", "threads",
-     "randomize"),
-    "of `train_online`",
-)  # fmt: skip
-OFFLINE = dict.fromkeys(
-    ("data", "curve_every", "keep", "reward", "frame", "device", "compile"), "of `train`"
-)
+SETTING = "a setting, which `changes` holds"
 PAIRS = (
     Pair(
         "train", swarmdata.train,
         {"data": "dataset_id", "seeds": "n_seeds", "reward": "rewards"},
-        {**ABOUT_SETTINGS, **ONLINE}, {"weights": "in the text of ID: ID=0.8,ID=0.2"},
+        dict.fromkeys(("config", "regulariser", "updates"), SETTING),
+        {"weights": "in the text of ID: ID=0.8,ID=0.2"},
     ),
     Pair(
-        "train", swarmdata.train_online, {"recorded": "data"},
-        {**ABOUT_SETTINGS, **OFFLINE, "first_seed": "the first of `seeds`"},
-        {"weights": "in the text of --data"},
+        "train-online", swarmdata.train_online,
+        extra={"config": SETTING, "steps": SETTING, "first_seed": "the first of `seeds`"},
+        absent={"weights": "in the text of --data"},
     ),
     Pair(
         "generate", swarmdata.generate, {"policy": "policies"},
@@ -115,8 +106,7 @@ ELSEWHERE = {
     ("import", "id_"): inspect.Parameter.empty,  # an imported recipe has one
     ("import", "out"): inspect.Parameter.empty,  # in the cache by default
     ("train", "out"): inspect.Parameter.empty,  # named after the algorithm and the data
-    ("train", "data"): inspect.Parameter.empty,
-    ("train", "task"): inspect.Parameter.empty,
+    ("train-online", "out"): inspect.Parameter.empty,
 }
 """Defaults of options that the command's own text decides: those of the parameters."""
 

@@ -13,8 +13,7 @@ from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.curve_plots import plot_learning
 from swarmdata.evaluation.results.learning_curves import group_files
-from swarmdata.learn.training.run_files import CURVE, SPEED, read_table
-from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
+from swarmdata.learn.training.run_files import CURVE, SPEED, read_table, seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, seed_interval

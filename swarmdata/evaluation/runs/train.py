@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -14,13 +13,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
-from swarmdata.evaluation.runs.seed_jobs import (
-    Group,
-    check_folders,
-    group_folder,
-    groups_of,
-    train_groups,
-)
+from swarmdata.evaluation.runs.seed_jobs import Group, Where
 from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
@@ -80,6 +73,10 @@ class OfflineTraining(Frozen):
         check_device(self.device)
         return override(kind.Config(), self.changes)
 
+    def length(self, seeds: Group, *, progress: bool) -> int:
+        """Updates of a run of some seeds; raises as `config` does."""
+        return int(self.config().n_updates)
+
     def run(
         self, seeds: Group, folder: Path, *, progress: bool, report: Report | None = None
     ) -> list[Policy]:
@@ -123,13 +120,12 @@ class OnlineTraining(Frozen):
     n_checkpoints: int
     randomization: Randomization | None = None
 
+    def length(self, seeds: Group, *, progress: bool) -> int:
+        """Joint steps of a run of some seeds; raises as `describe` does."""
+        return self.describe(seeds, progress=progress)[0].n_steps
+
     def run(
-        self,
-        seeds: Group,
-        folder: Path,
-        *,
-        progress: bool,
-        report: Report = lambda steps: None,
+        self, seeds: Group, folder: Path, *, progress: bool, report: Report | None = None
     ) -> None:
         """Trains seeds together in a folder."""
         run, data = self.describe(seeds, progress=progress)
@@ -170,13 +166,13 @@ class OnlineTraining(Frozen):
 
 
 def seed_trainer() -> Handler:
-    """Returns what trains a group of seeds in a process."""
+    """Returns what trains a group of seeds in a process, a job of `seed_jobs`."""
 
     def handle(payload: dict[str, Any], report: Report) -> None:
-        training, seeds = payload["training"], tuple(payload["seeds"])
         kind: type[OfflineTraining | OnlineTraining]
-        kind = OnlineTraining if "task" in training else OfflineTraining
-        kind.parse(training).run(seeds, Path(payload["folder"]), progress=False, report=report)
+        kind = OnlineTraining if "task" in payload["training"] else OfflineTraining
+        training, seeds = kind.parse(payload["training"]), tuple(payload["seeds"])
+        training.run(seeds, Path(payload["folder"]), progress=False, report=report)
 
     return handle
 
@@ -256,9 +252,10 @@ def train(
         "compile": compile,
     }  # fmt: skip
     training = OfflineTraining.parse(arguments, "the arguments of train")
-    length = int(training.config().n_updates)  # unknown settings are refused before any job
-    where = _Where(Path(out), _first_seeds(n_seeds), workers, engine, part, progress)
-    found = where.train(training, length)
+    if not isinstance(n_seeds, int | np.integer) or n_seeds < 1:
+        raise SpecError(f"n_seeds is {n_seeds!r:.100}, expected a whole number of at least 1")
+    where = Where(Path(out), tuple(range(n_seeds)), workers, engine, part, progress)
+    found = where.train(training, TRAINER)
     return load_policies(read_trained(Path(out))) if found is None else found
 
 
@@ -313,10 +310,9 @@ def train_online(
     Raises:
         UnknownNameError: no such algorithm, task, dataset or setting.
         OutputError: `out` has files and holds no run.
-        BuildError: a folder holds another run, `out` holds other groups of seeds, or training
-            failed in another process.
-        CheckpointError: `start` is no offline run for this task, or has other seeds or policies
-            than the algorithm can take.
+        BuildError: `out` holds other groups of seeds, or training failed in another process.
+        CheckpointError: a folder holds another run; or `start` is no offline run for this task, or
+            has other seeds or policies than the algorithm can take.
         SchemaError: the algorithm has no replay, or `data` are of another task.
         SpecError: the task is of an older version of the world, the share is out of its range, or
             an argument or setting is not of its type.
@@ -334,12 +330,14 @@ def train_online(
         "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
-    seeds = _checked_seeds(seeds)
-    where = _Where(Path(out), seeds, workers, engine, part, progress)
-    length = 0
-    if not where.is_here:  # mistakes are refused before any job
-        length = training.describe(tuple(seeds), progress=progress)[0].n_steps
-    where.train(training, length)
+    chosen = tuple(seeds)
+    if not chosen or any(not isinstance(k, int | np.integer) or k < 0 for k in chosen):
+        raise SpecError(
+            f"seeds are {chosen!r:.100}, expected whole numbers from 0 on, at least one"
+        )
+    Where(Path(out), tuple(map(int, chosen)), workers, engine, part, progress).train(
+        training, TRAINER
+    )
 
 
 def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:
@@ -347,66 +345,6 @@ def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]
     if isinstance(names, str | Path):
         return portable_name(names)
     return [portable_name(name) for name in names]
-
-
-def _first_seeds(n_seeds: int) -> range:
-    """The seeds 0, 1, ...
-
-    Raises:
-        SpecError: their number is not one.
-    """
-    if not isinstance(n_seeds, int | np.integer) or n_seeds < 1:
-        raise SpecError(f"n_seeds is {n_seeds!r:.100}, expected a whole number of at least 1")
-    return range(n_seeds)
-
-
-def _checked_seeds(seeds: Sequence[int]) -> tuple[int, ...]:
-    """Refuses no seeds, and seeds that are no whole numbers.
-
-    Raises:
-        SpecError: naming them.
-    """
-    found = tuple(seeds)
-    if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
-        raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
-    return tuple(map(int, found))
-
-
-@dataclass(frozen=True)
-class _Where:
-    """Where a training's seeds are trained."""
-
-    out: Path
-    seeds: Sequence[int]
-    workers: int
-    engine: str | Executor
-    part: tuple[int, int] | None
-    progress: bool
-
-    @property
-    def is_here(self) -> bool:
-        """Whether this process trains, all seeds or one group of them."""
-        return self.part is not None or (self.engine == LOCAL and self.workers == 1)
-
-    def train(self, training: OfflineTraining | OnlineTraining, length: int) -> list[Policy] | None:
-        """Trains; returns the policies if this process has trained them offline."""
-        out, seeds = self.out, tuple(self.seeds)
-        if self.is_here and self.part is None:
-            check_folders(out, [out])
-            return training.run(seeds, out, progress=self.progress)
-        n_groups = self.workers if self.part is None else self.part[1]
-        groups = groups_of(seeds, self.engine, n_groups)
-        check_folders(out, [group_folder(out, group) for group in groups])
-        if self.part is None:
-            train_groups(
-                training.model_dump(mode="json"), TRAINER, groups, out, engine=self.engine,
-                workers=self.workers, length=length, progress=self.progress,
-            )  # fmt: skip
-            return None
-        if self.part[0] > len(groups):
-            return []  # there are fewer seeds than parts
-        group = groups[self.part[0] - 1]
-        return training.run(group, group_folder(out, group), progress=self.progress)
 
 
 def open_data(

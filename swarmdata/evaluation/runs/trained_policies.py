@@ -8,11 +8,17 @@ from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint
-from swarmdata.learn.training.run_files import CHECKPOINT, is_online, run_folders, run_hash
-from swarmdata.learn.training.run_folder import Run, load_run, read_run
-from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
+from swarmdata.learn.training.run_files import (
+    CHECKPOINT,
+    Seed,
+    is_online,
+    last_policy_path,
+    run_folders,
+    run_hash,
+    seeds_of,
+)
+from swarmdata.learn.training.run_folder import OfflineRun, load_run, read_run
 from swarmdata.online_algos.runs.online_training import OnlineRun, read_online_run
-from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.specs.plain_names import without_version
 
 
@@ -26,16 +32,56 @@ class Trained(NamedTuple):
 
 
 def read_trained(folder: Path) -> Trained:
-    """Reads the provenances of a run's policies.
+    """Reads the provenances of a run's policies, from all its processes.
 
     With them, results of `swarmdata.evaluate_parallel` can be saved like those of our tasks.
 
     Raises:
-        CheckpointError: the folder holds no run, or its run has no checkpoint.
+        CheckpointError: the folder holds no run, its run has no checkpoint, or runs of several
+            processes differ in more than their seeds.
         BuildError: an online run has no policy yet.
     """
-    first = (run_folders(folder) or (folder,))[0]
-    return _online_run(folder) if is_online(first) else _offline_run(folder)
+    folders = run_folders(folder) or (folder,)
+    read = read_online_run if is_online(folders[0]) else read_run
+    runs: dict[Path, OfflineRun | OnlineRun] = {each: read(each) for each in folders}
+    first = runs[folders[0]]
+    for each, run in runs.items():
+        if run.model_copy(update={"seeds": first.seeds}) != first:
+            raise CheckpointError(
+                f"{each} and {folders[0]} are of different trainings, expected runs of one that "
+                "differ in their seeds only. Evaluate them separately."
+            )
+    name = folder.resolve().name
+    found = tuple(
+        _provenance(seed, runs[seed.folder], name).model_copy(update={"index": index})
+        for index, seed in enumerate(seeds_of([folder]))
+    )
+    content = first.model_dump(mode="json")
+    files = list(folders)
+    if isinstance(first, OnlineRun):
+        files = [last_policy_path(*seed) for seed in seeds_of([folder])]
+    return Trained(found, content["spec"], content["own_spec"] or content["spec"], files)
+
+
+def _provenance(seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenance:
+    """The provenance of the newest policy of a seed; of an offline run, as of its checkpoint."""
+    shared = {
+        "algorithm": run.algorithm,
+        "config": run.model_dump(mode="json")["config"],
+        "seed": seed.seed,
+        "run": str(seed.folder.resolve()),
+        "content": run_hash(*seed),
+    }
+    if isinstance(run, OnlineRun):
+        return Provenance(label=name, frames=int(last_policy_path(*seed).stem), **shared)
+    return Provenance(
+        label=label_of(name, run.dataset),
+        dataset=run.dataset,
+        digest=run.digest,
+        view=run.view,
+        updates=load_checkpoint(seed.folder / CHECKPOINT)[1]["update"],
+        **shared,
+    )
 
 
 def load_policies(trained: Trained) -> list[Policy]:
@@ -43,76 +89,6 @@ def load_policies(trained: Trained) -> list[Policy]:
     if trained.provenances[0].frames is None:
         return [policy for folder in trained.files for policy in load_run(folder)]
     return [load_policy(path) for path in trained.files]
-
-
-def _online_run(folder: Path) -> Trained:
-    """The newest policies of an online run, from all its processes."""
-    seeds = seeds_of([folder])
-    paths = [last_policy_path(*seed) for seed in seeds]
-    run = read_online_run(seeds[0].folder)
-    provenances = tuple(
-        Provenance(
-            label=folder.resolve().name,
-            index=index,
-            algorithm=run.algorithm,
-            config=run.model_dump(mode="json")["config"],
-            seed=seed.seed,
-            frames=int(path.stem),
-            run=str(seed.folder.resolve()),
-            content=run_hash(seed.folder, seed.seed),
-        )
-        for index, (seed, path) in enumerate(zip(seeds, paths, strict=True))
-    )
-    return Trained(provenances, *_specs(run), paths)
-
-
-def _offline_run(folder: Path) -> Trained:
-    """The policies of an offline run as of its last checkpoint, from all its processes.
-
-    Raises:
-        CheckpointError: runs of several processes differ in more than their seeds.
-    """
-    folders = run_folders(folder) or (folder,)
-    runs = [read_run(each) for each in folders]
-    first = runs[0].model_copy(update={"seeds": ()})
-    for each, run in zip(folders, runs, strict=True):
-        if run.model_copy(update={"seeds": ()}) != first:
-            raise CheckpointError(
-                f"{each} and {folders[0]} are of different trainings, expected runs of one that "
-                "differ in their seeds only. Evaluate them separately."
-            )
-    found: list[Provenance] = []
-    for each, run in zip(folders, runs, strict=True):
-        found += _offline_provenances(each, run, folder.resolve().name, len(found))
-    return Trained(tuple(found), *_specs(runs[0]), list(folders))
-
-
-def _specs(run: Run | OnlineRun) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The spec of a training, and that of the task with its own models."""
-    content = run.model_dump(mode="json")
-    return content["spec"], content["own_spec"] or content["spec"]
-
-
-def _offline_provenances(folder: Path, run: Run, name: str, first: int) -> list[Provenance]:
-    """The provenances of a run's policies, the first of which has the index `first`."""
-    _, metadata = load_checkpoint(folder / CHECKPOINT)
-    content = run_hash(folder, 0)  # one checkpoint holds all seeds
-    return [
-        Provenance(
-            label=label_of(name, run.dataset),
-            index=first + index,
-            algorithm=run.algorithm,
-            dataset=run.dataset,
-            digest=run.digest,
-            view=run.view,
-            config=run.model_dump(mode="json")["config"],
-            seed=seed,
-            updates=metadata["update"],
-            run=str(folder.resolve()),
-            content=content,
-        )
-        for index, seed in enumerate(run.seeds)
-    ]
 
 
 def label_of(name: str, dataset: str) -> str:

@@ -17,41 +17,6 @@ C = TypeVar("C")
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
-RENAMED_SETTINGS: dict[str, tuple[str, ...]] = {
-    "step_size": ("learning_rate", "actor_learning_rate"),
-    "critic_step_size": ("critic_learning_rate",),
-    "final_step_size": ("final_learning_rate_factor",),
-    "polyak": ("tau",),
-    "max_gradient_norm": ("max_grad_norm",),
-    "n_frames": ("n_steps",),
-    "warm_up": ("warmup_transitions",),
-    "noise_memory": ("noise_correlation",),
-    "critic_warmup": ("critic_warmup_fraction",),
-    "alpha": ("rl_weight", "cql_weight", "temperature"),
-    "beta": ("inverse_temperature",),
-    "conservative_weight": ("cql_weight",),
-    "n_choices": ("n_bins",),
-    "warm_start": ("bc_warmup_updates",),
-    "noise": ("smoothing",),
-    "noise_clip": ("smoothing_clip",),
-    "embedding": ("mixer_embedding",),
-    "start": ("start.policies",),
-    "teacher": ("start.teacher",),
-    "teacher_remembers": ("start.teacher_remembers",),
-    "clone_rounds": ("start.clone_rounds",),
-    "clone_noise": ("start.clone_noise",),
-    "contact_cost": ("shaping.contact_cost",),
-    "contact_ramp": ("shaping.contact_ramp",),
-    "keep_right": ("shaping.keep_right",),
-    "keep_left": ("shaping.keep_left",),
-    "team_share": ("shaping.team_share",),
-    "detour": ("shaping.payload_path_weight",),
-    "behind": ("shaping.behind_payload_weight",),
-    "rewards": ("shaping.reward_weights",),
-}
-"""Old names of settings and what they are called now, in any algorithm that has the new one."""
-
-
 def override(config: C, changes: Mapping[str, str]) -> C:
     """Returns a copy of a config dataclass with some settings replaced by parsed text.
 
@@ -65,12 +30,12 @@ def override(config: C, changes: Mapping[str, str]) -> C:
 
     Raises:
         UnknownNameError: there is no such setting; the nearest name is suggested.
-        SpecError: the setting has another name now, or the text is not a value of its type.
+        SpecError: the text is not a value of its type.
     """
     types = setting_types(type(config))
     values: dict[str, Any] = {}
     for name, text in changes.items():
-        check_name(type(config), name)
+        _check_name(type(config), name)
         try:
             values[name] = _parse(types[name], text.strip())
         except ValueError as error:
@@ -95,23 +60,10 @@ def setting_types(kind: type) -> dict[str, Any]:
     return types
 
 
-def check_name(kind: type, name: str) -> None:
-    """Checks that a config class has a setting.
-
-    Raises:
-        UnknownNameError: it has not; the nearest name is suggested.
-        SpecError: the setting has another name now, which the message gives.
-    """
+def _check_name(kind: type, name: str) -> None:
     known = setting_types(kind)
-    if name in known:
-        return
-    for new_name in RENAMED_SETTINGS.get(name, ()):
-        if new_name in known:
-            algorithm = kind.__qualname__.removesuffix("Config")
-            raise SpecError(
-                f"unknown setting {name!r} of {algorithm}; it is called {new_name!r} now"
-            )
-    raise UnknownNameError("setting", name, known)
+    if name not in known:
+        raise UnknownNameError("setting", name, known)
 
 
 def from_json(kind: type[C], values: Mapping[str, Any]) -> C:
@@ -119,11 +71,10 @@ def from_json(kind: type[C], values: Mapping[str, Any]) -> C:
 
     Raises:
         UnknownNameError: there is no such setting; the nearest name is suggested.
-        SpecError: a setting has another name now.
     """
     changes = _flatten(values)
     for name in changes:
-        check_name(kind, name)
+        _check_name(kind, name)
     tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
     return _replace(kind(), tuples)
 

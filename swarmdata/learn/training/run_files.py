@@ -1,25 +1,36 @@
 """The files of a run folder, and a hash of those that decide what its policies do.
 
-config.json             the run, completely: `run_folder.Run`, or `OnlineRun` of online training
-losses.csv              mean losses of each seed, every `log_every` updates
-curve.csv               learning curve: metrics of each seed at each evaluation
+config.json             the run, completely: `OfflineRun` or `OnlineRun`
+curve.csv               learning curve: metrics of each seed at each evaluation; online, its losses
 checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
-                        run that `learn.compact` shrank, only what its policies need
-checkpoints/            earlier checkpoints by update, if the run was told to keep them
-policies/seed-N/        policies of an online run by joint steps
-speed.csv               time and memory of an online run
+                        run that `training.compact` shrank, only what its policies need
 seeds-*/                runs of several processes, each a run folder with a share of the seeds
+
+Of offline runs also:
+
+losses.csv              mean losses of each seed, every `log_every` updates
+checkpoints/            earlier checkpoints by update, if the run was told to keep them
+
+And of online runs:
+
+policies/seed-N/        policies by joint steps, more of them than checkpoints
+speed.csv               time, joint steps a second and memory at every checkpoint
+tensorboard/seed-N/     the curve as TensorBoard event files
+replay/                 transitions of an algorithm with a replay, until the run is finished
 
 Needs no torch, so that a report can tell whether a run has changed since it was measured.
 """
 
 import csv
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+from swarmdata.errors import BuildError
 from swarmdata.runtime.documents import read_document
 
-CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED = (
+CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED, REPLAY_FOLDER = (
     "config.json",
     "losses.csv",
     "curve.csv",
@@ -27,6 +38,7 @@ CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED = (
     "checkpoints",
     "policies",
     "speed.csv",
+    "replay",
 )
 
 CURVE_METRICS = ("return", "success", "clean_success")
@@ -41,6 +53,29 @@ def run_folders(folder: Path) -> tuple[Path, ...]:
     inside = sorted(folder.glob(f"seeds-*/{CONFIG}"), key=_by_seeds)
     files = [folder / CONFIG] if (folder / CONFIG).exists() else inside
     return tuple(file.parent for file in files)
+
+
+class Seed(NamedTuple):
+    """One seed of one run."""
+
+    folder: Path
+    seed: int
+
+
+def seeds_of(runs: Sequence[Path]) -> list[Seed]:
+    """Returns all seeds of run folders, or of the runs in a folder that several processes trained.
+
+    Raises:
+        BuildError: a folder holds no run.
+    """
+    found = []
+    for run in runs:
+        folders = run_folders(run)
+        if not folders:
+            raise BuildError(f"{run} holds no run: there is no {CONFIG} in it")
+        for folder in folders:
+            found += [Seed(folder, int(seed)) for seed in read_document(folder / CONFIG)["seeds"]]
+    return found
 
 
 def _by_seeds(config: Path) -> tuple[int, ...]:
@@ -62,14 +97,33 @@ def read_table(path: Path) -> list[dict[str, float]]:
         return [{k: float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
 
 
-def policy_folder(folder: Path, seed: int) -> Path:
-    """Where an online run keeps the policies of a seed."""
-    return folder / POLICIES / f"seed-{seed}"
+def policy_path(folder: Path, seed: int, frames: int) -> Path:
+    """Where an online run keeps the policy of a seed at a checkpoint."""
+    return folder / POLICIES / f"seed-{seed}" / f"{frames:010d}.safetensors"
 
 
 def saved_policies(folder: Path, seed: int) -> list[Path]:
     """The policies that an online run has saved of a seed, in the order of training."""
-    return sorted(policy_folder(folder, seed).glob("*.safetensors"))
+    return sorted((folder / POLICIES / f"seed-{seed}").glob("*.safetensors"))
+
+
+def saved_frames(folder: Path, seed: int) -> list[int]:
+    """Frames at which a run kept policies of a seed, in order."""
+    return [int(file.stem) for file in saved_policies(folder, seed)]
+
+
+def last_policy_path(folder: Path, seed: int) -> Path:
+    """The newest policy of a seed.
+
+    Raises:
+        BuildError: the run has not reached a checkpoint yet.
+    """
+    found = saved_policies(folder, seed)
+    if not found:
+        raise BuildError(
+            f"{folder} has no policy of seed {seed} yet; wait for its first checkpoint"
+        )
+    return found[-1]
 
 
 def measured_files(folder: Path, seed: int) -> tuple[Path, ...]:

@@ -1,8 +1,4 @@
-"""Trains K seeds of an offline algorithm at once, in a folder from which it can be resumed.
-
-A run is a pure function of its `config.json` and the dataset: killed at any moment and started
-again with the same arguments, it ends with the same parameters, bit for bit, on the same machine.
-"""
+"""Trains K seeds of an offline algorithm at once, in the folder of a `Run`."""
 
 import dataclasses
 import sys
@@ -17,34 +13,20 @@ from torch import Tensor
 from tqdm import tqdm
 
 from swarmdata.datasets.action_scaling import choices_of, has_choices
-from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.learn.training.divergence import check_finite
 from swarmdata.learn.training.framed_dataset import framed
-from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES
-from swarmdata.learn.training.run_folder import (
-    COMPACT,
-    Run,
-    Table,
-    kept_path,
-    read_run,
-    restore,
-    tensors_of,
-    versions,
-)
+from swarmdata.learn.training.run import Run, Table, claimed, versions
+from swarmdata.learn.training.run_files import CURVE, LOSSES
+from swarmdata.learn.training.run_folder import COMPACT, OfflineRun, restore, tensors_of
 from swarmdata.learn.training.training_data import Data, Sampler, Selective
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
-from swarmdata.runtime.atomic import write_file
-from swarmdata.runtime.locking import locked
 from swarmdata.runtime.native_libraries import ThreadLimit, keep_freed_memory
-from swarmdata.runtime.output_folder import check_marked
-from swarmdata.specs.frozen import describe_differences
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""
@@ -137,15 +119,13 @@ def train_seeds(
     dataset, min_return = _select(framed(dataset, frame), config)
     samplers = [_sampler(dataset, config, seed) for seed in seeds]
     sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
-    run = _describe(
+    description = _describe(
         algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
     )
-    path = Path(folder)
-    with locked(path / CONFIG, progress):
-        _claim(path, run)
+    context = compiling() if compile else nullcontext()
+    with claimed(Path(folder), description, shown=progress) as run:
         statistics = Statistics.measure(dataset, config.discount)
-        trainer = _Trainer(path, run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
-        context = compiling() if compile else nullcontext()
+        trainer = _Trainer(run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
         with ThreadLimit(n_threads), context as trainer.compilation:
             trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
@@ -208,8 +188,8 @@ def _describe(
     schedule: Schedule,
     device: torch.device | str,
     is_compiled: bool,
-) -> Run:
-    return Run(
+) -> OfflineRun:
+    return OfflineRun(
         algorithm=algorithm,
         config=dataclasses.asdict(config),
         dataset=dataset.id,
@@ -232,26 +212,12 @@ def _describe(
     )
 
 
-def _claim(folder: Path, run: Run) -> None:
-    """Makes the folder this run's, or checks that it is."""
-    check_marked(folder, CONFIG, "run folder")
-    if not (folder / CONFIG).exists():
-        write_file(folder / CONFIG, run.to_json().encode())
-        return
-    if different := describe_differences(read_run(folder), run):
-        raise CheckpointError(
-            f"{folder} holds another run, which differs in: {different}. Choose another folder, or "
-            "move that one away."
-        )
-
-
 class _Trainer:
     """The loop: draw, gather, update, and now and then log, evaluate and save."""
 
     def __init__(
         self,
-        folder: Path,
-        run: Run,
+        run: Run[OfflineRun],
         columns: Sequence[str],
         samplers: Sequence[Sampler],
         statistics: Statistics,
@@ -259,65 +225,58 @@ class _Trainer:
         keep: bool,
         report: Report | None,
     ) -> None:
-        self.report = report
-        self.folder, self.run, self.samplers = folder, run, samplers
-        self.statistics, self.keep = statistics, keep
-        self.algorithm = run.build(statistics, run.device)
-        self.first = self._restore() if (folder / CHECKPOINT).exists() else 0
-        self.update = self.reported = self.first
-        self.losses = Table(folder / LOSSES, columns, self.first)
+        self.run, self.samplers, self.statistics = run, samplers, statistics
+        self.keep, self.report = keep, report
+        self.algorithm = run.description.build(statistics, run.description.device)
+        if run.has_checkpoint:
+            is_compact = run.metadata.get(COMPACT, False)
+            restore(self.algorithm, run.state, is_compact=is_compact)
+            for sampler, state in zip(samplers, run.metadata["samplers"], strict=True):
+                sampler.load_state_dict(state)
+        self.update = self.reported = run.now
+        self.losses = run.table(LOSSES, columns)
         self.curve: Table | None = None
         self.window: dict[str, list[Tensor]] = {}
         self.compilation: Compilation | None = None
         self.n_told = 0  # of what it compiled
 
     def fit(self, n_updates: int, evaluate: Evaluate | None, progress: bool) -> None:
-        hidden = None if progress else True  # None: hidden where there is no terminal
-        name = self.run.algorithm
-        try:
-            with tqdm(total=n_updates, initial=self.first, disable=hidden, desc=name) as bar:
-                while self.update < n_updates:
-                    self._step()
-                    self._report(n_updates, evaluate)
-                    bar.update()
-        except KeyboardInterrupt:
-            tqdm.write(
-                f"Stopped after update {self.update} of {n_updates}. To go on from the last "
-                f"checkpoint in {self.folder}, run the same command again.",
-                file=sys.stderr,
-            )
-            raise
+        with self.run.bar(n_updates, shown=progress, desc=self.run.description.algorithm) as bar:
+            while self.update < n_updates:
+                self._step()
+                self._report(n_updates, evaluate)
+                bar.update()
 
     def _step(self) -> None:
         index = np.stack([sampler.draw() for sampler in self.samplers])  # [K, B]
-        batch = self.samplers[0].gather(index).to_torch(self.run.device)
+        batch = self.samplers[0].gather(index).to_torch(self.run.description.device)
         for name, loss in self.algorithm.update(batch).items():
             self.window.setdefault(name, []).append(loss)
         self.update += 1
 
     def _report(self, n_updates: int, evaluate: Evaluate | None) -> None:
-        run, is_last = self.run, self.update == n_updates
-        if is_last or self.update % run.log_every == 0:
+        about, is_last = self.run.description, self.update == n_updates
+        if is_last or self.update % about.log_every == 0:
             self._log()
             self._tell()
         if (
             evaluate is not None
-            and run.evaluate_every is not None
-            and (is_last or self.update % run.evaluate_every == 0)
+            and about.evaluate_every is not None
+            and (is_last or self.update % about.evaluate_every == 0)
         ):
             self._evaluate(evaluate)
-        if is_last or self.update % run.checkpoint_every == 0:
-            self._save()
+        if is_last or self.update % about.checkpoint_every == 0:
+            samplers = [sampler.state_dict() for sampler in self.samplers]
+            self.run.save(
+                self.update, self.algorithm.state_dict(), tensors_of(self.statistics),
+                keep=self.keep, samplers=samplers,
+            )  # fmt: skip
 
     def _log(self) -> None:
         means = {name: torch.stack(rows).mean(0) for name, rows in self.window.items()}  # [K]
-        rows = [
-            {n: float(mean[k]) for n, mean in means.items()} for k in range(len(self.run.seeds))
-        ]
-        for seed, row in zip(self.run.seeds, rows, strict=True):
-            check_finite(row, f"the losses of seed {seed}", self.update, self.folder)
-        for seed, row in zip(self.run.seeds, rows, strict=True):
-            self.losses.append(self.update, seed, row)
+        n_seeds = len(self.run.description.seeds)
+        rows = [{n: float(mean[k]) for n, mean in means.items()} for k in range(n_seeds)]
+        self.run.log(self.losses, self.update, rows)
         self.window.clear()
         if self.report is not None:
             self.report(self.update - self.reported)
@@ -326,41 +285,14 @@ class _Trainer:
     def _tell(self) -> None:
         """Says what compiling cost, when something was."""
         if self.compilation is not None and self.compilation.n_graphs > self.n_told:
-            tqdm.write(f"{self.run.algorithm}: {self.compilation}", file=sys.stderr)
+            name = self.run.description.algorithm
+            tqdm.write(f"{name}: {self.compilation}", file=sys.stderr)
             self.n_told = self.compilation.n_graphs
 
     def _evaluate(self, evaluate: Evaluate) -> None:
-        for index, seed in enumerate(self.run.seeds):
+        for index, seed in enumerate(self.run.description.seeds):
             with uncompiled():
                 measured = evaluate(self.algorithm.policy(index))
             if self.curve is None:
-                self.curve = Table(self.folder / CURVE, tuple(measured), self.first)
+                self.curve = self.run.table(CURVE, tuple(measured))
             self.curve.append(self.update, seed, measured)
-
-    def _save(self) -> None:
-        tensors = {f"algorithm.{k}": v for k, v in self.algorithm.state_dict().items()}
-        check_finite(tensors, "the algorithm's tensors", self.update, self.folder)
-        metadata = {
-            "run": self.run.hash(),
-            "update": self.update,
-            "samplers": [sampler.state_dict() for sampler in self.samplers],
-        }
-        paths = [self.folder / CHECKPOINT]
-        if self.keep:
-            paths.append(kept_path(self.folder, self.update))
-            paths[-1].parent.mkdir(exist_ok=True)
-        for path in paths:
-            checkpoint.save_checkpoint(path, {**tensors, **tensors_of(self.statistics)}, metadata)
-
-    def _restore(self) -> int:
-        path = self.folder / CHECKPOINT
-        tensors, metadata = checkpoint.load_checkpoint(path)
-        if metadata["run"] != self.run.hash():
-            raise CheckpointError(
-                f"{path} does not belong to the {CONFIG} beside it. Train again in another folder."
-            )
-        state = checkpoint.part(tensors, "algorithm")
-        restore(self.algorithm, state, is_compact=metadata.get(COMPACT, False))
-        for sampler, state in zip(self.samplers, metadata["samplers"], strict=True):
-            sampler.load_state_dict(state)
-        return int(metadata["update"])

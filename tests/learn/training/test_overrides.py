@@ -2,32 +2,19 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.learn.training.overrides import (
-    RENAMED_SETTINGS,
-    as_texts,
-    from_json,
-    override,
-    setting_types,
-)
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.learn.training.overrides import as_texts, from_json, override
 
 
 @dataclass(frozen=True)
 class Cost:
     weight: float = 1.0
     ramp: tuple[float, ...] = (0.0, 0.5)
-
-
-@dataclass(frozen=True)
-class BCConfig:
-    learning_rate: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -116,58 +103,3 @@ def test_a_config_survives_json() -> None:
     assert from_json(Config, json.loads(json.dumps(dataclasses.asdict(config)))) == config
     with pytest.raises(UnknownNameError, match=r"'cost.wait'.*Did you mean 'cost.weight'"):
         from_json(Config, {"cost": {"wait": 1.0}})
-
-
-@pytest.mark.parametrize(
-    "read",
-    [
-        lambda: override(BCConfig(), {"step_size": "1"}),
-        lambda: from_json(BCConfig, {"step_size": 1}),
-    ],
-)
-def test_an_old_name_is_refused_with_the_new_one(read: Callable[[], BCConfig]) -> None:
-    with pytest.raises(SpecError) as caught:
-        read()
-    message = "unknown setting 'step_size' of BC; it is called 'learning_rate' now"
-    assert str(caught.value) == message
-
-
-def test_an_old_name_of_another_algorithm_is_just_unknown() -> None:
-    with pytest.raises(UnknownNameError, match="unknown setting 'polyak'"):
-        override(BCConfig(), {"polyak": "1"})
-
-
-@pytest.mark.parametrize(
-    ("algorithm", "old", "new"),
-    [
-        ("bc", "step_size", "learning_rate"),
-        ("maddpg_bc", "alpha", "rl_weight"),
-        ("cfcql", "alpha", "cql_weight"),
-        ("omiga", "alpha", "temperature"),
-        ("iql", "beta", "inverse_temperature"),
-        ("vdn", "conservative_weight", "cql_weight"),
-        ("qmix", "n_choices", "n_bins"),
-        ("omar", "warm_start", "bc_warmup_updates"),
-        ("icql_qs", "noise", "smoothing"),
-        ("facmac_bc", "embedding", "mixer_embedding"),
-    ],
-)
-def test_old_names_of_offline_settings_give_the_new_ones(
-    algorithm: str, old: str, new: str
-) -> None:
-    pytest.importorskip("torch", reason="algorithms need torch")
-    config = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config
-    message = f"unknown setting '{old}' of .*; it is called '{new}' now"
-    with pytest.raises(SpecError, match=message):
-        override(config(), {old: "1"})
-    with pytest.raises(SpecError, match=message):
-        from_json(config, {old: 1})
-
-
-def test_new_names_are_settings_of_an_algorithm() -> None:
-    pytest.importorskip("torch", reason="algorithms need the torch extra")
-    tables = (ONLINE_ALGORITHMS, OFFLINE_ALGORITHMS)
-    kinds = [resolve("algorithm", table, name).Config for table in tables for name in table]
-    known = {name for kind in kinds for name in setting_types(kind)}
-    for old, names in RENAMED_SETTINGS.items():
-        assert set(names) & known, f"{old} is now called {names}, which no algorithm has"

@@ -190,7 +190,7 @@ def test_ctrl_c_says_how_to_go_on(
     monkeypatch.setattr(resolve("algorithm", OFFLINE_ALGORITHMS, "bc"), "update", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run("bc", tmp_path)
-    assert "Stopped after update 0 of 43" in capsys.readouterr().err
+    assert "Stopped before the end, update 43" in capsys.readouterr().err
 
 
 def test_a_killed_run_is_resumed_exactly(tmp_path: Path) -> None:

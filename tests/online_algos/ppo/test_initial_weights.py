@@ -13,10 +13,10 @@ from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import BuildError, CheckpointError, SpecError, UnknownNameError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
+from swarmdata.learn.training.run_files import policy_path
 from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights, make_teacher
-from swarmdata.online_algos.runs.seed_files import policy_path
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints

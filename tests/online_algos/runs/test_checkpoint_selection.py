@@ -12,18 +12,16 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.policies.policy_file import load_policy
+from swarmdata.learn.training.run_files import Seed, last_policy_path, seeds_of
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs import checkpoint_selection
 from swarmdata.online_algos.runs.checkpoint_selection import (
-    Seed,
     find_medium,
     read_curve,
-    seeds_of,
     ship,
 )
 from swarmdata.online_algos.runs.export_policy import export
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
-from swarmdata.online_algos.runs.seed_files import last_policy_path
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
@@ -58,7 +56,7 @@ def test_seeds_are_found_in_a_run_and_in_a_folder_of_runs(run: Path) -> None:
     wanted = [Seed(run, 0), Seed(run, 1)]
     assert seeds_of([run]) == wanted
     assert seeds_of([run.parent]) == wanted
-    with pytest.raises(BuildError, match="no online run"):
+    with pytest.raises(BuildError, match="holds no run"):
         seeds_of([run.parent.parent / "nothing"])
 
 

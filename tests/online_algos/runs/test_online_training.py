@@ -13,10 +13,10 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.errors import BuildError, DivergedError, SpecError, SwarmdataError
+from swarmdata.errors import BuildError, CheckpointError, DivergedError, SpecError, SwarmdataError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.learn.training.run_files import read_table
+from swarmdata.learn.training.run_files import last_policy_path, policy_path, read_table
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo import initial_weights
@@ -24,7 +24,6 @@ from swarmdata.online_algos.ppo.initial_weights import StartConfig
 from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig
 from swarmdata.online_algos.runs import online_training
 from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
-from swarmdata.online_algos.runs.seed_files import last_policy_path, policy_path
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.online_algos.vdn import VDNConfig
 from swarmdata.registry.components import make_env
@@ -142,7 +141,7 @@ def test_a_run_folder_holds_what_it_promises(tmp_path: Path) -> None:
 def test_another_configuration_does_not_continue_a_run(tmp_path: Path) -> None:
     train_run(RUN, tmp_path / "run")
     other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
-    with pytest.raises(BuildError, match="differs in: seeds"):
+    with pytest.raises(CheckpointError, match="differs in: seeds"):
         train_run(other, tmp_path / "run")
 
 
@@ -157,7 +156,7 @@ def test_a_run_that_has_no_checkpoint_yet_keeps_its_folder(
         with pytest.raises(KeyboardInterrupt):
             train_run(RUN, tmp_path)
     other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
-    with pytest.raises(BuildError, match="differs in: seeds"):
+    with pytest.raises(CheckpointError, match="differs in: seeds"):
         train_run(other, tmp_path)
 
 
@@ -229,12 +228,6 @@ def test_a_setting_that_is_refused_late_leaves_no_folder(tmp_path: Path, algorit
     with pytest.raises(SwarmdataError, match="proximty"):
         train_run(run, tmp_path / "run")
     assert not (tmp_path / "run").exists()
-
-
-def test_the_length_of_runs_of_earlier_versions_is_known() -> None:
-    old = {"n_frames": 500, "n_copies": 4, "n_steps": 64}
-    assert RUN.model_copy(update={"config": old}).n_steps == 500
-    assert RUN.n_steps == SMALL.n_steps
 
 
 def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> None:

@@ -39,13 +39,15 @@ from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,
     CONFIG,
+    REPLAY_FOLDER,
+    last_policy_path,
     run_folders,
+    saved_frames,
     saved_policies,
+    seeds_of,
 )
 from swarmdata.learn.training.trainer import Schedule, train_seeds
-from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
-from swarmdata.online_algos.runs.online_training import REPLAY_FOLDER, describe_run, train_run
-from swarmdata.online_algos.runs.seed_files import last_policy_path, saved_frames
+from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.task_frame import frame_of

@@ -20,8 +20,8 @@ from swarmdata.evaluation.study.cells.study_data import (
     short_name,
 )
 from swarmdata.evaluation.study.plan import Study, Variant, View
-from swarmdata.learn.training.overrides import RENAMED_SETTINGS, as_texts, override
-from swarmdata.learn.training.run_files import CONFIG, run_folders
+from swarmdata.learn.training.overrides import as_texts, override
+from swarmdata.learn.training.run_files import CONFIG, last_policy_path, run_folders, seeds_of
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.specs.frozen import Frozen
@@ -134,11 +134,8 @@ def _check_settings(study: Study) -> None:
     ]
     known = {field.name for kind in kinds for field in dataclasses.fields(kind.Config)}
     if strange := sorted(study.settings.keys() - known):
-        new_names = {new for old in strange for new in RENAMED_SETTINGS.get(old, ())}
-        renamed = f" (called {', '.join(sorted(new_names))} now)" if new_names else ""
         raise SpecError(
-            f"settings has {', '.join(strange)}, which none of the study's algorithms has"
-            f"{renamed}; "
+            f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
             f"expected some of: {', '.join(sorted(known))}"
         )
 
@@ -252,15 +249,10 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
 
 def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
     """The cell of a finished online run, which only evaluates its newest policies."""
-    from swarmdata.online_algos.runs.checkpoint_selection import (  # noqa: PLC0415  (needs torch)
-        seeds_of,
-    )
-    from swarmdata.online_algos.runs.seed_files import last_policy_path  # noqa: PLC0415  (the same)
-
     if not run_folders(folder):
         raise SpecError(
             f"online baseline {shared['label']!r}: {folder} is not a run folder. Train it with "
-            "swarmdata train, or set algorithm, task and frames in the study."
+            "swarmdata train-online, or set algorithm, task and frames in the study."
         )
     found = seeds_of([folder])
     document = json.loads((found[0].folder / CONFIG).read_text(encoding="utf-8"))

@@ -62,8 +62,6 @@ def test_settings_for_all_reach_those_that_have_them(make_study: Make) -> None:
 def test_a_setting_that_nobody_has_is_refused(make_study: Make) -> None:
     with pytest.raises(SpecError, match="settings has sharpness, which none"):
         cells(make_study(settings={"sharpness": 1}))
-    with pytest.raises(SpecError, match=r"has \(called actor_learning_rate, learning_rate now\)"):
-        cells(make_study(settings={"step_size": 1}))
 
 
 def test_sizes_are_datasets_and_a_full_one_is_the_studys_own(make_study: Make) -> None:
