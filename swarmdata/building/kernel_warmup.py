@@ -15,7 +15,6 @@ import numpy as np
 from numba import config
 from tqdm import tqdm
 
-from swarmdata.behavior_policies.conventions import conventions_of
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.numerics.random import evaluation_seeds
@@ -150,7 +149,7 @@ def _play(
     """Plays a few steps of a preset, with each of its conventions."""
     spec = with_models(preset(name), observation, communication, backend)
     env = make_env(spec, N_COPIES)
-    for convention in (None, *conventions_of(spec)):
+    for convention in (None, *spec.rules.conventions):
         options = {} if convention is None or policy != "scripted" else {"convention": convention}
         actor = make_policy(policy, spec, **options)
         step = env.reset(evaluation_seeds(N_COPIES))

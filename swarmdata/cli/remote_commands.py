@@ -33,7 +33,7 @@ def push(
     from swarmdata.hub.publishing.blockers import find_blockers
     from swarmdata.hub.publishing.metadata import write_beside
     from swarmdata.hub.remotes.addresses import open_remote
-    from swarmdata.hub.remotes.push_dataset import push as push_to
+    from swarmdata.hub.remotes.release_files import push as push_to
 
     remote, folder = open_remote(address), find_folder(dataset)
     release = push_to(folder, remote, lambda each: find_blockers(each, remote), write_beside)

@@ -1,7 +1,7 @@
 """Converts a foreign file or folder to a dataset."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
@@ -13,12 +13,12 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.foreign_file import check_plain
-from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices, absolute_path
 from swarmdata.interop.formats import FORMATS, Reader, find_format
-from swarmdata.runtime.atomic import is_vacant, sync
+from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
+from swarmdata.specs.origins import Origin
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS
@@ -26,7 +26,7 @@ from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
-from swarmdata.types import Episode
+from swarmdata.types import Episode, Int
 
 _LARGE_ARRAYS = ("observations", "states", "actions", "rewards", "sent", "delivered")
 
@@ -93,7 +93,8 @@ def import_dataset(
         }
         recording = Recording.parse(content, f"the recording made of {source}")
         with locked(out):
-            _store(source, out, recording, incoming, keeps)
+            codes = incoming.splits if keeps else None
+            store_imported(str(source), out, recording, incoming.episodes, codes)
     return Dataset.open(out)
 
 
@@ -118,40 +119,56 @@ def source_digest(path: Path) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def _store(
-    source: Path, out: Path, recording: Recording, incoming: ImportedData, keep_splits: bool
+def store_imported(
+    source: str,
+    out: Path,
+    origin: Origin,
+    episodes: Iterable[Episode],
+    splits: Int | None = None,
 ) -> None:
+    """Writes a dataset with its card; it appears at `out` once nothing contradicts its metadata.
+
+    Args:
+        source: of the data, for messages.
+        out: where the dataset appears, locked by the caller.
+        origin: of the dataset.
+        episodes: in order.
+        splits: code of each episode's split; None to draw them as `origin` says.
+
+    Raises:
+        ConversionError: rows contradict the metadata, or no episode is in the train split.
+        BuildError: another dataset is at `out`.
+    """
     if not is_vacant(out):  # either this dataset, finished before, or an error
-        assemble(out, recipe=recording, parts={}, order=[])
+        assemble(out, recipe=origin, parts={}, order=[])
         finish(out)
         return
-    build = scratch_folder(out, "conversion")
-    remove_scratch(build)  # left by a killed conversion: this process holds the lock
+    build = scratch_folder(out, "import")
+    remove_scratch(build)  # left by a killed import: this process holds the lock
     build.mkdir()
     try:
-        parts, order = write_parts(build, incoming.episodes)
-        codes = incoming.splits if keep_splits else None
-        if codes is not None and not (codes == SPLITS.index("train")).any():
+        parts, order = _write_parts(build, episodes)
+        if splits is not None and not (splits == SPLITS.index("train")).any():
             raise ConversionError(
-                f"none of the {len(codes)} episodes of {recording.id} is in the train split, which "
+                f"none of the {len(splits)} episodes of {origin.id} is in the train split, which "
                 "normalization statistics need. Pass splits='new' to draw new splits."
             )
         made = build / "dataset"
-        assemble(made, recipe=recording, parts=parts, order=order, splits=codes, consume=True)
+        assemble(made, recipe=origin, parts=parts, order=order, splits=splits, consume=True)
         if problems := contradictions(made):
             raise ConversionError(
-                f"{source} was not converted, because its rows contradict what it says they are: "
+                f"{source} was not imported, because its rows contradict what it says they are: "
                 f"{'; '.join(problems)}"
             )
         finish(made)
-        made.rename(out)
+        put_in_place(made, out, MANIFEST)
     finally:
         remove_scratch(build)
     sync(out.parent)
 
 
-def write_parts(
-    build: Path, episodes: Iterator[Episode]
+def _write_parts(
+    build: Path, episodes: Iterable[Episode]
 ) -> tuple[dict[int, list[Path]], list[tuple[int, int]]]:
     """Writes episodes as parts of about `BLOCK_BYTES`.
 

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
-from swarmdata.interop.convert import write_parts
+from swarmdata.interop.convert import store_imported
 from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import EpisodeMaker, find_windows, most_steps
 from swarmdata.interop.logs.map_files import read_map
@@ -26,7 +25,6 @@ from swarmdata.interop.logs.scored_episodes import (
     team_motion,
 )
 from swarmdata.registry.presets import find_spec
-from swarmdata.runtime.atomic import is_vacant, sync
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import differences
@@ -37,8 +35,6 @@ from swarmdata.specs.recipe import Splits
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import MANIFEST
-from swarmdata.store.assembly import assemble
-from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Episode, Int
 
 IMPORT_VERSION = "2"
@@ -116,7 +112,7 @@ def import_logs(
         "metadata": {**found.notes, **(metadata or {})},
     }
     origin = ImportedLogs.parse(content, f"the import of {', '.join(open_logs.paths)}")
-    return _store(out, origin, found.episodes)
+    return _stored(open_logs, out, origin, found.episodes)
 
 
 def remake_logs(
@@ -153,7 +149,7 @@ def remake_logs(
             f"{origin.id} has another {different[0]} than these logs give now: it was made with "
             "other rules of import. Install the version of swarmdata on its card."
         )
-    return _store(out, origin, read.episodes)
+    return _stored(open_logs, out, origin, read.episodes)
 
 
 def _checked(out: Path | str) -> Path:
@@ -301,20 +297,9 @@ def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedS
     return RecordedSpec.parse(content, "the map")
 
 
-def _store(out: Path, origin: ImportedLogs, episodes: Sequence[Episode]) -> Dataset:
-    """Writes the dataset and its card."""
+def _stored(
+    logs: OpenLogs, out: Path, origin: ImportedLogs, episodes: Sequence[Episode]
+) -> Dataset:
     with locked(out):
-        if not is_vacant(out):  # either this dataset, finished before, or an error
-            assemble(out, recipe=origin, parts={}, order=[])
-        else:
-            build = scratch_folder(out, "import")
-            remove_scratch(build)  # left by a killed import: this process holds the lock
-            build.mkdir()
-            try:
-                parts, order = write_parts(build, iter(episodes))
-                assemble(out, recipe=origin, parts=parts, order=order)
-            finally:
-                remove_scratch(build)
-            sync(out.parent)
-        finish(out)
+        store_imported(", ".join(logs.paths), out, origin, episodes)
     return Dataset.open(out)
