@@ -225,7 +225,7 @@ def _remove(scratch: Path) -> None:
     """Removes a temporary folder, in which threads of a library may still end what failed."""
     for _ in range(REMOVAL_ATTEMPTS):
         try:
-            shutil.rmtree(scratch)
+            _remove_marked(scratch)
             return
         except OSError as error:
             if not scratch.exists():  # the next writer took the empty folder for a leftover
@@ -233,7 +233,17 @@ def _remove(scratch: Path) -> None:
             if error.errno not in (errno.ENOTEMPTY, errno.ENOENT):
                 raise
             time.sleep(REMOVAL_PAUSE)
-    shutil.rmtree(scratch)
+    _remove_marked(scratch)
+
+
+def _remove_marked(folder: Path) -> None:
+    """Removes a temporary folder, its marker last: what a kill leaves of it is still ours."""
+    for each in folder.iterdir():
+        if each.is_dir() and not each.is_symlink():
+            shutil.rmtree(each)
+        elif each.name != MARKER_FILE:
+            each.unlink()
+    shutil.rmtree(folder)
 
 
 def sync(path: Path) -> None:
@@ -305,7 +315,7 @@ def _remove_if_abandoned(folder: Path) -> None:
         return
     except (OSError, BuildError):  # no folder, or not ours to write in
         return
-    shutil.rmtree(folder)
+    _remove_marked(folder)
     lock.release()
     tqdm.write(f"removed {folder}, which a killed process left", file=sys.stderr)
 

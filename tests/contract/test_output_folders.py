@@ -44,6 +44,9 @@ FILES = {"curves", "references", "registry update", "render", "task play", "tran
 
 READERS = {"catalogue open"}
 
+WITH_TORCH = {"learning", "rank", "ship", "study", "study-pages", "train", "train-online"}
+"""Commands that ask for torch before they look at folders."""
+
 PLANTED = {
     "notes.txt": "mine",
     "report.md": "mine",
@@ -105,7 +108,7 @@ def shelf(tmp_path_factory: pytest.TempPathFactory, tiny: Path) -> str:
 
 
 def run(name: str, out: Path, tiny: Path, shelf: str, plan: Path) -> Result:
-    if "train" in name:
+    if name in WITH_TORCH:
         pytest.importorskip("torch")
     plan.write_text("name: own\nalgorithms: [bc]\ndatasets: [coop_nav-nothing]\n")
     words = {"tiny": str(tiny), "shelf": shelf, "plan": str(plan), "out": str(out)}

@@ -34,7 +34,7 @@ def odd_rows(draw: st.DrawFn) -> Arrays:
     if draw(st.booleans()):  # every agent has its own
         drawn = draw(st.lists(st.booleans(), min_size=flags.size, max_size=flags.size))
         flags = np.array(drawn, bool).reshape(flags.shape)
-    is_cut = draw(st.booleans())
+    is_cut = np.bool_(draw(st.booleans()))
     arrays |= {"terminals": flags & ~is_cut, "timeouts": flags & is_cut}
     arrays["actions"] = arrays["observations"][..., :1].astype(int) % 3
     for _ in range(draw(st.integers(0, 2))):
