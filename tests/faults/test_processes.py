@@ -13,11 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.at_once import Forked
 
 ROOT = Path(__file__).parents[2]
 
@@ -181,39 +184,32 @@ def test_loader_workers_see_the_same_data_and_leak_nothing(dataset: Dataset, met
     assert len(os.listdir("/proc/self/fd")) <= before + 2  # noqa: PTH208
 
 
-REGISTRY = """
-from pathlib import Path
-from swarmdata.hub.publishing.regenerate import put_entries
-for k in range(10):
-    put_entries(Path(sys.argv[1]), {f"{sys.argv[2]}-{k}": {"digest": "x" * 200}})
-"""
+def put_ten_entries(file: str, letter: str) -> None:
+    """Changes a registry."""
+    from swarmdata.hub.publishing.regenerate import put_entries
 
-REMOTES = """
-from typer.testing import CliRunner
-from swarmdata.cli.main import app
-for k in range(10):
-    found = CliRunner().invoke(app, ["remote", "add", f"hf://org{sys.argv[2]}-{k}"])
-    assert found.exit_code == 0, found.output
-"""
+    for k in range(10):
+        put_entries(Path(file), {f"{letter}-{k}": {"digest": "x" * 200}})
+
+
+def add_ten_remotes(_: str, letter: str) -> None:
+    """Changes the configuration."""
+    for k in range(10):
+        found = CliRunner().invoke(app, ["remote", "add", f"hf://org{letter}-{k}"])
+        assert found.exit_code == 0, found.output
 
 
 @pytest.mark.parametrize("what", ["registry", "remotes"])
-def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
+def test_no_update_of_four_processes_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
     """Row 62: `registry update` kept 26 of 40, `remote add` 12 of 40."""
     file = tmp_path / "published.json"
-    code = {"registry": REGISTRY, "remotes": REMOTES}[what]
-    environment = {name: text for name, text in os.environ.items() if name != "SWARMDATA_REMOTES"}
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}\n{code}", file, letter],
-            env={**environment, "XDG_CONFIG_HOME": str(tmp_path)},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for letter in "abcd"
-    ]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0] * 4, results
+    work = {"registry": put_ten_entries, "remotes": add_ten_remotes}[what]
+    monkeypatch.delenv("SWARMDATA_REMOTES")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    results = [each.end() for each in [Forked(file, letter, work=work) for letter in "abcd"]]
+    assert [code for code, _, _ in results] == [0] * 4, results
     if what == "registry":
         assert len(json.loads(file.read_text())) == 40
     else:
@@ -222,25 +218,20 @@ def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
     assert [path.name for path in file.parent.iterdir()] == [file.name]
 
 
+def train_bc(folder: str) -> None:
+    """Trains a little."""
+    from tests.learn.training.test_trainer import run
+
+    run("bc", Path(folder), progress=True)
+
+
 def test_two_trainings_in_one_folder(tmp_path: Path) -> None:
     """Row 63: one trains, the other waits and finds it done; the losses are those of one run."""
     pytest.importorskip("torch", reason="training needs torch")
     from tests.learn.training.test_trainer import run
 
-    code = (
-        f"import sys; sys.path[:] = {sys.path!r}\n"
-        "from pathlib import Path; from tests.learn.training.test_trainer import run\n"
-        "run('bc', Path(sys.argv[1]), progress=True)"
-    )
-
-    def trained(folder: Path) -> "subprocess.Popen[str]":
-        return subprocess.Popen(
-            [sys.executable, "-c", code, folder], cwd=ROOT, stderr=subprocess.PIPE, text=True
-        )
-
-    both = trained(tmp_path / "d"), trained(tmp_path / "d")
-    words = [process.communicate(timeout=300)[1] for process in both]
-    assert [process.returncode for process in both] == [0, 0], words
+    results = [each.end() for each in [Forked(tmp_path / "d", work=train_bc) for _ in range(2)]]
+    assert [code for code, _, _ in results] == [0, 0], results
     run("bc", tmp_path / "alone")
     for name in ("losses.csv", "curve.csv", "checkpoint.safetensors"):
         assert (tmp_path / "d" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
