@@ -12,7 +12,7 @@ SECONDS = 600
 """For one command on a busy machine."""
 
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["swarmdata.cli.main", "swarmdata.hub.catalog.catalog"])
+FORKS.set_forkserver_preload(["swarmdata.cli.main", "swarmdata.hub.catalog.catalog", "torch"])
 
 
 def run_command(*words: str) -> None:
@@ -35,7 +35,7 @@ def _begin(
 
 
 class Forked:
-    """A function of this module's kind in a process of its own, with the caller's environment.
+    """A function in a process of its own, with the environment of the caller.
 
     Args:
         words: its arguments.
@@ -63,9 +63,9 @@ class Forked:
     def end(self) -> tuple[int | None, str, str]:
         """Waits for its end; the exit code, what it printed, and what it said on standard error."""
         self._process.join(SECONDS)
-        texts = [Path(self._folder.name, name).read_text("utf-8") for name in ("out", "err")]
-        self._folder.cleanup()
-        return self._process.exitcode, texts[0], texts[1]
+        with self._folder as folder:
+            out, err = (Path(folder, name).read_text("utf-8", "replace") for name in ("out", "err"))
+        return self._process.exitcode, out, err
 
 
 def run_at_once(*commands: tuple[str | Path, ...]) -> list[str]:
