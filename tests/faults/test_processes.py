@@ -20,6 +20,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.task_spec import TaskSpec
+from tests.faults.kill_points import survive
 from tests.support.at_once import Forked
 
 ROOT = Path(__file__).parents[2]
@@ -47,9 +48,8 @@ def wait_for(condition: Callable[[], bool], process: "subprocess.Popen[str]") ->
 
 
 def kill_points(operation: str, folder: Path, stride: int) -> dict[str, int]:
-    process = start("kill_points", operation, folder, str(stride))
-    out, err = process.communicate(timeout=3000)
-    assert process.returncode == 0, err
+    code, out, err = Forked(operation, folder, str(stride), work=survive).end()
+    assert code == 0, err
     found: dict[str, int] = json.loads(out.splitlines()[-1])
     return found
 

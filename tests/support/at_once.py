@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-SECONDS = 600
+SECONDS = 3000
 """For one command on a busy machine."""
 
 FORKS = multiprocessing.get_context("forkserver")
