@@ -5,9 +5,6 @@ import multiprocessing
 import os
 import pickle
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,30 +18,10 @@ from swarmdata.errors import ChecksumError
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.task_spec import TaskSpec
 from tests.faults.kill_points import survive
+from tests.faults.load_one import load_tiny
 from tests.support.at_once import Forked
 
 ROOT = Path(__file__).parents[2]
-
-
-def start(*arguments: str | Path) -> "subprocess.Popen[str]":
-    """Starts one of the modules beside this file."""
-    module, *rest = map(str, arguments)
-    return subprocess.Popen(
-        [sys.executable, "-m", f"tests.faults.{module}", *rest],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])},
-    )
-
-
-def wait_for(condition: Callable[[], bool], process: "subprocess.Popen[str]") -> None:
-    deadline = time.monotonic() + 300
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "nothing happened for two minutes"
-        time.sleep(0.02)
 
 
 def kill_points(operation: str, folder: Path, stride: int) -> dict[str, int]:
@@ -81,17 +58,15 @@ def test_kills_before_many_changes_of_the_disk_are_survived(
 def test_a_killed_holder_of_the_lock_is_taken_over(tmp_path: Path, cache_folder: Path) -> None:
     """Row 26: who waits says for whom, and goes on at once when that one is killed."""
     notes = tmp_path / "builds"
-    holder = start("load_one", notes, "hold")
-    wait_for(notes.exists, holder)
-    second = start("load_one", notes)
-    assert second.stderr is not None
-    message = second.stderr.readline()
-    holder.send_signal(signal.SIGKILL)
-    holder.communicate()
-    out, err = second.communicate(timeout=300)
+    holder = Forked(notes, "hold", work=load_tiny)
+    holder.wait_for(lambda out, err: notes.exists())
+    second = Forked(notes, work=load_tiny)
+    second.wait_for(lambda out, err: f"in use by process {holder.pid} on" in err)
+    holder.send(signal.SIGKILL)
+    holder.end()
+    code, out, err = second.end()
 
-    assert f"in use by process {holder.pid} on" in message
-    assert second.returncode == 0, err
+    assert code == 0, err
     assert out.split()[1] == "rebuilt"
     assert len(notes.read_text().split()) == 2, "the killed one had begun as well"
     assert not list(cache_folder.rglob("*.lock"))
@@ -104,10 +79,9 @@ def test_processes_that_load_one_uncached_id_make_one_build(
 ) -> None:
     """Rows 05, 26: one builds, the others wait; all have the same digest."""
     notes = tmp_path / "builds"
-    processes = [start("load_one", notes) for _ in range(n_processes)]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0] * n_processes, results
-    lines = [out.split() for out, _ in results]
+    results = [each.end() for each in [Forked(notes, work=load_tiny) for _ in range(n_processes)]]
+    assert [code for code, _, _ in results] == [0] * n_processes, results
+    lines = [out.split() for _, out, _ in results]
     assert len({digest for digest, _ in lines}) == 1
     assert sorted(source for _, source in lines) == ["cache"] * (n_processes - 1) + ["rebuilt"]
     assert len(notes.read_text().split()) == 1

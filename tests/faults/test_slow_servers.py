@@ -1,5 +1,6 @@
 """Servers that give a byte now and then: left in time for the next source, and for Ctrl-C."""
 
+import signal
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -157,7 +158,7 @@ def interrupted(server: FaultyServer, *arguments: str) -> tuple[int | None, str]
     patience = {"SWARMDATA_ANSWER_SECONDS": "1e6", "SWARMDATA_RATE_SECONDS": "1e6"}
     running = Forked(*arguments, variables=patience)
     assert server.pausing.wait(START_SECONDS)
-    running.interrupt()
+    running.send(signal.SIGINT)
     code, _, words = running.end()
     return code, words
 

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,16 +56,35 @@ class Forked:
         self._process = FORKS.Process(target=_begin, args=arguments, daemon=True)
         self._process.start()
 
-    def interrupt(self) -> None:
-        """Presses Ctrl-C; it must still be running."""
+    @property
+    def pid(self) -> int:
+        """Its number in the system."""
+        assert self._process.pid is not None
+        return self._process.pid
+
+    def send(self, number: signal.Signals) -> None:
+        """Sends a signal; it must still be running."""
         assert self._process.is_alive(), self.end()
-        os.kill(self._process.pid or 0, signal.SIGINT)
+        os.kill(self.pid, number)
+
+    def wait_for(self, condition: Callable[[str, str], bool]) -> None:
+        """Waits until what it printed, and said on standard error, meets a condition."""
+        end = time.monotonic() + SECONDS
+        while not condition(*self._texts()):
+            assert self._process.is_alive(), self.end()
+            assert time.monotonic() < end, self._texts()
+            time.sleep(0.005)
+
+    def _texts(self) -> tuple[str, str]:
+        files = [Path(self._folder.name, name) for name in ("out", "err")]
+        out, err = (file.read_text("utf-8", "replace") if file.exists() else "" for file in files)
+        return out, err
 
     def end(self) -> tuple[int | None, str, str]:
         """Waits for its end; the exit code, what it printed, and what it said on standard error."""
         self._process.join(SECONDS)
-        with self._folder as folder:
-            out, err = (Path(folder, name).read_text("utf-8", "replace") for name in ("out", "err"))
+        out, err = self._texts()
+        self._folder.cleanup()
         return self._process.exitcode, out, err
 
 
