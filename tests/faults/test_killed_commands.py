@@ -23,10 +23,15 @@ def test_kills_are_survived(
     """Rows 01, 58: workers end, the next run gives the bytes of an undisturbed one."""
     if command == "export-policy":
         pytest.importorskip("onnx", reason="the exported file is ONNX")
-    line = [sys.executable, "-m", "tests.faults.killed_commands", command, tmp_path, how, "10"]
+    line = [sys.executable, "-m", "tests.faults.killed_commands", command, str(tmp_path)]
     paths = {"PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])}
     done = subprocess.run(
-        line, cwd=ROOT, env={**os.environ, **paths}, capture_output=True, text=True, check=False
+        [*line, how, "10"],
+        cwd=ROOT,
+        env={**os.environ, **paths},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
