@@ -1,8 +1,10 @@
 """Settings that every test shares."""
 
 import os
+import re
 import signal
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
@@ -17,6 +19,10 @@ if TYPE_CHECKING:
 
 # Before NumPy or torch start their thread pools: tests run small arrays, often several at once.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Containers often forbid byte code: every run would rewrite all assertions, and every interpreter
+# that a test starts would compile all modules
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 # `cache_folder` below moves the cache for every test, and compiling takes a minute
 os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("swarmdata") / "kernels"))
 
@@ -34,6 +40,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--update-golden", action="store_true", help="rewrite golden files from what the code gives"
     )
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files of slow tests only are not even imported where these do not run: JAX takes seconds."""
+    if not re.search(r"\bnot slow\b", config.option.markexpr) or collection_path.is_dir():
+        return None
+    if not collection_path.match("test_*.py"):
+        return None
+    text = collection_path.read_text("utf-8")
+    return bool(re.search(r"^pytestmark = .*\bmark\.slow\b", text, re.MULTILINE)) or None
 
 
 @pytest.fixture

@@ -1,38 +1,32 @@
 """The wheel holds the package, all of it, and nothing beside it."""
 
-import subprocess
-import sys
-import tarfile
-import zipfile
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("envs", "behavior_policies", "offline_algos", "online_algos", "cards")
+from tests.support.package_sources import FOLDERS, ROOT, sources
+
+pytest.importorskip("hatchling", reason="builds the wheel; the dependency group 'test' has it")
+
+from hatchling.builders.sdist import SdistBuilder
+from hatchling.builders.wheel import WheelBuilder
 
 
 @pytest.fixture(scope="module")
-def wheel_names(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
-    pytest.importorskip("hatchling", reason="builds the wheel; the dependency group 'test' has it")
-    out = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(out)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    (wheel,) = out.glob("*.whl")
-    return set(zipfile.ZipFile(wheel).namelist())
+def wheel_names() -> set[str]:
+    """What `hatchling build` puts into a wheel; packing it would take most of the time."""
+    return {file.distribution_path for file in WheelBuilder(str(ROOT)).recurse_included_files()}
 
 
 def test_only_the_package_is_at_the_top(wheel_names: set[str]) -> None:
     tops = {name.split("/")[0] for name in wheel_names}
 
-    assert {top for top in tops if not top.endswith(".dist-info")} == {"swarmdata"}
+    assert tops == {"swarmdata"}
 
 
-def test_every_source_of_the_five_folders_is_inside(wheel_names: set[str]) -> None:
-    sources = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
-    expected = {f"swarmdata/{path.relative_to(ROOT)}" for path in sources}
+def test_every_source_is_inside(wheel_names: set[str]) -> None:
+    paths = [path.as_posix() for path in sources()]
+    expected = {path if path.startswith("swarmdata/") else f"swarmdata/{path}" for path in paths}
 
-    assert len(expected) >= len(FOLDERS)
+    assert {path.split("/")[0] for path in paths} == set(FOLDERS)
     assert expected <= wheel_names
 
 
@@ -47,17 +41,11 @@ def test_data_files_of_the_package_are_inside(wheel_names: set[str]) -> None:
     assert expected <= wheel_names
 
 
-def test_the_source_archive_makes_the_same_wheel(
-    wheel_names: set[str], tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    out = tmp_path_factory.mktemp("sdist")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(out)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    (archive,) = out.glob("*.tar.gz")
-    with tarfile.open(archive) as file:
-        inside = {name.partition("/")[2] for name in file.getnames()}
+def test_the_source_archive_makes_the_same_wheel(wheel_names: set[str]) -> None:
+    builder = SdistBuilder(str(ROOT))
+    inside = {file.distribution_path for file in builder.recurse_included_files()}
 
-    files = {name.removeprefix("swarmdata/") for name in wheel_names if ".dist-info/" not in name}
+    files = {name.removeprefix("swarmdata/") for name in wheel_names}
     assert {name for name in files if name.split("/")[0] in FOLDERS} <= inside
 
 

@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.bench_worlds [SECTION ...]
 
-Sections: state lidar one tasks growth. VMAS is measured if it is installed (`pip install vmas`).
+Sections: state lidar one tasks simulators. VMAS is measured where it is installed.
 """
 
 import os
@@ -13,6 +13,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
 from importlib.util import find_spec
 
 from swarmdata.registry.presets import preset, preset_names
@@ -27,6 +28,7 @@ ALL_CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}
 SIZES = (4, 8, 16, 32)
 TEAMS = ("random", "scripted", "medium", "expert")
 COPIES = (1, 16, 64, 256)
+BACKENDS = ("pymunk", "mujoco")
 PEER_BATCHES = (256, 1024, 4096)
 SLOWEST = 1.5
 """Seconds that one step of a peer's batch may take; larger batches are not tried then."""
@@ -191,16 +193,29 @@ def one_section() -> None:
     write_section("One copy", f"{intro}\n\n{table(head, rows)}")
 
 
-def growth_section() -> None:
-    """Cost per robot-step."""
-    rows = []
-    for name, change in (("state", team), ("lidar", lambda n: scanning(team(n)))):
-        rates = interleave({str(n): swarm(change(n), 64) for n in SIZES})
-        cost = [1e9 / (n * rates[str(n)].median) for n in SIZES]
-        rows.append((name, *(f"{c:.0f}" for c in cost), f"{cost[-1] / cost[0]:.2f}"))
+def simulators_section() -> None:
+    """The same worlds in Pymunk and in MuJoCo, which is measured if it is installed."""
+    if not find_spec("mujoco"):
+        print("mujoco is not installed: no figures of it")
+        return
+    rows, kinds = [], [f"{b}, {kind}" for kind in ("random", "scripted") for b in BACKENDS]
+    for n in (4, 8):
+        runs: dict[str, Run] = {}
+        for backend in BACKENDS:
+            spec = preset(preset_of(n)).with_updates(backend=backend)
+            recording = record_teams(preset_of(n), spec, ["scripted"], 16)["scripted"]
+            runs[f"{backend}, random"] = swarm(spec, 16)
+            runs[f"{backend}, scripted"] = Replay(spec, recording)
+        rates = interleave(runs)
+        rows.append((str(n), *(str(rates[kind]) for kind in kinds)))
         print(" | ".join(rows[-1]), flush=True)
-    head = ("observations", *(f"{n} robots" for n in SIZES), "32 robots / 4")
-    write_section("Growth", f"Nanoseconds per robot and step, 64 copies:\n\n{table(head, rows)}")
+    write_section(
+        "Simulators",
+        "`coop_nav`, control steps a second of processor time on one core, 16 copies, resets "
+        f"included; MuJoCo {version('mujoco')}. `python -m tests.benchmarks.bench_worlds "
+        "simulators` measures it; see [simulators](simulators.md).\n\n"
+        + table(("robots", *(f"{kind} actions" for kind in kinds)), rows),
+    )
 
 
 def tasks_section() -> None:
@@ -265,7 +280,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "lidar": lidar_section,
     "one": one_section,
     "tasks": tasks_section,
-    "growth": growth_section,
+    "simulators": simulators_section,
 }
 
 

@@ -1,9 +1,7 @@
-"""Full and read-only disks, for real: run inside a mount namespace of its own.
+"""Full and read-only disks, for real, in mounts of a process's own.
 
-    unshare --user --map-root-user --mount python -m tests.faults.disk_trouble TROUBLE FOLDER
-
-TROUBLE is full, exports, inodes or read_only. Mounts a small disk at FOLDER, makes and loads
-datasets there, and prints one JSON object of what was seen.
+Each function mounts a small disk at a folder, makes and loads datasets there, and prints one JSON
+object of what was seen.
 """
 
 import json
@@ -11,6 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import read_manifest, write_file
 from swarmdata.store.assembly import assemble
 from swarmdata.testing.synthetic import make_dataset
+from tests.support.namespaces import CLONE_NEWNS, enter
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.tiny import TINY, make_tiny
 
@@ -58,6 +58,28 @@ def seen(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+NO_NAMESPACE = 77
+"""Exit code of a process that may not have mounts of its own."""
+
+Work = Callable[[Path], dict[str, Any]]
+
+
+def in_namespace(work: Work) -> Callable[[str], None]:
+    """What a process does that nobody else may see the mounts of."""
+
+    @wraps(work)
+    def run(folder: str) -> None:
+        try:
+            enter(CLONE_NEWNS)
+        except (OSError, subprocess.CalledProcessError):
+            sys.exit(NO_NAMESPACE)
+        use_one_process(pytest.MonkeyPatch())
+        print(json.dumps(work(Path(folder))))
+
+    return run
+
+
+@in_namespace
 def full(folder: Path) -> dict[str, Any]:
     """The disk fills while a part is written, and while the dataset is put together."""
     out, result = folder / "d", dict[str, Any]()
@@ -96,6 +118,7 @@ FORMATS = {
 """What is written, and the library that it needs."""
 
 
+@in_namespace
 def exports(folder: Path) -> dict[str, Any]:
     """Every file that we make for others, on a disk that is too small and then on a larger one."""
     make_dataset(folder.parent / "source", [[100] * 60])
@@ -126,6 +149,7 @@ def _on_a_full_disk(out: Path, make: Callable[[Path], object]) -> dict[str, Any]
     return {"small": small, "middle": middle, "large": (error_of(lambda: make(out)), seen(out))}
 
 
+@in_namespace
 def inodes(folder: Path) -> dict[str, Any]:
     """No file can be made, though there is space; then a few can."""
     mount(folder, "size=20m,nr_inodes=1")
@@ -142,6 +166,7 @@ def _used(folder: Path) -> int:
     return (found.f_blocks - found.f_bfree) * found.f_frsize
 
 
+@in_namespace
 def read_only(folder: Path) -> dict[str, Any]:
     """The cache, the home and the package cannot be written to."""
     mount(folder, "size=20m")
@@ -173,13 +198,3 @@ def _without_kernels(folder: Path) -> str:
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     return f"{found.returncode} {found.stdout}{found.stderr}"
-
-
-def main() -> None:
-    use_one_process(pytest.MonkeyPatch())
-    work = {"full": full, "exports": exports, "inodes": inodes, "read_only": read_only}[sys.argv[1]]
-    print(json.dumps(work(Path(sys.argv[2]))))
-
-
-if __name__ == "__main__":
-    main()

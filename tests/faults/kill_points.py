@@ -1,9 +1,6 @@
 """Kills a writer before its k-th change of the disk, for one k after another, and looks after each.
 
-    python -m tests.faults.kill_points OPERATION FOLDER STRIDE
-
-Prints one JSON object: how many changes the operation makes, and how many kills it survived. A
-child is forked for each k; an audit hook counts what it opens for writing, makes, renames and
+A child is forked for each k; an audit hook counts what it opens for writing, makes, renames and
 removes, and kills it. The parent then checks that nothing half-made is visible, does the operation
 again in another child, and compares every byte with that of an undisturbed one.
 """
@@ -195,12 +192,8 @@ def _ignore(result: object) -> None:
     """Operations return nothing."""
 
 
-def main() -> None:
-    name, folder, stride = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+def survive(name: str, folder: str, stride: str) -> None:
+    """Prints one JSON object: how many changes an operation makes, how many kills it survived."""
     warnings.simplefilter("error")
-    n_changes, n_kills = survived(operations(folder)[name], folder, stride)
+    n_changes, n_kills = survived(operations(Path(folder))[name], Path(folder), int(stride))
     print(json.dumps({"operation": name, "changes": n_changes, "kills": n_kills}))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,13 +1,6 @@
-"""Loads the tiny dataset as any program would, and notes each build; for tests of many processes.
-
-    python -m tests.faults.load_one NOTES [hold]
-
-Every process that begins a build appends its id to the file NOTES. With `hold` it then waits, and
-does nothing until it is killed.
-"""
+"""Loads the tiny dataset as any program would, and notes each build."""
 
 import os
-import sys
 import time
 from pathlib import Path
 
@@ -22,14 +15,14 @@ from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY
 
 
-def main() -> None:
-    notes, holds = Path(sys.argv[1]), sys.argv[2:] == ["hold"]
+def load_tiny(notes: str, *hold: str) -> None:
+    """Every process that begins a build appends its id to a file; with `hold` it waits then."""
     make = build_module._make
 
     def noted(recipe: Recipe, *arguments: object) -> Manifest:
-        with notes.open("a") as file:
+        with Path(notes).open("a") as file:
             file.write(f"{os.getpid()}\n")
-        while holds:
+        while hold:
             time.sleep(0.05)
         return make(recipe, *arguments)  # type: ignore[arg-type]
 
@@ -39,7 +32,3 @@ def main() -> None:
     patch.setattr(request, "find_recipe", lambda name: TINY)
     dataset = swarmdata.load("coop_nav-tiny")
     print(dataset.digest, dataset.source)
-
-
-if __name__ == "__main__":
-    main()

@@ -2,9 +2,7 @@
 
 import json
 import os
-import shutil
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +14,10 @@ from swarmdata.errors import BuildError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import examine, repair
 from swarmdata.store import read_manifest
+from tests.faults import disk_trouble
+from tests.faults.disk_trouble import NO_NAMESPACE
+from tests.support.at_once import Forked
 from tests.support.tiny import TINY, abandoned, flip, make_tiny
-
-ROOT = Path(__file__).parents[2]
-NAMESPACE = ["unshare", "--user", "--map-root-user", "--mount"]
-
-
-def has_namespaces() -> bool:
-    """Whether this machine lets a test mount something that nobody else sees."""
-    if shutil.which("unshare") is None:
-        return False
-    command = [*NAMESPACE, "mount", "-t", "tmpfs", "none", "/mnt"]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
-own_mounts = pytest.mark.skipif(
-    not has_namespaces(), reason="needs `unshare --user --mount`, which this machine refuses"
-)
-
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -43,25 +27,19 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     return read_manifest(make_tiny(tmp_path_factory.mktemp("digest") / "d")).digest
 
 
-def in_namespace(trouble: str, folder: Path) -> dict[str, Any]:
-    found = subprocess.run(
-        [*NAMESPACE, sys.executable, "-m", "tests.faults.disk_trouble", trouble, str(folder)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])},
-    )
-    assert found.returncode == 0, found.stderr
-    result: dict[str, Any] = json.loads(found.stdout.splitlines()[-1])
+def seen(trouble: Callable[[str], None], folder: Path) -> dict[str, Any]:
+    """What a process saw that mounted small disks."""
+    code, out, words = Forked(folder, work=trouble).end()
+    if code == NO_NAMESPACE:
+        pytest.skip("needs mounts of one's own, which this machine refuses")
+    assert code == 0, words
+    result: dict[str, Any] = json.loads(out.splitlines()[-1])
     return result
 
 
-@own_mounts
 def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: str) -> None:
     """Row 07: in a part, and while the dataset is put together."""
-    found = in_namespace("full", tmp_path)
+    found = seen(disk_trouble.full, tmp_path)
 
     assert found["part"].startswith("DiskFullError: no space is left in")
     assert "MB of it were written" in found["part"]
@@ -74,11 +52,10 @@ def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: st
     assert found["at the end"] == ["d"]
 
 
-@own_mounts
 def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(tmp_path: Path) -> None:
     """Row 56: formats of others, cards, pictures, clips; at the first byte, halfway, with room."""
     (tmp_path / "disk").mkdir()
-    for name, found in in_namespace("exports", tmp_path / "disk").items():
+    for name, found in seen(disk_trouble.exports, tmp_path / "disk").items():
         for size in ("small", "middle"):
             error, left = found[size]
             fits = size == "middle" and name in ("card", "clip")
@@ -90,20 +67,18 @@ def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(tmp_path: Path) 
         assert not any(each.startswith(".tmp-") for each in left), name
 
 
-@own_mounts
 def test_a_disk_without_inodes_is_one_error(tmp_path: Path) -> None:
     """Row 57: there is space and no file can be made; with inodes, it goes on."""
-    found = in_namespace("inodes", tmp_path)
+    found = seen(disk_trouble.inodes, tmp_path)
     for each in (found["file"], found["build"]):
         assert each.startswith("DiskFullError: no inode is left in")
         assert "Free some inodes and run the same again" in each
     assert (found["again"], found["left"]) == ("none", ["d"])
 
 
-@own_mounts
 def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> None:
     """Row 27: without locks and writes; with a home and a package that are read-only as well."""
-    found = in_namespace("read_only", tmp_path)
+    found = seen(disk_trouble.read_only, tmp_path)
 
     assert found["digests"] == [digest, digest]
     assert (found["source"], found["damage"]) == ("cache", [])
@@ -147,14 +122,9 @@ def test_a_folder_whose_name_is_no_text(tmp_path: Path, digest: str) -> None:
     """Row 31: bytes that are not UTF-8; such folders come from old archives."""
     folder = tmp_path / os.fsdecode(b"\xe9t\xe9") / "d"
     assert load(make_tiny(folder), verify="full").digest == digest
-    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli.main import main; main()"
-    found = subprocess.run(
-        [sys.executable, "-c", script, "verify", os.fsencode(folder)],
-        capture_output=True, check=False,
-        env={**os.environ, "PYTHONUTF8": "1"},
-    )  # fmt: skip
-    assert found.returncode == 0, found.stderr
-    assert b"all files match the manifest" in found.stdout
+    code, out, words = Forked("verify", folder).end()
+    assert code == 0, words
+    assert "all files match the manifest" in out
 
 
 def test_a_name_that_is_too_long_is_one_error(tmp_path: Path) -> None:

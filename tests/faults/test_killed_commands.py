@@ -1,11 +1,14 @@
 """A command that is killed at any moment is finished by running it again."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from tests.faults.test_processes import start
+ROOT = Path(__file__).parents[2]
 
 pytest.importorskip("torch", reason="a run is trained")
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
@@ -20,10 +23,18 @@ def test_kills_are_survived(
     """Rows 01, 58: workers end, the next run gives the bytes of an undisturbed one."""
     if command == "export-policy":
         pytest.importorskip("onnx", reason="the exported file is ONNX")
-    process = start("killed_commands", command, tmp_path, how, "10")
-    out, err = process.communicate(timeout=3000)
-    assert process.returncode == 0, err
-    found = json.loads(out.splitlines()[-1])
+    line = [sys.executable, "-m", "tests.faults.killed_commands", command, str(tmp_path)]
+    paths = {"PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])}
+    done = subprocess.run(
+        [*line, how, "10"],
+        cwd=ROOT,
+        env={**os.environ, **paths},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
     with capsys.disabled():
         print(f"\n{command}, {how}: {found['kills']} of {found['tries']} killed and survived")
     assert found["kills"] > 0

@@ -1,70 +1,60 @@
 """Machines without a network, and files of other versions of this package and of the physics."""
 
+import contextlib
 import json
-import os
-import shutil
-import subprocess
-import sys
+import socket
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
+import swarmdata
 from swarmdata.audit.resimulation import replay
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import FormatVersionError
+from swarmdata.errors import FormatVersionError, SwarmdataError
 from swarmdata.hub.catalog.repair import examine
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import FORMAT_VERSION
 from swarmdata.store.damage import find_damage
+from tests.support.at_once import Forked
+from tests.support.namespaces import CLONE_NEWNET, enter
 from tests.support.tiny import sign
 
 ROOT = Path(__file__).parents[2]
-NO_NETWORK = ["unshare", "--user", "--map-root-user", "--net"]
 GOLDEN = ROOT / "tests" / "golden" / "format_1.zip"
 """A dataset of format 1 as it was first written; it is never written again."""
 
-SCRIPT = """
-import sys; sys.path[:] = {path!r}
-import socket, warnings
-asked = []
-def refuse(*arguments, **options):
-    asked.append(arguments)
-    raise OSError("no network in this test")
-if {patched!r}:
-    socket.socket.connect = socket.getaddrinfo = socket.create_connection = refuse
-import swarmdata
-from swarmdata.errors import SwarmdataError
-for name in sys.argv[1:]:
-    try:
-        print(swarmdata.load(name, progress=False).source)
-    except SwarmdataError as error:
-        print(type(error).__name__, error)
-print(len(asked), "requests")
-"""
 
+def print_sources(*names: str) -> None:
+    """Loads datasets in a network without a way out, and counts what is asked of it."""
+    with contextlib.suppress(OSError):  # where the system has none, requests are refused anyway
+        enter(CLONE_NEWNET)
+    asked = []
 
-def has_networks() -> bool:
-    """Whether a test may run in a network of its own, which has no way out."""
-    if shutil.which("unshare") is None:
-        return False
-    return subprocess.run([*NO_NETWORK, "true"], capture_output=True, check=False).returncode == 0
+    def refuse(*arguments: object, **_: object) -> NoReturn:
+        asked.append(arguments)
+        raise OSError("no network in this test")
+
+    for owner, name in ((socket.socket, "connect"), (socket, "getaddrinfo")):
+        setattr(owner, name, refuse)
+    for name in names:
+        try:
+            print(swarmdata.load(name, progress=False).source)
+        except SwarmdataError as error:
+            print(type(error).__name__, error)
+    print(len(asked), "requests")
 
 
 def load_without_network(*names: str, **variables: str) -> list[str]:
-    """Runs `load` where nothing can be reached: in an empty network, or with sockets refused."""
-    isolated = has_networks()
-    script = SCRIPT.format(path=sys.path, patched=not isolated)
-    found = subprocess.run(
-        [*(NO_NETWORK if isolated else []), sys.executable, "-c", script, *names],
-        capture_output=True, text=True, check=False, timeout=300,
-        env={**os.environ, "SWARMDATA_REMOTES": "hf://swarmdata-test", **variables},
-    )  # fmt: skip
-    assert found.returncode == 0, found.stderr
-    return found.stdout.splitlines()
+    """Runs `load` where nothing can be reached."""
+    remote = {"SWARMDATA_REMOTES": "hf://swarmdata-test"}
+    code, out, words = Forked(*names, work=print_sources, variables=remote | variables).end()
+    assert code == 0, words
+    return out.splitlines()
 
 
 @pytest.mark.parametrize("variable", ["HF_HUB_OFFLINE", "SWARMDATA_OFFLINE"])

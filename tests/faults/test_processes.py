@@ -5,48 +5,28 @@ import multiprocessing
 import os
 import pickle
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.task_spec import TaskSpec
+from tests.faults.kill_points import survive
+from tests.faults.load_one import load_tiny
+from tests.support.at_once import Forked
 
 ROOT = Path(__file__).parents[2]
 
 
-def start(*arguments: str | Path) -> "subprocess.Popen[str]":
-    """Starts one of the modules beside this file."""
-    module, *rest = map(str, arguments)
-    return subprocess.Popen(
-        [sys.executable, "-m", f"tests.faults.{module}", *rest],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])},
-    )
-
-
-def wait_for(condition: Callable[[], bool], process: "subprocess.Popen[str]") -> None:
-    deadline = time.monotonic() + 300
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "nothing happened for two minutes"
-        time.sleep(0.02)
-
-
 def kill_points(operation: str, folder: Path, stride: int) -> dict[str, int]:
-    process = start("kill_points", operation, folder, str(stride))
-    out, err = process.communicate(timeout=3000)
-    assert process.returncode == 0, err
+    code, out, err = Forked(operation, folder, str(stride), work=survive).end()
+    assert code == 0, err
     found: dict[str, int] = json.loads(out.splitlines()[-1])
     return found
 
@@ -78,17 +58,15 @@ def test_kills_before_many_changes_of_the_disk_are_survived(
 def test_a_killed_holder_of_the_lock_is_taken_over(tmp_path: Path, cache_folder: Path) -> None:
     """Row 26: who waits says for whom, and goes on at once when that one is killed."""
     notes = tmp_path / "builds"
-    holder = start("load_one", notes, "hold")
-    wait_for(notes.exists, holder)
-    second = start("load_one", notes)
-    assert second.stderr is not None
-    message = second.stderr.readline()
-    holder.send_signal(signal.SIGKILL)
-    holder.communicate()
-    out, err = second.communicate(timeout=300)
+    holder = Forked(notes, "hold", work=load_tiny)
+    holder.wait_for(lambda out, err: notes.exists())
+    second = Forked(notes, work=load_tiny)
+    second.wait_for(lambda out, err: f"in use by process {holder.pid} on" in err)
+    holder.send(signal.SIGKILL)
+    holder.end()
+    code, out, err = second.end()
 
-    assert f"in use by process {holder.pid} on" in message
-    assert second.returncode == 0, err
+    assert code == 0, err
     assert out.split()[1] == "rebuilt"
     assert len(notes.read_text().split()) == 2, "the killed one had begun as well"
     assert not list(cache_folder.rglob("*.lock"))
@@ -101,10 +79,9 @@ def test_processes_that_load_one_uncached_id_make_one_build(
 ) -> None:
     """Rows 05, 26: one builds, the others wait; all have the same digest."""
     notes = tmp_path / "builds"
-    processes = [start("load_one", notes) for _ in range(n_processes)]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0] * n_processes, results
-    lines = [out.split() for out, _ in results]
+    results = [each.end() for each in [Forked(notes, work=load_tiny) for _ in range(n_processes)]]
+    assert [code for code, _, _ in results] == [0] * n_processes, results
+    lines = [out.split() for _, out, _ in results]
     assert len({digest for digest, _ in lines}) == 1
     assert sorted(source for _, source in lines) == ["cache"] * (n_processes - 1) + ["rebuilt"]
     assert len(notes.read_text().split()) == 1
@@ -181,39 +158,32 @@ def test_loader_workers_see_the_same_data_and_leak_nothing(dataset: Dataset, met
     assert len(os.listdir("/proc/self/fd")) <= before + 2  # noqa: PTH208
 
 
-REGISTRY = """
-from pathlib import Path
-from swarmdata.hub.publishing.regenerate import put_entries
-for k in range(10):
-    put_entries(Path(sys.argv[1]), {f"{sys.argv[2]}-{k}": {"digest": "x" * 200}})
-"""
+def put_ten_entries(file: str, letter: str) -> None:
+    """Changes a registry."""
+    from swarmdata.hub.publishing.regenerate import put_entries
 
-REMOTES = """
-from typer.testing import CliRunner
-from swarmdata.cli.main import app
-for k in range(10):
-    found = CliRunner().invoke(app, ["remote", "add", f"hf://org{sys.argv[2]}-{k}"])
-    assert found.exit_code == 0, found.output
-"""
+    for k in range(10):
+        put_entries(Path(file), {f"{letter}-{k}": {"digest": "x" * 200}})
+
+
+def add_ten_remotes(_: str, letter: str) -> None:
+    """Changes the configuration."""
+    for k in range(10):
+        found = CliRunner().invoke(app, ["remote", "add", f"hf://org{letter}-{k}"])
+        assert found.exit_code == 0, found.output
 
 
 @pytest.mark.parametrize("what", ["registry", "remotes"])
-def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
+def test_no_update_of_four_processes_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
     """Row 62: `registry update` kept 26 of 40, `remote add` 12 of 40."""
     file = tmp_path / "published.json"
-    code = {"registry": REGISTRY, "remotes": REMOTES}[what]
-    environment = {name: text for name, text in os.environ.items() if name != "SWARMDATA_REMOTES"}
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}\n{code}", file, letter],
-            env={**environment, "XDG_CONFIG_HOME": str(tmp_path)},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for letter in "abcd"
-    ]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0] * 4, results
+    work = {"registry": put_ten_entries, "remotes": add_ten_remotes}[what]
+    monkeypatch.delenv("SWARMDATA_REMOTES")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    results = [each.end() for each in [Forked(file, letter, work=work) for letter in "abcd"]]
+    assert [code for code, _, _ in results] == [0] * 4, results
     if what == "registry":
         assert len(json.loads(file.read_text())) == 40
     else:
@@ -222,25 +192,20 @@ def test_no_update_of_four_processes_is_lost(tmp_path: Path, what: str) -> None:
     assert [path.name for path in file.parent.iterdir()] == [file.name]
 
 
+def train_bc(folder: str) -> None:
+    """Trains a little."""
+    from tests.learn.training.test_trainer import run
+
+    run("bc", Path(folder), progress=True)
+
+
 def test_two_trainings_in_one_folder(tmp_path: Path) -> None:
     """Row 63: one trains, the other waits and finds it done; the losses are those of one run."""
     pytest.importorskip("torch", reason="training needs torch")
     from tests.learn.training.test_trainer import run
 
-    code = (
-        f"import sys; sys.path[:] = {sys.path!r}\n"
-        "from pathlib import Path; from tests.learn.training.test_trainer import run\n"
-        "run('bc', Path(sys.argv[1]), progress=True)"
-    )
-
-    def trained(folder: Path) -> "subprocess.Popen[str]":
-        return subprocess.Popen(
-            [sys.executable, "-c", code, folder], cwd=ROOT, stderr=subprocess.PIPE, text=True
-        )
-
-    both = trained(tmp_path / "d"), trained(tmp_path / "d")
-    words = [process.communicate(timeout=300)[1] for process in both]
-    assert [process.returncode for process in both] == [0, 0], words
+    results = [each.end() for each in [Forked(tmp_path / "d", work=train_bc) for _ in range(2)]]
+    assert [code for code, _, _ in results] == [0, 0], results
     run("bc", tmp_path / "alone")
     for name in ("losses.csv", "curve.csv", "checkpoint.safetensors"):
         assert (tmp_path / "d" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()

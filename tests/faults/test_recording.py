@@ -1,5 +1,6 @@
 """A recording survives kill -9 at any moment: what was written is there, whole, and it goes on."""
 
+import contextlib
 import os
 import random
 import shutil
@@ -7,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,55 +16,46 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, RecipeConflictError
-from swarmdata.record import Recorder, recover
+from swarmdata.record import Limits, Recorder, recover
 from swarmdata.record.recording_folder import SESSION_FILE, inspect_recording, unfinished_folder
 from swarmdata.store import open_store
 from swarmdata.store.parts import read_part_table
 from swarmdata.testing.synthetic import make_dataset
 from tests.record.worlds import Counting, play, steady
+from tests.support.at_once import Forked
 
 ROOT = Path(__file__).parents[2]
 ID = "counting_v1-mine-v0"
-
-RECORD = """
-import sys
-from swarmdata.record import Limits, Recorder
-from swarmdata.testing.synthetic import make_dataset
-from tests.record.worlds import Counting, play, steady
-recorder = Recorder(Counting(), id="{id}", path=sys.argv[1], limits=Limits(episodes=2))
-print("ready", flush=True)
-while recorder.n_episodes < {n}:
-    play(recorder, 1, steady)
-    print(recorder.n_episodes, flush=True)
-recorder.close()
-"""
-
-RECOVER = """
-import sys
-from swarmdata.record import recover
-print("ready", flush=True)
-recover(sys.argv[1])
-"""
-
 N_EPISODES = 400
 
 
-def run_and_kill(code: str, path: Path, delay: float) -> tuple[int, list[str]]:
-    """Runs code, kills it so many seconds after it is ready; its exit code and its lines."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, str(path)],
-        stdout=subprocess.PIPE,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
+def record_all(path: str) -> None:
+    """Records in parts of two episodes, and says how many there are."""
+    recorder = Recorder(Counting(), id=ID, path=path, limits=Limits(episodes=2))
+    print("ready", flush=True)
+    while recorder.n_episodes < N_EPISODES:
+        play(recorder, 1, steady)
+        print(recorder.n_episodes, flush=True)
+    recorder.close()
+
+
+def finish(path: str) -> None:
+    """Makes a dataset of an interrupted recording."""
+    print("ready", flush=True)
+    recover(path)
+
+
+def run_and_kill(
+    work: Callable[[str], None], path: Path, delay: float
+) -> tuple[int | None, list[str]]:
+    """Kills a process so many seconds after it is ready; its exit code and its lines."""
+    running = Forked(path, work=work)
+    running.wait_for(lambda out, err: out.startswith("ready\n"))
     time.sleep(delay)
-    process.send_signal(signal.SIGKILL)
-    lines = process.stdout.read().splitlines()
-    process.stdout.close()
-    return process.wait(timeout=300), lines
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(running.pid, signal.SIGKILL)
+    code, out, _ = running.end()
+    return code, out.splitlines()
 
 
 def check_whole(dataset: Dataset) -> None:
@@ -78,9 +71,8 @@ def check_whole(dataset: Dataset) -> None:
 def kill_while_recording(path: Path, n_kills: int) -> int:
     """Kills a recording again and again; returns how many episodes survived."""
     rng, survived = random.Random(0), 0
-    code = RECORD.format(id=ID, n=N_EPISODES)
     for _ in range(n_kills):
-        returned, lines = run_and_kill(code, path, rng.uniform(0.0, 0.15))
+        returned, lines = run_and_kill(record_all, path, rng.uniform(0.0, 0.15))
         assert returned == -signal.SIGKILL
         told = [int(line) for line in lines if line.isdecimal()]
         is_begun = (unfinished_folder(path) / SESSION_FILE).exists()  # else it was killed before
@@ -130,7 +122,7 @@ def test_kill_while_finishing(tmp_path: Path, n_kills: int) -> None:
     whole = recover(interrupted(tmp_path / "whole", 60))
     path = interrupted(tmp_path / "ds", 60)
     for kill in range(n_kills):
-        returned, _ = run_and_kill(RECOVER, path, 0.5 * kill / n_kills)
+        returned, _ = run_and_kill(finish, path, 0.5 * kill / n_kills)
         if returned == 0:
             break
         if path.exists():
@@ -162,8 +154,13 @@ def test_a_process_killed_while_tidying_up_is_forgiven(tmp_path: Path) -> None:
 
 def test_a_script_that_ends_without_closing_loses_nothing(tmp_path: Path) -> None:
     """Row 01: finished episodes are written when the interpreter ends."""
-    code = RECORD.format(id=ID, n=7).replace("recorder.close()", "raise SystemExit(3)")
-    code = code.replace("episodes=2", "episodes=100")
+    code = f"""
+import sys
+from swarmdata.record import Recorder
+from tests.record.worlds import Counting, play, steady
+play(Recorder(Counting(), id="{ID}", path=sys.argv[1]), 7, steady)
+sys.exit(3)
+"""
     ended = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path / "ds")],
         cwd=ROOT,

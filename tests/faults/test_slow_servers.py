@@ -1,9 +1,6 @@
 """Servers that give a byte now and then: left in time for the next source, and for Ctrl-C."""
 
-import os
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +21,7 @@ from tests.hub.remotes.conftest import ID, is_pulled
 from tests.hub.remotes.faults import Clock, Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
+from tests.support.at_once import Forked
 from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY, make_tiny
 
@@ -149,27 +147,20 @@ def test_a_slow_hub_is_left(
 
 
 START_SECONDS = 300
-"""For a command to ask a server, and to end, on a busy machine."""
+"""For a command to ask a server on a busy machine."""
 
 
-def interrupted(server: FaultyServer, *arguments: str) -> tuple[int, str]:
+def interrupted(server: FaultyServer, *arguments: str) -> tuple[int | None, str]:
     """Runs a command, presses Ctrl-C while the server lets it wait; exit code and words.
 
     The command is as patient as the server is slow, so it ends by Ctrl-C or not at all.
     """
-    script = f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli.main import main; main()"
     patience = {"SWARMDATA_ANSWER_SECONDS": "1e6", "SWARMDATA_RATE_SECONDS": "1e6"}
-    process = subprocess.Popen(
-        [sys.executable, "-c", script, *arguments],
-        env={**os.environ, **patience},
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    running = Forked(*arguments, variables=patience)
     assert server.pausing.wait(START_SECONDS)
-    assert process.poll() is None, process.communicate()
-    process.send_signal(signal.SIGINT)
-    _, words = process.communicate(timeout=START_SECONDS)
-    return process.returncode, words
+    running.send(signal.SIGINT)
+    code, _, words = running.end()
+    return code, words
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,12 @@ from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.network_inputs import standardize, with_agent_id  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.learn.objectives.td_targets import move_target, td_target, team_reward  # noqa: E402
+from swarmdata.learn.objectives.td_targets import (  # noqa: E402
+    move_target,
+    td_error,
+    td_target,
+    team_reward,
+)
 from swarmdata.learn.training.dataset_statistics import Statistics, returns_to_go  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode, no_messages  # noqa: E402
@@ -48,6 +53,11 @@ def test_only_a_termination_stops_the_bootstrap() -> None:
 
 def test_the_team_reward_is_the_mean_over_agents() -> None:
     assert team_reward(torch.tensor([[1.0, 3.0], [0.0, -2.0]])).tolist() == [2.0, -1.0]
+
+
+def test_the_error_sums_critics_and_averages_rows() -> None:
+    q = torch.tensor([[[1.0, 3.0], [0.0, 0.0]]])  # [K, J, B]
+    assert td_error(q, torch.tensor([[1.0, 1.0]])).tolist() == [(0 + 4) / 2 + (1 + 1) / 2]
 
 
 def test_targets_move_by_the_rate_and_leaves_the_online_network_alone() -> None:
