@@ -17,7 +17,7 @@ from swarmdata.behavior_policies.learned import Learned, Saved, forward, load_ac
 from swarmdata.errors import CheckpointError, SchemaError, SpecError
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Step, no_messages
+from swarmdata.types import Step, blank_step
 
 SPEC = TaskSpec()
 SIZE = 53
@@ -47,21 +47,9 @@ def write(path: Path, **options: Any) -> Saved:
 
 def step_of(n_copies: int, seed: int = 1) -> Step:
     rng = np.random.default_rng(seed)
-    flags = np.zeros(n_copies, dtype=np.bool_)
-    return Step(
-        observations=rng.normal(size=(n_copies, 4, SIZE)).astype(np.float32),
-        states=np.zeros((n_copies, 24), dtype=np.float32),
-        rewards=np.zeros((n_copies, 4), dtype=np.float32),
-        reward_terms=np.zeros((n_copies, 4, 0), np.float32),
-        terminations=flags,
-        truncations=flags,
-        successes=flags,
-        events=np.zeros((n_copies, 4, 4), dtype=np.uint8),
-        seeds=np.arange(n_copies, dtype=np.uint64),
-        times=np.zeros(n_copies, dtype=np.int64),
-        layouts=np.zeros((n_copies, 0, 8), dtype=np.float32),
-        **no_messages(n_copies, 4),
-    )
+    observations = rng.normal(size=(n_copies, 4, SIZE)).astype(np.float32)
+    states = np.zeros((n_copies, 24), dtype=np.float32)
+    return blank_step(observations, states, seeds=np.arange(n_copies, dtype=np.uint64))
 
 
 KERNELS = (("Prescott", "1"), ("Prescott", "2"), ("Haswell", "2"), ("SkylakeX", "1"))

@@ -13,7 +13,7 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import Obstacles, Robot, Role, TaskSpec
-from swarmdata.types import Double, Float, Step, no_messages
+from swarmdata.types import Double, Float, Step, blank_step
 
 HALF = np.array([2.0, 2.0])
 EMPTY = np.zeros((0, 8), dtype=np.float32)
@@ -27,23 +27,11 @@ def spec_of(n_robots: int, obstacles: Obstacles = NO_OBSTACLES) -> TaskSpec:
 
 def toy_step(robots: Double, layout: Float) -> Step:
     """One copy with the given rows of (x, y, vx, vy, goal x, goal y)."""
-    no, n = np.zeros(1, dtype=np.bool_), len(robots)
+    n = len(robots)
     ahead = np.broadcast_to([1.0, 0.0], (n, 2))
     states = np.concatenate([robots[:, :4], ahead, robots[:, 4:]], axis=1)
-    return Step(
-        observations=np.zeros((1, n, 53), dtype=np.float32),
-        states=states.reshape(1, -1).astype(np.float32),
-        rewards=np.zeros((1, n), dtype=np.float32),
-        reward_terms=np.zeros((1, n, 0), np.float32),
-        terminations=no,
-        truncations=no,
-        successes=no,
-        events=np.zeros((1, n, 4), dtype=np.uint8),
-        seeds=np.zeros(1, dtype=np.uint64),
-        times=np.zeros(1, dtype=np.int64),
-        layouts=layout[None],
-        **no_messages(1, n),
-    )
+    observations = np.zeros((1, n, 53), dtype=np.float32)
+    return blank_step(observations, states.reshape(1, -1).astype(np.float32), layouts=layout[None])
 
 
 def drive(spec: TaskSpec, starts: Double, goals: Double, layout: Float = EMPTY) -> Double:

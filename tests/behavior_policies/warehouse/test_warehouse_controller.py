@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.navigation.avoidance import brake_half_planes, robot_half_planes
 from swarmdata.behavior_policies.navigation.traffic import TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP
-from swarmdata.behavior_policies.warehouse.traffic_routes import (
+from swarmdata.behavior_policies.warehouse.warehouse_controller import (
+    WarehouseController,
     lane_along,
     lane_at,
     one_way,
     roads_of,
     steer,
 )
-from swarmdata.behavior_policies.warehouse.warehouse_controller import WarehouseController
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse.warehouse import Warehouse
 from swarmdata.envs.world.task_env import TaskEnv
