@@ -77,7 +77,7 @@ class Thrifty:
         terms = np.stack([_distances(old) - left, way, np.ones_like(way)], axis=-1)
         now.reward_terms[active, :, :3] = terms[active]
         now.states[active, N_COLUMNS * n] += way[active].sum(axis=1)
-        solved[active] = (left <= self._radius).all(axis=1)[active]
+        solved[active] = (left[active] <= self._radius).all(axis=1)
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         pass
