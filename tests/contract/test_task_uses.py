@@ -2,24 +2,29 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pytest
 
 import swarmdata
 from swarmdata.audit import audit
+from swarmdata.behavior_policies.simple import Idle
 from swarmdata.cards.card import card_of
+from swarmdata.cards.sections.reward_terms import SINGLE_ROBOT_NOTE, reward_section
+from swarmdata.cards.sections.wording import limits_of
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 from swarmdata.envs.render import draw
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.results.target_evaluation import measure_references
 from swarmdata.evaluation.robustness.sweep import sweep
-from swarmdata.evaluation.robustness.sweep_axes import parse_axis
+from swarmdata.evaluation.robustness.sweep_axes import parameters, parse_axis
 from swarmdata.interop.logs.scored_episodes import check_task as check_logs
+from swarmdata.registry.appearance import Appearance
 from swarmdata.registry.components import (
     SCRIPTED_CONTROLLERS,
     TASKS,
+    appearance_of,
     make_env,
     make_policy,
     make_task,
@@ -34,16 +39,20 @@ from swarmdata.specs.budget import size_of
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import LogMap
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.specs.rules import changed_weights
+from swarmdata.specs.rules import Payload, TaskDemand, changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.testing.task_contract import check_task
+from swarmdata.types import Float, Int
 from tests.catalogue.conftest import one_study
-from tests.support.own_task import thrifty_installed
+from tests.support.own_task import Thrifty, ThriftyRules, nothing_registered, thrifty_installed
 from tests.support.tiny import make_tiny
 
 OWN = "thrifty"
 TASKS_HERE = (*TASKS.own, OWN)
+
+COMMAND = {"components": [{"column": name, "low": -1, "high": 1} for name in "ab"]}
+LOGS = {"dt": 0.1, "robots": ["a"], "each": {"log": "a.csv", "time": "t", "command": COMMAND}}
 
 
 @pytest.fixture(scope="module", params=TASKS_HERE)
@@ -154,9 +163,7 @@ def test_its_team_is_swept(spec: TaskSpec, file: Path, tmp_path: Path) -> None:
 
 
 def test_logs_are_scored_by_it_or_refused(spec: TaskSpec) -> None:
-    command = {"components": [{"column": name, "low": -1, "high": 1} for name in "ab"]}
-    each = {"log": "a.csv", "time": "t", "command": command}
-    log_map = LogMap.parse({"dt": 0.1, "robots": ["a"], "each": each})
+    log_map = LogMap.parse(LOGS)
     words = "the map has 1 robots" if spec.task == "coop_nav" else "more than robots and targets"
     with pytest.raises(SpecError, match=words):
         check_logs(spec, log_map)
@@ -176,3 +183,51 @@ def test_the_spec_of_another_task_is_refused(task: str, kind: str, table: Any) -
     other = preset("warehouse" if task == "coop_nav" else "coop_nav")
     with pytest.raises(SpecError, match=f"expected '{task}'"):
         resolve(kind, table, task)(other)
+
+
+class GuidedRules(ThriftyRules):
+    """Rules of a task that says all that a task may say."""
+
+    payload_field: ClassVar[str] = "load"
+    card_limits: ClassVar[tuple[str, ...]] = ("Everything is known.",)
+
+    task: Literal["guided"] = "guided"  # type: ignore[assignment]
+    load: Payload = Payload()
+
+    @property
+    def has_own_targets(self) -> bool:
+        return True
+
+    def demand(self, spec: TaskSpec) -> TaskDemand:
+        return TaskDemand(columns=1, obstacles=7)
+
+
+class Guided(Thrifty):
+    """`thrifty` with a payload, whose scripted team stands still."""
+
+    Rules = GuidedRules
+    controller = Idle
+
+    @staticmethod
+    def appearance(spec: TaskSpec) -> Appearance:
+        return Appearance(legend="Rings are what robots want.")
+
+    def complete(self, states: Float, copies: Int) -> None:
+        pass
+
+
+def test_what_a_users_task_says_of_itself_counts() -> None:
+    log_map = LogMap.parse(LOGS)
+    with nothing_registered():
+        swarmdata.register_task("guided", Guided)
+        spec = TaskSpec.parse(
+            {"rules": {"task": "guided"}, "randomization": {"payload_mass": [1, 2]}}
+        )
+        assert isinstance(make_policy("scripted", spec), Idle)
+        assert size_of(spec).obstacles == spec.obstacles.number + 7
+        assert parameters(spec, "body")["payload_mass"] == (("rules", "load", "mass"),)
+        assert limits_of(spec, "own")[-1] == "Everything is known."
+        assert SINGLE_ROBOT_NOTE in reward_section(make_task(spec))
+        assert appearance_of(spec).legend == "Rings are what robots want."
+        with pytest.raises(SpecError, match="the map has 1 robots"):
+            check_logs(spec, log_map)
