@@ -14,7 +14,7 @@ import pytest
 from safetensors.numpy import load_file, save_file
 
 from swarmdata.behavior_policies.learned import Learned, Saved, forward, load_actor, save_actor
-from swarmdata.errors import CheckpointError, SchemaError, SpecError
+from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step, blank_step
@@ -126,14 +126,6 @@ def test_noise_is_gaussian_and_a_function_of_seed_and_time(tmp_path: Path) -> No
     assert policy.act(part).tobytes() == actions[7:9].tobytes()
 
 
-def test_noise_is_clipped_to_the_action_range(tmp_path: Path) -> None:
-    path = tmp_path / "actor.safetensors"
-    saved = write(path)
-    policy = Learned(SPEC, checkpoint=path, sha256=saved.sha256, noise=2.0)
-    actions = policy.act(step_of(100))
-    assert np.abs(actions).max() == 1.0
-
-
 def test_saving_reports_the_digest_and_the_rounding(tmp_path: Path) -> None:
     saved = write(tmp_path / "actor.safetensors")
     digest = hashlib.sha256((tmp_path / "actor.safetensors").read_bytes()).hexdigest()
@@ -240,12 +232,6 @@ def test_other_observations_are_refused(tmp_path: Path) -> None:
     step = step_of(2)
     with pytest.raises(SchemaError, match="have 40 features"):
         policy.act(step._replace(observations=step.observations[..., :40]))
-
-
-def test_negative_noise_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "actor.safetensors"
-    with pytest.raises(SpecError, match="noise"):
-        Learned(SPEC, checkpoint=path, sha256=write(path).sha256, noise=-0.1)
 
 
 def test_squashed_outputs_are_the_tanh_of_the_same_network(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.behavior_policies.navigation.avoidance import gives_way
 from swarmdata.behavior_policies.scripted import Scripted
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import CIRCLE, POCKET, clearance
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
@@ -125,19 +125,6 @@ def test_the_default_task_is_solved_almost_without_contact() -> None:
         solved |= step.successes
     assert solved.mean() >= 0.95
     assert (solved & ~touched).mean() >= 0.9
-
-
-def test_noise_depends_on_seed_and_time_only() -> None:
-    spec = TaskSpec()
-    step = make_env(spec, 4).reset(evaluation_seeds(4))
-    policy, noisy = Scripted(spec), Scripted(spec, noise=0.1)
-    policy.reset(step, np.arange(4))
-    noisy.reset(step, np.arange(4))
-    first = noisy.act(step)
-    assert first.tobytes() == noisy.act(step).tobytes()
-    assert 0.0 < np.abs(first - policy.act(step)).max() < 0.5
-    with pytest.raises(SpecError, match="noise"):
-        Scripted(spec, noise=float("nan"))
 
 
 def test_episodes_that_it_was_not_told_of_are_refused() -> None:

@@ -34,7 +34,6 @@ from swarmdata.registry.components import (
 from swarmdata.registry.presets import preset
 from swarmdata.registry.reward_weights import chosen_weights
 from swarmdata.rollouts.metrics import metrics_of
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.budget import size_of
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import LogMap
@@ -80,6 +79,7 @@ def file(spec: TaskSpec, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.parametrize("spec", [OWN], indirect=True)  # of ours: test_tasks.py
 def test_it_keeps_the_contract_in_every_simulator(spec: TaskSpec) -> None:
     check_task(make_env, spec, n_steps=12)
     check_task(make_env, spec.with_updates(backend="kinematic"), n_steps=12)
@@ -87,6 +87,7 @@ def test_it_keeps_the_contract_in_every_simulator(spec: TaskSpec) -> None:
     check_task(make_env, spec.with_updates(backend="mujoco"), n_steps=12)
 
 
+@pytest.mark.parametrize("spec", [OWN], indirect=True)  # of ours: test_policies.py
 def test_its_scripted_team_keeps_the_contract(spec: TaskSpec) -> None:
     check_policy(make_policy("scripted", spec), spec, make_env, n_episodes=2, n_steps=6)
 
@@ -167,14 +168,6 @@ def test_logs_are_scored_by_it_or_refused(spec: TaskSpec) -> None:
     words = "the map has 1 robots" if spec.task == "coop_nav" else "more than robots and targets"
     with pytest.raises(SpecError, match=words):
         check_logs(spec, log_map)
-
-
-def test_its_episodes_are_the_same_again(spec: TaskSpec) -> None:
-    seeds = np.arange(2, dtype=np.uint64)
-    policy = make_policy("scripted", spec)
-    one, other = (list(rollout(make_env(spec, 2), policy, seeds)) for _ in range(2))
-    for first, second in zip(one, other, strict=True):
-        assert np.array_equal(first.states, second.states)
 
 
 @pytest.mark.parametrize("task", TASKS.own)

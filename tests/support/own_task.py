@@ -44,7 +44,7 @@ class Thrifty:
     State: the robots, then the metres that the team has driven.
     """
 
-    Rules = ThriftyRules
+    Rules: ClassVar[type[TaskRules]] = ThriftyRules
     metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
         {"driven": Metric("way driven", "m", "lower", "way of all robots")}
     )
