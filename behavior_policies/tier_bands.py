@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from swarmdata.registry.recipes import FAMILIES, checkpoints
-
 MEDIUM_SUCCESS = (0.4, 0.6)
 """Lowest and highest success of a medium team."""
 
@@ -29,18 +27,6 @@ EXPERT_SHARE = 0.95
 
 Experts see what robots see; the scripted controller reads the map, which is hard to beat.
 """
-
-N_POLICIES = 4
-"""Independently trained policies of a learned tier."""
-
-
-def complete_families() -> tuple[str, ...]:
-    """Returns the presets whose mediums and experts are all trained: all must keep their bands."""
-    return tuple(
-        family
-        for family in FAMILIES
-        if all(len(checkpoints(family, tier)) >= N_POLICIES for tier in ("medium", "expert"))
-    )
 
 
 def out_of_band(family: str, figures: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:

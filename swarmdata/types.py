@@ -199,6 +199,28 @@ def no_messages(*shape: int) -> dict[str, Any]:
     }
 
 
+def blank_step(observations: Float, states: Float, **changes: Any) -> Step:
+    """A step of robots that do not communicate, in which nothing has happened yet.
+
+    Args:
+        observations: [E, N, O].
+        states: [E, S].
+        changes: fields that are not zero.
+    """
+    e, n = observations.shape[:2]
+    flags = {name: np.zeros(e, np.bool_) for name in ("terminations", "truncations", "successes")}
+    nothing: dict[str, Any] = {
+        "rewards": np.zeros((e, n), np.float32),
+        "reward_terms": np.zeros((e, n, 0), np.float32),
+        "events": np.zeros((e, n, len(EVENTS)), np.uint8),
+        "seeds": np.zeros(e, np.uint64),
+        "times": np.zeros(e, np.int64),
+        "layouts": np.zeros((e, 0, 8), np.float32),
+    }
+    fields = {**nothing, **flags, **no_messages(e, n), **changes}
+    return Step(observations=observations, states=states, **fields)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
     """One finished run of a task, time first.

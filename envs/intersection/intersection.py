@@ -1,7 +1,10 @@
 """Intersection: N robots cross from arm to arm on schedules, and nobody has the right of way.
 
 The floor is that of `junction`, the same in every episode; the spec has no other obstacles. Robots
-start at rest near the gates of the arms, N / 4 in each (`start_episodes`).
+start at rest near the gates of the arms, N / 4 in each: the first robot of an arm in its entry, the
+second in its exit, and any others behind that, on the side of those who drive out. Which robot is
+where, and which arm has one robot more, is drawn; each start is moved by up to `START_JITTER` along
+both axes.
 
 Trip q of robot i begins at the entry of the arm that it is in, and ends at the exit of another arm,
 drawn uniformly (`draw_exit`). It may begin `due` seconds after the start of the episode, drawn
@@ -39,29 +42,95 @@ Metrics: see `Intersection.metrics`; `deadlocks` defines a deadlock.
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from swarmdata.envs.intersection.intersection_rules import IntersectionRules
 from swarmdata.envs.intersection.junction import (
+    ARM_DIRECTIONS,
     N_ARMS,
     Junction,
     arm_at,
     next_corner,
 )
-from swarmdata.envs.intersection.starts import StartPlan, draw_starts
 from swarmdata.envs.world.deadlocks import count_deadlocks
-from swarmdata.envs.world.spawn import check_fixed_layout
+from swarmdata.envs.world.spawn import LAYOUT_OFFSET, check_fixed_layout, next_uniform, put_at_rest
+from swarmdata.errors import SpecError
 from swarmdata.numerics.random import STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.rules import Payload
-from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, Y, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
+
+START_JITTER = 0.03
+"""Largest distance of a start from the middle of its place, along each axis, m."""
+
+
+class StartPlan(NamedTuple):
+    """What starts depend on."""
+
+    places: Double  # [4, R, 2] middle of each place in each arm, R robots at most
+    radii: Double  # [N] m
+    has_heading: Bool  # [N] whether a robot's heading is drawn
+
+    @classmethod
+    def of(cls, spec: TaskSpec, junction: Junction) -> Self:
+        """Returns the plan of a spec.
+
+        Raises:
+            SpecError: the arms are too short for so many robots.
+        """
+        radii = np.array([robot.radius for robot in spec.robots])
+        gap = spec.spawn.start_separation + 2 * START_JITTER
+        n_rows = -(-spec.n_agents // N_ARMS)
+        behind = (2 * float(radii.max()) + gap) * np.arange(1, max(n_rows - 1, 1))
+        queue = junction.exits[:, None] - behind[:, None] * ARM_DIRECTIONS[:, None]
+        gates = np.stack([junction.entries, junction.exits], axis=1)
+        places = np.concatenate([gates, queue], axis=1)[:, :n_rows]
+        innermost = (places * ARM_DIRECTIONS[:, None]).sum(-1).min()
+        if innermost < junction.half_width + radii.max():
+            raise SpecError(
+                f"{n_rows} robots with gaps of {gap:g} m do not fit in an arm of this "
+                "intersection. Use a larger arena, fewer robots, or a smaller "
+                "spawn.start_separation."
+            )
+        has_heading = np.array([robot.dynamics == "unicycle" for robot in spec.robots])
+        return cls(np.ascontiguousarray(places), radii, has_heading)
+
+
+@kernel
+def draw_starts(seeds: Seeds, copies: Int, plan: StartPlan, states: Float) -> None:
+    """Draws where the robots of the episodes `seeds` start, at rest; the rest of a state is 0.
+
+    Args:
+        seeds: episode seeds, [len(copies)].
+        copies: rows to write.
+        plan: of the spec.
+        states: written, [E, S].
+    """
+    n = plan.radii.shape[0]
+    state, order = np.empty(1, np.uint64), np.empty(n, np.int64)
+    for c in range(copies.shape[0]):
+        row = states[copies[c]]
+        row[:] = 0.0
+        state[0] = seeds[c] + np.uint64(LAYOUT_OFFSET)
+        first = int(N_ARMS * next_uniform(state))
+        for k in range(n):  # a random order, from the inside out (Knuth's Algorithm P)
+            j = int((k + 1) * next_uniform(state))
+            order[k] = order[j]
+            order[j] = k
+        for i in range(n):
+            robot = row[N_COLUMNS * i : N_COLUMNS * (i + 1)]
+            place = plan.places[(order[i] + first) % N_ARMS, order[i] // N_ARMS]
+            robot[X] = place[0] + START_JITTER * (2.0 * next_uniform(state) - 1.0)
+            robot[Y] = place[1] + START_JITTER * (2.0 * next_uniform(state) - 1.0)
+            put_at_rest(state, plan.has_heading[i], robot)
+
 
 ROBOT_EXTRAS = (
     Column("crossing", "1 while it drives to an exit, its target; else 0", low=0, high=1),

@@ -24,7 +24,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.scratch_arrays import new_arrays
-from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step, shortened
+from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, blank_step, shortened
 
 N_OBSERVED_COPIES = 256
 """Episodes observed together: enough to make a call cheap, few enough to stay in the cache."""
@@ -302,16 +302,8 @@ class _Reobserver:
         self.fields: dict[str, Any] = dict(
             zip(OBSERVED_ARRAYS, observer.allocate((n_copies,), n_agents), strict=True)
         )
-        self._step = Step(
+        self._step = blank_step(
             states=np.zeros((n_copies, episodes.states.shape[1]), dtype=np.float32),
-            rewards=np.zeros((n_copies, n_agents), dtype=np.float32),
-            reward_terms=np.zeros((n_copies, n_agents, 0), dtype=np.float32),
-            terminations=np.zeros(n_copies, dtype=np.bool_),
-            truncations=np.zeros(n_copies, dtype=np.bool_),
-            successes=np.zeros(n_copies, dtype=np.bool_),
-            events=np.zeros((n_copies, n_agents, 4), dtype=np.uint8),
-            seeds=np.zeros(n_copies, dtype=np.uint64),
-            times=np.zeros(n_copies, dtype=np.int64),
             layouts=np.zeros((n_copies, *episodes.layouts.shape[1:]), dtype=np.float32),
             **self.fields,
         )

@@ -22,7 +22,7 @@ from swarmdata.types import (
     FloatOrByte,
     Seeds,
     Step,
-    no_messages,
+    blank_step,
 )
 
 PLAYED_METRICS = ("return", "length", "success")
@@ -103,20 +103,12 @@ def step_of(observations: FloatOrByte, state: FloatOrByte, *, seed: int, time: i
         seed: seed of the episode.
         time: steps since its reset.
     """
-    n_agents = len(observations)
-    return Step(
-        observations=observations[None].astype(np.float32, copy=False),
-        states=state[None].astype(np.float32, copy=False),
-        rewards=np.zeros((1, n_agents), np.float32),
-        reward_terms=np.zeros((1, n_agents, 0), np.float32),
-        terminations=np.zeros(1, np.bool_),
-        truncations=np.zeros(1, np.bool_),
-        successes=np.zeros(1, np.bool_),
-        events=np.zeros((1, n_agents, 0), np.uint8),
+    return blank_step(
+        observations[None].astype(np.float32, copy=False),
+        state[None].astype(np.float32, copy=False),
+        events=np.zeros((1, len(observations), 0), np.uint8),
         seeds=np.array([seed], np.uint64),
         times=np.array([time]),
-        layouts=np.zeros((1, 0, 8), np.float32),
-        **no_messages(1, n_agents),
     )
 
 

@@ -5,7 +5,7 @@ import json
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypeVar, get_args
 
 import yaml
 from pydantic import (
@@ -13,7 +13,9 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    SerializerFunctionWrapHandler,
     ValidationError,
+    model_serializer,
     model_validator,
 )
 
@@ -96,6 +98,27 @@ class Frozen(BaseModel):
             SpecError: it is malformed, with the place.
         """
         return cls.parse(read_document(Path(path)), str(path))
+
+
+class Extended(Frozen):
+    """A model that has got fields later, which it leaves out at their defaults.
+
+    So hashes of older models, and the published ones, stay what they are.
+
+    Attributes:
+        later_fields: their names.
+    """
+
+    later_fields: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = write(self)
+        for name in self.later_fields:
+            default = type(self).model_fields[name].get_default(call_default_factory=True)
+            if getattr(self, name) == default:
+                content.pop(name, None)
+        return content
 
 
 def _positive_zeros(value: Any) -> Any:

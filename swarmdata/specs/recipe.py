@@ -3,18 +3,16 @@
 Equal recipes give equal datasets.
 """
 
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 from pydantic import (
     AfterValidator,
     Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 
 from swarmdata.specs.budget import part_excess
-from swarmdata.specs.frozen import Frozen, Positive
+from swarmdata.specs.frozen import Extended, Frozen, Positive
 from swarmdata.specs.plain_names import FileName, Label, Sha256, Text, repeated
 from swarmdata.specs.quantities import Count, Deviation
 from swarmdata.specs.task_spec import TaskSpec
@@ -23,8 +21,10 @@ MOST_POLICIES = 256
 """Most policies of a dataset: their indices are bytes."""
 
 
-class PolicySource(Frozen):
+class PolicySource(Extended):
     """One behavior policy of a recipe, and its share of the joint steps."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("convention",)
 
     label: Label  # unique in the recipe, such as "expert-0"
     name: Label  # registered policy
@@ -33,17 +33,6 @@ class PolicySource(Frozen):
     noise: Deviation = 0.0  # standard deviation of the Gaussian action noise
     share: Positive = 1.0  # relative share of the joint steps
     convention: Label | None = None  # of a scripted team (`behavior_policies.conventions`)
-
-    @model_serializer(mode="wrap")
-    def _without_absent_convention(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out a convention that there is not, as in recipes that are older than the field.
-
-        Their hashes, and so the published ones, stay what they are.
-        """
-        content: dict[str, Any] = write(self)
-        if content.get("convention", "") is None:
-            del content["convention"]
-        return content
 
 
 def _unique_labels(policies: tuple[PolicySource, ...]) -> tuple[PolicySource, ...]:
@@ -84,7 +73,7 @@ class SplitRule(NamedTuple):
     seed: int
 
 
-class Recipe(Frozen):
+class Recipe(Extended):
     """Everything needed to generate a dataset again, bit for bit.
 
     Each policy has its own stream of episodes, cut into parts of `part_episodes` episodes; part k
@@ -93,6 +82,7 @@ class Recipe(Frozen):
     `n_steps` joint steps. So a recipe with fewer steps gives a prefix of the same dataset.
     """
 
+    later_fields: ClassVar[tuple[str, ...]] = ("metadata",)
     kind: ClassVar[str] = "recipe"  # in no JSON: recipes are older than other origins
     can_rebuild: ClassVar[bool] = True
     missing: ClassVar[None] = None
@@ -114,14 +104,6 @@ class Recipe(Frozen):
     """Episodes that a worker makes at a time."""
     splits: Splits = Splits()  # shares of train, validation and test
     metadata: dict[Text, Text] = Field(default_factory=dict)  # author, license and so on
-
-    @model_serializer(mode="wrap")
-    def _without_empty_metadata(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out metadata that nobody gave: older recipes, and their hashes, have none."""
-        content: dict[str, Any] = write(self)
-        if not content.get("metadata", True):
-            del content["metadata"]
-        return content
 
     @model_validator(mode="after")
     def _check_part(self) -> Self:

@@ -5,9 +5,9 @@ import operator
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
-from swarmdata.specs.frozen import Frozen, NonNegative, Positive, Probability
+from swarmdata.specs.frozen import Extended, Frozen, NonNegative, Positive, Probability
 
 Model = TypeVar("Model", bound=Frozen)
 
@@ -25,7 +25,7 @@ class SensorNoise(Frozen):
     range: NonNegative = 0.0  # m, of beams and of distances measured by range and bearing
 
 
-class ObservationModel(Frozen):
+class ObservationModel(Extended):
     """The degradations that every observation model has, applied in this order.
 
     Noise is added to the measurements. Each object (a robot, an obstacle), beam or cell is missed
@@ -44,6 +44,8 @@ class ObservationModel(Frozen):
     (`perception.wayfinder`).
     """
 
+    later_fields: ClassVar[tuple[str, ...]] = ("goal_steps", "velocities", "ways")
+
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
     """Fields of `SensorNoise` that the model uses."""
 
@@ -54,15 +56,6 @@ class ObservationModel(Frozen):
     goal_steps: Annotated[int, Field(ge=0, le=10**12)] | None = None  # None: always shown
     velocities: bool = True  # the own one, and those of others relative to it
     ways: bool = False  # around obstacles, to the places that are observed
-
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out later fields at their defaults: hashes of older specs stay the same."""
-        return _without(write(self), goal_steps=None, velocities=True, ways=False)
-
-
-def _without(content: dict[str, Any], **defaults: object) -> dict[str, Any]:
-    return {k: value for k, value in content.items() if k not in defaults or value != defaults[k]}
 
 
 class StateModel(ObservationModel):
@@ -122,7 +115,7 @@ class Bursts(Frozen):
     drop_probability: Probability = 1.0  # while a link is bad
 
 
-class Broadcast(Frozen):
+class Broadcast(Extended):
     """Each robot broadcasts one message in every step; the channel decides who gets it, and when.
 
     The order is: quantise, pick the links by topology and range, spend the bandwidth, collide,
@@ -132,6 +125,8 @@ class Broadcast(Frozen):
     With payload `errand` each robot knows where the next one should go (the first is the next of
     the last), and sends that with its pose. Receivers read it only if it is meant for them.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("max_age",)
 
     kind: Literal["broadcast"] = "broadcast"
     payload: Literal["pose", "pose_and_goal", "errand", "state", "learned"] = "pose"
@@ -156,11 +151,6 @@ class Broadcast(Frozen):
                 f"after they were sent; expected at least delay {self.delay}"
             )
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_absent_age(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out `max_age` where there is none: hashes of older specs stay the same."""
-        return _without(write(self), max_age=None)
 
 
 AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminator="kind")]

@@ -10,15 +10,13 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 
 from swarmdata.errors import SpecError, SwarmdataError
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.frozen import Frozen, is_file, is_inline
+from swarmdata.specs.frozen import Extended, Frozen, is_file, is_inline
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.plain_names import Name, repeated
 from swarmdata.specs.quantities import (
@@ -92,16 +90,17 @@ def _named(find: Callable[[str], Frozen]) -> BeforeValidator:
 SURFACE_FRICTION = 0.2
 """Coefficient of friction of walls, obstacles and payloads, and of robots that have no other."""
 
-LATER_FIELDS = ("command_delay", "actuator_lag", "mass", "friction", "wheel_grip", "base")
-"""Fields of robots that specs leave out at their defaults."""
 
-
-class Robot(Frozen):
+class Robot(Extended):
     """One kind of circular robot.
 
     Its motors push with the force that accelerates 1 kg by `max_acceleration`: of a heavier robot,
     they make less.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = (
+        "command_delay", "actuator_lag", "mass", "friction", "wheel_grip", "base",
+    )  # fmt: skip
 
     radius: Length = 0.12  # m
     dynamics: Literal["holonomic", "unicycle"] = "holonomic"  # a unicycle cannot move sideways
@@ -119,7 +118,8 @@ class Robot(Frozen):
 
     @model_validator(mode="after")
     def _check_wheels(self) -> Self:
-        if self.dynamics == "holonomic" and self.wheel_grip != _default("wheel_grip"):
+        usual = Robot.model_fields["wheel_grip"].default
+        if self.dynamics == "holonomic" and self.wheel_grip != usual:
             raise ValueError(
                 f"wheel_grip is {self.wheel_grip:g} m/s^2, but a holonomic robot has no wheels "
                 "that slip. Leave it out, or use dynamics unicycle"
@@ -131,22 +131,11 @@ class Robot(Frozen):
             )
         return self
 
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out later fields at their defaults: hashes of older specs stay the same."""
-        content: dict[str, Any] = write(self)
-        later = {name: _default(name) for name in LATER_FIELDS}
-        return {k: value for k, value in content.items() if k not in later or value != later[k]}
-
     @property
     def acceleration(self) -> float:
         """The largest acceleration by commands, m/s^2: what motors give and wheels hold."""
         driven = self.max_acceleration / self.mass
         return min(driven, self.wheel_grip) if self.dynamics == "unicycle" else driven
-
-
-def _default(name: str) -> Any:
-    return Robot.model_fields[name].default
 
 
 class Role(Frozen):
@@ -201,13 +190,14 @@ class Spawn(Frozen):
     max_attempts: Count = 2000  # of drawing a layout before a SpawnError
 
 
-class TaskSpec(Frozen):
+class TaskSpec(Extended):
     """One task, completely: physics, robots, obstacles, rewards, sensing and communication.
 
     `version` is that of the world: physics, rewards and tiers of one version never change, and a
     change of any of them makes the next version, with new ids. Only `WORLD_VERSION` is known here.
     """
 
+    later_fields: ClassVar[tuple[str, ...]] = ("backend", "randomization")
     kind: ClassVar[str] = "task"  # in no JSON: tasks are older than other specs
     library: ClassVar[str] = "swarmdata"
     action_kind: ClassVar[Literal["unit"]] = "unit"
@@ -262,16 +252,6 @@ class TaskSpec(Frozen):
         if problems:
             raise ValueError("; ".join(problems))
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out the default of a later field: hashes of older specs stay the same."""
-        content: dict[str, Any] = write(self)
-        if content.get("backend") == "pymunk":
-            del content["backend"]
-        if not self.randomization.ranges:
-            content.pop("randomization", None)
-        return content
 
     @property
     def world(self) -> "TaskSpec":

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.types import Batch, Double, Step, no_messages
+from swarmdata.types import Batch, Double, Step, blank_step
 
 if TYPE_CHECKING:
     from swarmdata.learn.training.dataset_statistics import Statistics
@@ -77,18 +76,6 @@ def sample_batch(seeds: Sequence[int], index: int) -> Batch:
 def sample_step() -> Step:
     """Returns observations of five copies to act on."""
     copies, rng = 5, np.random.default_rng(1)
-    flags = np.zeros(copies, dtype=np.bool_)
-    return Step(
-        observations=rng.normal(size=(copies, N_AGENTS, N_OBSERVATION)).astype("f4"),
-        states=rng.normal(size=(copies, N_STATE)).astype("f4"),
-        rewards=np.zeros((copies, N_AGENTS), dtype=np.float32),
-        reward_terms=np.zeros((copies, N_AGENTS, 0), np.float32),
-        terminations=flags,
-        truncations=flags,
-        successes=flags,
-        events=np.zeros((copies, N_AGENTS, 4), dtype=np.uint8),
-        seeds=np.arange(copies, dtype=np.uint64),
-        times=np.zeros(copies, dtype=np.int64),
-        layouts=np.zeros((copies, 0, 8), dtype=np.float32),
-        **no_messages(copies, N_AGENTS),
-    )
+    observations = rng.normal(size=(copies, N_AGENTS, N_OBSERVATION)).astype("f4")
+    states = rng.normal(size=(copies, N_STATE)).astype("f4")
+    return blank_step(observations, states, seeds=np.arange(copies, dtype=np.uint64))

@@ -14,10 +14,10 @@ import pytest
 from safetensors.numpy import load_file, save_file
 
 from swarmdata.behavior_policies.learned import Learned, Saved, forward, load_actor, save_actor
-from swarmdata.errors import CheckpointError, SchemaError, SpecError
+from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Step, no_messages
+from swarmdata.types import Step, blank_step
 
 SPEC = TaskSpec()
 SIZE = 53
@@ -47,21 +47,9 @@ def write(path: Path, **options: Any) -> Saved:
 
 def step_of(n_copies: int, seed: int = 1) -> Step:
     rng = np.random.default_rng(seed)
-    flags = np.zeros(n_copies, dtype=np.bool_)
-    return Step(
-        observations=rng.normal(size=(n_copies, 4, SIZE)).astype(np.float32),
-        states=np.zeros((n_copies, 24), dtype=np.float32),
-        rewards=np.zeros((n_copies, 4), dtype=np.float32),
-        reward_terms=np.zeros((n_copies, 4, 0), np.float32),
-        terminations=flags,
-        truncations=flags,
-        successes=flags,
-        events=np.zeros((n_copies, 4, 4), dtype=np.uint8),
-        seeds=np.arange(n_copies, dtype=np.uint64),
-        times=np.zeros(n_copies, dtype=np.int64),
-        layouts=np.zeros((n_copies, 0, 8), dtype=np.float32),
-        **no_messages(n_copies, 4),
-    )
+    observations = rng.normal(size=(n_copies, 4, SIZE)).astype(np.float32)
+    states = np.zeros((n_copies, 24), dtype=np.float32)
+    return blank_step(observations, states, seeds=np.arange(n_copies, dtype=np.uint64))
 
 
 KERNELS = (("Prescott", "1"), ("Prescott", "2"), ("Haswell", "2"), ("SkylakeX", "1"))
@@ -136,14 +124,6 @@ def test_noise_is_gaussian_and_a_function_of_seed_and_time(tmp_path: Path) -> No
     assert policy.act(step._replace(times=step.times + 1)).tobytes() != actions.tobytes()
     part = Step._make(array[7:9] for array in step)
     assert policy.act(part).tobytes() == actions[7:9].tobytes()
-
-
-def test_noise_is_clipped_to_the_action_range(tmp_path: Path) -> None:
-    path = tmp_path / "actor.safetensors"
-    saved = write(path)
-    policy = Learned(SPEC, checkpoint=path, sha256=saved.sha256, noise=2.0)
-    actions = policy.act(step_of(100))
-    assert np.abs(actions).max() == 1.0
 
 
 def test_saving_reports_the_digest_and_the_rounding(tmp_path: Path) -> None:
@@ -252,12 +232,6 @@ def test_other_observations_are_refused(tmp_path: Path) -> None:
     step = step_of(2)
     with pytest.raises(SchemaError, match="have 40 features"):
         policy.act(step._replace(observations=step.observations[..., :40]))
-
-
-def test_negative_noise_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "actor.safetensors"
-    with pytest.raises(SpecError, match="noise"):
-        Learned(SPEC, checkpoint=path, sha256=write(path).sha256, noise=-0.1)
 
 
 def test_squashed_outputs_are_the_tanh_of_the_same_network(tmp_path: Path) -> None:

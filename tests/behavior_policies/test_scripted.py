@@ -7,13 +7,13 @@ import pytest
 
 from swarmdata.behavior_policies.navigation.avoidance import gives_way
 from swarmdata.behavior_policies.scripted import Scripted
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import CIRCLE, POCKET, clearance
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import Obstacles, Robot, Role, TaskSpec
-from swarmdata.types import Double, Float, Step, no_messages
+from swarmdata.types import Double, Float, Step, blank_step
 
 HALF = np.array([2.0, 2.0])
 EMPTY = np.zeros((0, 8), dtype=np.float32)
@@ -27,23 +27,11 @@ def spec_of(n_robots: int, obstacles: Obstacles = NO_OBSTACLES) -> TaskSpec:
 
 def toy_step(robots: Double, layout: Float) -> Step:
     """One copy with the given rows of (x, y, vx, vy, goal x, goal y)."""
-    no, n = np.zeros(1, dtype=np.bool_), len(robots)
+    n = len(robots)
     ahead = np.broadcast_to([1.0, 0.0], (n, 2))
     states = np.concatenate([robots[:, :4], ahead, robots[:, 4:]], axis=1)
-    return Step(
-        observations=np.zeros((1, n, 53), dtype=np.float32),
-        states=states.reshape(1, -1).astype(np.float32),
-        rewards=np.zeros((1, n), dtype=np.float32),
-        reward_terms=np.zeros((1, n, 0), np.float32),
-        terminations=no,
-        truncations=no,
-        successes=no,
-        events=np.zeros((1, n, 4), dtype=np.uint8),
-        seeds=np.zeros(1, dtype=np.uint64),
-        times=np.zeros(1, dtype=np.int64),
-        layouts=layout[None],
-        **no_messages(1, n),
-    )
+    observations = np.zeros((1, n, 53), dtype=np.float32)
+    return blank_step(observations, states.reshape(1, -1).astype(np.float32), layouts=layout[None])
 
 
 def drive(spec: TaskSpec, starts: Double, goals: Double, layout: Float = EMPTY) -> Double:
@@ -137,19 +125,6 @@ def test_the_default_task_is_solved_almost_without_contact() -> None:
         solved |= step.successes
     assert solved.mean() >= 0.95
     assert (solved & ~touched).mean() >= 0.9
-
-
-def test_noise_depends_on_seed_and_time_only() -> None:
-    spec = TaskSpec()
-    step = make_env(spec, 4).reset(evaluation_seeds(4))
-    policy, noisy = Scripted(spec), Scripted(spec, noise=0.1)
-    policy.reset(step, np.arange(4))
-    noisy.reset(step, np.arange(4))
-    first = noisy.act(step)
-    assert first.tobytes() == noisy.act(step).tobytes()
-    assert 0.0 < np.abs(first - policy.act(step)).max() < 0.5
-    with pytest.raises(SpecError, match="noise"):
-        Scripted(spec, noise=float("nan"))
 
 
 def test_episodes_that_it_was_not_told_of_are_refused() -> None:

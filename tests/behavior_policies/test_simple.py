@@ -1,7 +1,6 @@
 """Idle, random and straight: what they command, and that batches do not matter."""
 
 import numpy as np
-import pytest
 
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
@@ -48,18 +47,3 @@ def test_straight_points_at_the_goal_and_brakes() -> None:
     np.testing.assert_allclose(actions[0, 0], (0.6, 0.8), atol=1e-6)
     np.testing.assert_allclose(actions[0, 1], (0.0, -0.5), atol=1e-6)
     assert not actions[0, 2].any()
-
-
-@pytest.mark.parametrize("name", ["idle", "random", "straight", "scripted"])
-def test_an_episode_is_the_same_alone_and_in_a_batch(name: str) -> None:
-    seeds = evaluation_seeds(8)
-    together, policy = make_env(SPEC, 8), make_policy(name, SPEC)
-    step = together.reset(seeds)
-    policy.reset(step, np.arange(8))
-    alone, single = make_env(SPEC, 1), make_policy(name, SPEC)
-    only = alone.reset(seeds[5:6])
-    single.reset(only, np.arange(1))
-    for _ in range(60):
-        actions, own = policy.act(step), single.act(only)
-        assert actions[5].tobytes() == own[0].tobytes()
-        step, only = together.step(actions), alone.step(own)

@@ -2,8 +2,7 @@
 
 import pytest
 
-from swarmdata.behavior_policies import tier_bands
-from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, complete_families, out_of_band
+from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, out_of_band
 from swarmdata.registry.recipes import FAMILIES
 
 GOOD = {
@@ -46,13 +45,3 @@ def test_pushing_may_touch_and_storing_only_now_and_then() -> None:
     assert out_of_band("transport", figures) == ()
     (problem,) = out_of_band("warehouse", figures)
     assert "expert clean_success is 0.740, expected at least 0.75" in problem
-
-
-def test_a_family_is_complete_with_four_mediums_and_four_experts(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    counts = {("coop_nav", "medium"): 4, ("coop_nav", "expert"): 4, ("formation", "expert"): 4}
-    monkeypatch.setattr(
-        tier_bands, "checkpoints", lambda name, tier: [tier] * counts.get((name, tier), 3)
-    )
-    assert complete_families() == ("coop_nav",)

@@ -99,10 +99,7 @@ def test_files(tmp_path: Path) -> None:
     [
         ("lidr", "unknown observation model 'lidr'. Did you mean 'lidar'"),
         ("lidar+nose-0.1", "unknown modifier of observations 'nose'. Did you mean 'noise'"),
-        ("state+goal-10", "unknown modifier of observations 'goal'. Did you mean 'goal-for'"),
         ({"kind": "lidr"}, "unknown observation model 'lidr'. Did you mean 'lidar'"),
-        ("kind: [lidar]", "unknown observation model"),
-        ("", "unknown observation model ''"),
     ],
 )
 def test_unknown_names_come_with_a_suggestion(name: Any, message: str) -> None:
@@ -115,20 +112,13 @@ def test_unknown_names_come_with_a_suggestion(name: Any, message: str) -> None:
     ("name", "message"),
     [
         ("lidar-many", "'lidar-many' in 'lidar-many' needs a number after the hyphen, got 'many'"),
-        ("lidar+noise", "needs a number after the hyphen, got ''"),
-        ("lidar+noise--1", "noise.position"),
-        ("lidar+noise-nan", "noise.position"),
         ("lidar+dropout-1.5", "dropout: expected at most 1 (got 1.5)"),
         ("lidar+stack-0", "stack: expected at least 1 (got 0)"),
-        ("lidar-0", "n_rays"),
         ("lidar+stack-2+stack-3", "stack is given twice"),
         ("state+no-velocities-3", "no-velocities takes no number in 'state+no-velocities-3'"),
         ("occupancy+range-2", "occupancy has no range in 'occupancy+range-2'"),
         ({"n_rays": 3}, "got {'n_rays': 3}, expected a mapping with a key 'kind' (state, lidar"),
         ({"kind": "lidar", "rays": 3}, "rays: unknown key. Did you mean 'n_rays'?"),
-        ("kind: lidar\nkind: lidar", "'kind' is given twice"),
-        ("a: [", "neither YAML nor JSON"),
-        ("- a: 1", "got [{'a': 1}], expected a mapping with a key 'kind'"),
         ("missing.yaml", "cannot read the observation model 'missing.yaml'"),
     ],
 )

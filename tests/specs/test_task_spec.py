@@ -206,11 +206,8 @@ def test_models_may_be_named_as_on_the_command_line() -> None:
     ("change", "message"),
     [
         ({"horizon": "x"}, "horizon: expected a whole number"),
-        ({"horizon": 1.5}, "horizon: expected a whole number"),
         ({"on_collision": "stop"}, "on_collision: expected 'continue' or 'fail'"),
         ({"team": []}, "team: expected at least 1 of them, got 0"),
-        ({"team": 3}, "team: expected a list"),
-        ({"arena": 3}, "arena: expected a mapping"),
         ({"communication": {"drop": 1}}, "communication: it has no key 'kind'"),
     ],
 )

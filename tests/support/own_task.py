@@ -44,7 +44,7 @@ class Thrifty:
     State: the robots, then the metres that the team has driven.
     """
 
-    Rules = ThriftyRules
+    Rules: ClassVar[type[TaskRules]] = ThriftyRules
     metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
         {"driven": Metric("way driven", "m", "lower", "way of all robots")}
     )
@@ -77,8 +77,7 @@ class Thrifty:
         terms = np.stack([_distances(old) - left, way, np.ones_like(way)], axis=-1)
         now.reward_terms[active, :, :3] = terms[active]
         now.states[active, N_COLUMNS * n] += way[active].sum(axis=1)
-        is_there: Bool = (left <= self._radius).all(axis=1)
-        solved[active] = is_there[active]
+        solved[active] = (left[active] <= self._radius).all(axis=1)
 
     def write_features(self, states: Float, layouts: Float, active: Bool, out: Float) -> None:
         pass

@@ -2,17 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import (
     BeforeValidator,
     Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 
-from swarmdata.specs.frozen import Frozen, Positive
+from swarmdata.specs.frozen import Extended, Frozen, Positive
 from swarmdata.specs.plain_names import Label, Name, Text, repeated
 from swarmdata.specs.quantities import Length
 
@@ -90,8 +88,10 @@ class PoseSignal(Signal):
     frame: Text | None = None  # of the poses; none: that of the messages, else the world
 
 
-class CommandComponent(ColumnOf):
+class CommandComponent(ColumnOf, Extended):
     """One component of a command, with its bounds in SI units."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("motion",)
 
     low: Finite | None = None  # least value, in SI units; none: the least that any robot logged
     high: Finite | None = None  # greatest value, likewise
@@ -103,11 +103,6 @@ class CommandComponent(ColumnOf):
         names: tuple[Motion, ...] = get_args(Motion)
         return self.motion or next((name for name in names if name == self.column), None)
 
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out a later field at its default: hashes of older maps stay the same."""
-        return _without(write(self), motion=None)
-
     @model_validator(mode="after")
     def _check_order(self) -> Self:
         if (self.low is None) != (self.high is None):
@@ -117,8 +112,10 @@ class CommandComponent(ColumnOf):
         return self
 
 
-class CommandSignal(Signal):
+class CommandSignal(Signal, Extended):
     """Commands of a robot, each held until the next one: the actions of the dataset."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("clock_offset",)
 
     components: Annotated[tuple[CommandComponent, ...], Field(min_length=1, max_length=64)]
     """Of the action, in order."""
@@ -127,11 +124,6 @@ class CommandSignal(Signal):
     outside: Literal["refuse", "clip"] = "refuse"  # commands beyond their bounds
     clock_offset: ClockOffset | Literal["estimate"] = 0.0
     """s, added to their times beside the robot's; `estimate`: found by the motion that follows."""
-
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out a later field at its default: hashes of older maps stay the same."""
-        return _without(write(self), clock_offset=0.0)
 
     @model_validator(mode="after")
     def _check_clock(self) -> Self:
@@ -274,8 +266,10 @@ class LoggedObstacle(Frozen):
         return self
 
 
-class LogMap(Frozen):
+class LogMap(Extended):
     """Which topics and columns of logs are the poses, commands and observations of robots."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("clock_search", "obstacles")
 
     dt: Annotated[float, Field(ge=1e-6, le=1e6)]  # s, duration of a step
     robots: Annotated[tuple[LoggedRobot, ...], Field(min_length=1, max_length=1024)]
@@ -291,11 +285,6 @@ class LogMap(Frozen):
     ignore_logs: tuple[Text, ...] = ()  # files of a folder that are left out, likewise
     clock_search: Positive = 5.0  # s; offsets to be estimated are no greater
     obstacles: tuple[LoggedObstacle, ...] = ()  # for a task that scores the logs
-
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out later fields at their defaults: hashes of older maps stay the same."""
-        return _without(write(self), clock_search=5.0, obstacles=())
 
     @model_validator(mode="before")
     @classmethod
@@ -325,15 +314,6 @@ class LogMap(Frozen):
         if self.episodes.goal_change and not any(robot.goal for robot in self.robots):
             raise ValueError("episodes.goal_change needs the goal of a robot, and there is none")
         return self
-
-
-def _without(content: dict[str, Any], **defaults: Any) -> dict[str, Any]:
-    """The content without these fields where they have their defaults."""
-    return {
-        key: value
-        for key, value in content.items()
-        if key not in defaults or (value != defaults[key] and value != [])
-    }
 
 
 def _named(value: Any, name: str) -> Any:

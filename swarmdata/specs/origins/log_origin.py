@@ -1,10 +1,10 @@
 """ImportedLogs, a dataset made of the logs of robots."""
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Extended, Frozen
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.origins.spec_kinds import AnySpec
@@ -28,8 +28,10 @@ class EstimatedClock(Frozen):
     explained: Annotated[float, Field(le=1)]  # share of the motion's variance that commands explain
 
 
-class ImportedLogs(Frozen):
+class ImportedLogs(Extended):
     """A dataset made of logs of robots by a map; the same logs and map give it again."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("clocks",)
 
     can_rebuild: ClassVar[bool] = False
     missing: ClassVar[None] = None
@@ -45,12 +47,6 @@ class ImportedLogs(Frozen):
     log_map: LogMap
     clocks: tuple[EstimatedClock, ...] = ()  # that the map asked to estimate
     metadata: dict[Text, Text] = Field(default_factory=dict)  # of the author and of the import
-
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out a later field at its default: hashes of older origins stay the same."""
-        content: dict[str, Any] = write(self)
-        return {key: value for key, value in content.items() if key != "clocks" or value}
 
     @property
     def recipe(self) -> None:

@@ -1,15 +1,13 @@
 """RecordedSpec, an environment of another library: its name and its spaces."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 
-from swarmdata.specs.frozen import Frozen, Positive
+from swarmdata.specs.frozen import Extended, Frozen, Positive
 from swarmdata.specs.plain_names import Name, Text, repeated
 from swarmdata.specs.spaces import Space, is_continuous, width
 
@@ -25,11 +23,13 @@ class RecordedAgent(Frozen):
     action: Space
 
 
-class RecordedSpec(Frozen):
+class RecordedSpec(Extended):
     """An environment of another library: its name, and the spaces of its agents.
 
     Observations and actions of smaller agents are padded with zeros to the widest, on the right.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("time_step",)
 
     kind: Literal["recorded"] = "recorded"
     task: Annotated[
@@ -43,14 +43,6 @@ class RecordedSpec(Frozen):
     state_from: Literal["environment", "observations"]  # observations: all of them, concatenated
     horizon: Annotated[int, Field(ge=1, le=10**9)] | None = None  # None: not known
     time_step: Positive | None = None  # s, of a joint step; None: not known
-
-    @model_serializer(mode="wrap")
-    def _without_unknown_time_step(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out a duration that is not known: older specs, and their hashes, have none."""
-        content: dict[str, Any] = write(self)
-        if content.get("time_step", 0) is None:
-            del content["time_step"]
-        return content
 
     @model_validator(mode="after")
     def _check_agents(self) -> Self:

@@ -11,7 +11,6 @@ from swarmdata.behavior_policies.navigation.robot_scales import (
     Team,
     scales_of,
 )
-from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, TY, X, Y, robots_of
@@ -91,25 +90,6 @@ def test_paths_are_planned_anew_when_targets_jump() -> None:
         np.testing.assert_allclose(robots_of(step.states, 1)[0, 0, [X, Y]], goal, atol=0.05)
 
 
-def test_what_follows_a_reset_does_not_depend_on_what_was_before_it() -> None:
-    """Paths are planned anew when a target has moved far enough, except after a reset."""
-    spec, rng = preset("coop_nav"), np.random.default_rng(0)
-    env, used = make_env(spec, 8), Navigator(spec)
-    step = env.reset(np.arange(8, dtype=np.uint64))
-    targets = robots_of(step.states, 4)[..., TX:].astype(np.float64)
-    used.reset(step, np.arange(8))
-    for k in range(40):
-        if k % 4 == 3:
-            fresh = Navigator(spec)
-            for navigator in (used, fresh):
-                navigator.reset(step, np.arange(8))
-            np.testing.assert_array_equal(
-                used.commands(step, targets), fresh.commands(step, targets)
-            )
-        step = env.step(used.commands(step, targets))
-        targets += rng.uniform(-0.05, 0.05, size=targets.shape)
-
-
 def test_targets_of_the_states_are_the_default() -> None:
     step, navigator = make_env(EASY, 3).reset(np.arange(3, dtype=np.uint64)), Navigator(EASY)
     navigator.reset(step, np.arange(3))
@@ -117,26 +97,6 @@ def test_targets_of_the_states_are_the_default() -> None:
     np.testing.assert_array_equal(
         navigator.commands(step), navigator.commands(step, targets, np.zeros((3, 4, 2)))
     )
-
-
-def test_a_step_of_other_episodes_is_refused() -> None:
-    step, navigator = make_env(EASY, 1).reset(np.zeros(1, np.uint64)), Navigator(EASY)
-    with pytest.raises(SchemaError, match="no map of some episodes"):
-        navigator.commands(step)
-
-
-def test_commands_do_not_depend_on_the_batch_in_a_mixed_team() -> None:
-    spec = preset("coop_nav-mixed")
-    env, navigator, single = make_env(spec, 6), Navigator(spec), Navigator(spec)
-    step = env.reset(np.arange(6, dtype=np.uint64))
-    alone = make_env(spec, 1)
-    only = alone.reset(np.array([4], dtype=np.uint64))
-    navigator.reset(step, np.arange(6))
-    single.reset(only, np.arange(1))
-    for _ in range(60):
-        commands, own = navigator.commands(step), single.commands(only)
-        assert commands[4].tobytes() == own[0].tobytes()
-        step, only = env.step(commands), alone.step(own)
 
 
 def test_stops_are_shared_half_and_half_and_never_ask_to_back_off() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swarmdata.behavior_policies.transport.transport_controller import TransportController
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SpecError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
@@ -59,17 +59,6 @@ def test_it_says_which_robots_and_goals_it_cannot_serve() -> None:
         TransportController(DEFAULT.with_updates(rules={**BOX, "goal_angle": 0.2}))
     with pytest.raises(SpecError, match="expected 'transport'"):
         TransportController(TaskSpec())
-
-
-def test_an_episode_that_it_has_no_map_of_is_refused() -> None:
-    env, policy = make_env(DEFAULT, 2), make_policy("scripted", DEFAULT)
-    step = env.reset(np.array([1, 2], np.uint64))
-    with pytest.raises(SchemaError, match=r"policy\.reset"):
-        policy.act(step)
-    policy.reset(step, np.arange(2))
-    policy.act(step)
-    with pytest.raises(SchemaError, match=r"policy\.reset"):
-        policy.act(env.reset(np.array([3], np.uint64), np.array([1])))
 
 
 @pytest.mark.slow

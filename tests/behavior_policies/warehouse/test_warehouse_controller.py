@@ -9,19 +9,19 @@ from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.navigation.avoidance import brake_half_planes, robot_half_planes
 from swarmdata.behavior_policies.navigation.traffic import TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP
-from swarmdata.behavior_policies.warehouse.traffic_routes import (
+from swarmdata.behavior_policies.warehouse.warehouse_controller import (
+    WarehouseController,
     lane_along,
     lane_at,
     one_way,
     roads_of,
     steer,
 )
-from swarmdata.behavior_policies.warehouse.warehouse_controller import WarehouseController
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse.warehouse import Warehouse
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.numerics.geometry import clearance
-from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.components import make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.state_layout import TX, Y, robots_of
@@ -183,15 +183,6 @@ def test_orders_get_delivered(name: str) -> None:
     assert result.metrics["success"].mean() >= 0.75  # 0.8 and more in 1,000 episodes
     assert result.metrics["deadlocks"].mean() <= 0.1
     assert result.metrics["robot_collisions"].mean() <= 0.2
-
-
-def test_a_learned_message_is_left_empty() -> None:
-    channel = {"kind": "broadcast", "payload": "learned", "message_size": 3}
-    spec = WIDE.with_updates(communication=channel)
-    step = make_env(WIDE, 2).reset(np.arange(2, dtype=np.uint64))
-    actions: Float = WarehouseController(spec).act(step)
-    assert actions.shape == (2, 4, 5)
-    assert not actions[..., 2:].any()
 
 
 @pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])

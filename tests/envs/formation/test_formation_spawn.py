@@ -105,18 +105,6 @@ def check_starts(
         assert len(np.unique(robots[:, UX])) == spec.n_agents
 
 
-def test_an_episode_is_the_same_in_any_rows() -> None:
-    spec = preset("formation")
-    _, layouts, states = spawned(spec, np.arange(6, dtype=np.uint64))
-    task, one_layout, one_state = spawned(spec, np.array([4], dtype=np.uint64))
-    np.testing.assert_array_equal(layouts[4], one_layout[0])
-    np.testing.assert_array_equal(states[4], one_state[0])
-    kept = states.copy()
-    task.spawn(np.array([9, 1], dtype=np.uint64), np.array([5, 0]), layouts, states)
-    np.testing.assert_array_equal(states[1:5], kept[1:5])
-    np.testing.assert_array_equal(states[0], kept[1])
-
-
 def with_rules(name: str = "formation", **rules: Any) -> TaskSpec:
     spec = preset(name)
     return spec.with_updates(rules={**spec.rules.model_dump(), **rules})

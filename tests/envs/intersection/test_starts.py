@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from swarmdata.envs.intersection.intersection import Intersection
+from swarmdata.envs.intersection.intersection import START_JITTER, Intersection, StartPlan
 from swarmdata.envs.intersection.junction import Junction, arm_at
-from swarmdata.envs.intersection.starts import START_JITTER, StartPlan
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.presets import preset

@@ -15,7 +15,7 @@ from swarmdata.envs.world.world import make_backend
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.specs.task_spec import LATER_FIELDS, Arena, Robot, Role, TaskSpec
+from swarmdata.specs.task_spec import Arena, Robot, Role, TaskSpec
 from swarmdata.types import Double
 
 NOTHING = np.zeros((1, 0, 8), np.float32)
@@ -67,7 +67,7 @@ def drive(
 
 
 def test_usual_bodies_are_not_written() -> None:
-    assert set(LATER_FIELDS).isdisjoint(json.loads(Robot().to_json()))
+    assert set(Robot.later_fields).isdisjoint(json.loads(Robot().to_json()))
     heavy = Robot(dynamics="unicycle", mass=2.0, friction=0.0, wheel_grip=1.0)
     assert Robot.from_text(heavy.to_yaml()) == heavy
 

@@ -155,16 +155,6 @@ def test_payloads_follow_from_the_drawn_values() -> None:
     np.testing.assert_array_equal(rows[:, 0, SLIDE_FRICTION], payload.friction)
 
 
-@pytest.mark.parametrize("backend", ["pymunk", "mujoco"])
-def test_copies_and_threads_change_nothing(backend: str) -> None:
-    spec = randomized(backend)
-    one, other = play(make_env(spec, 4), SEEDS), make_env(spec, 4, n_threads=2)
-    play(other, SEEDS[::-1].copy(), 5)
-    for ours, theirs in zip(one, play(other, SEEDS), strict=True):
-        assert all(map(np.array_equal, ours, theirs))
-    other.close()
-
-
 def test_limits_follow_from_all_drawn_values() -> None:
     spec = randomized("pymunk")
     limits = episode_limits(spec, SEEDS)

@@ -61,14 +61,6 @@ def test_a_lag_has_its_time_constant() -> None:
     np.testing.assert_allclose(1.0 - steps, (0.4 / 0.5) ** np.arange(1, 41), rtol=1e-12)
 
 
-def test_copies_that_have_ended_stay() -> None:
-    motors = motors_of(Robot(actuator_lag=0.4))
-    commands = np.ones((2, 1, 2))
-    motors.follow(np.array([True, False]), np.ones(2, np.int64), commands)
-    assert commands[0, 0, 0] < 1.0
-    assert commands[1, 0, 0] == 1.0
-
-
 def test_a_late_robot_drives_the_same_way_later() -> None:
     empty = {"obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)}
     spec = TaskSpec.parse({**empty, "team": [{"count": 1}]})

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
-from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.transport.payload import (
     obstacle_gap,
     payload_radius,
@@ -18,6 +17,7 @@ from swarmdata.envs.transport.payload import (
 from swarmdata.envs.transport.transport import Transport
 from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.registry.components import make_env
@@ -82,23 +82,6 @@ def box_gap(points: Double, body: Double, half: Double) -> Double:
     local = np.stack([offset @ [ux, uy], offset @ [-uy, ux]], axis=1)
     outside = np.maximum(np.abs(local) - half, 0.0)
     return np.hypot(outside[:, 0], outside[:, 1])
-
-
-def potential(spec: TaskSpec, state: Float) -> Double:
-    """The rewards' potential of every robot, [N]."""
-    rules = spec.rules
-    assert isinstance(rules, TransportRules)
-    robots, body, extras = parts(state, spec.n_agents)
-    w, payload = rules.rewards, rules.payload
-    d = np.hypot(*(robots[0, TX:] - body[:2]))
-    sine = abs(body[4] * extras[1] - body[5] * extras[0]) if len(extras) else 0.0
-    places = robots[:, : Y + 1]
-    if payload.shape == "circle":
-        gaps = np.hypot(*(places - body[:2]).T) - payload.half_length
-    else:
-        gaps = box_gap(places, body, np.array([payload.half_length, payload.half_width]))
-    total: Double = w.progress * d + w.turn_progress * sine + w.approach * gaps
-    return -total
 
 
 @pytest.mark.parametrize("spec", [DEFAULT, POSE], ids=["disc", "pose"])
@@ -179,25 +162,6 @@ def test_with_a_goal_angle_the_axis_must_fit_too_either_way_round(turn: float) -
     assert not solved_at(POSE, 0.1, turn + 0.21)
     assert not solved_at(POSE, 0.2, turn)
     assert not solved_at(POSE, 0.0, turn + math.pi / 2)
-
-
-def test_a_solved_episode_terminates_with_the_success_reward() -> None:
-    env, step = still(with_rules(goal_radius=9.0))
-    now = env.step(np.zeros((1, 4, 2)))
-    assert now.successes[0]
-    assert now.terminations[0]
-    assert not now.truncations[0]
-    assert (now.rewards[0] > 2.9).all()
-    assert not step.successes[0]
-
-
-def test_standing_still_and_pushing_in_circles_earn_nothing() -> None:
-    env = make_env(DEFAULT, 2)
-    step, total = env.reset(ids(1, 2)), np.zeros(2)
-    while not step.ended.all():
-        step = env.step(np.zeros((2, 4, 2)))
-        total += step.rewards.mean(axis=1)
-    assert (total < -0.019 * DEFAULT.horizon).all()
 
 
 # ---- episodes

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, shortest_path_length
 from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
 from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
 from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import STREAMS, derive, uniform
@@ -156,45 +156,6 @@ class Placed(Warehouse):
 
 def kinematic(spec: TaskSpec, *positions: Any) -> TaskEnv:
     return TaskEnv(Placed(spec, *positions), 1, KinematicBackend)
-
-
-def test_an_order_goes_from_place_to_station_to_the_next_place() -> None:
-    spec = spec_of(1, quota=2)
-    plan, idle = FloorPlan.of(spec), np.zeros((1, 1, 2))
-    first, station, second = (
-        drawn_target(plan, 5, 0, order, carries)
-        for order, carries in ((0, False), (0, True), (1, False))
-    )
-    env = kinematic(spec, first + np.array([0.16, 0.0]))
-    env.reset(seeds(5))
-    step = env.step(idle)
-    assert own_of(step.states, 1)[0, 0].tolist() == [0, 0]
-    np.testing.assert_allclose(step.rewards, -spec.rules.rewards.time, atol=0.021)
-    env = kinematic(spec, first + np.array([0.14, 0.0]))
-    env.reset(seeds(5))
-    step = env.step(idle)
-    assert own_of(step.states, 1)[0, 0].tolist() == [1, 0]
-    np.testing.assert_allclose(robots_of(step.states, 1)[0, 0, TX:], station, atol=1e-6)
-    np.testing.assert_allclose(step.rewards, 1.0 - 0.02, atol=0.021)
-    while not own_of(step.states, 1)[0, 0, 1]:
-        robot = robots_of(step.states, 1)[0, 0].astype(np.float64)
-        step = env.step((2.0 * (robot[TX:] - robot[: Y + 1]))[None, None])
-    assert own_of(step.states, 1)[0, 0].tolist() == [0, 1]
-    np.testing.assert_allclose(robots_of(step.states, 1)[0, 0, TX:], second, atol=1e-6)
-    assert not step.terminations[0]
-
-
-def test_driving_to_and_fro_earns_nothing() -> None:
-    env = kinematic(spec_of(1), (1.65, -0.45))
-    step = env.reset(seeds(5))
-    start, total = step.states[0, :2].copy(), 0.0
-    for k in range(40):
-        command = (1.0 if k % 20 < 10 else -1.0) * np.array([0.0, 1.0])
-        step = env.step(command[None, None])
-        total += float(step.rewards[0, 0])
-    assert not own_of(step.states, 1).any()
-    back = np.abs(step.states[0, :2] - start).sum()
-    assert total <= -40 * 0.02 + 0.5 * back + 1e-4
 
 
 def test_features_tell_what_a_robot_carries_and_where_to_drive() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.registry.components import make_env, make_task
 from swarmdata.registry.presets import preset
@@ -62,18 +62,6 @@ def test_a_partial_reset_leaves_the_other_copies_alone() -> None:
     np.testing.assert_array_equal(
         after.states[1], make_env(TaskSpec(), 1).reset(seeds(9)).states[0]
     )
-
-
-def test_a_refused_action_leaves_the_world_as_it_was() -> None:
-    env, twin = make_env(TaskSpec(), 2), make_env(TaskSpec(), 2)
-    actions = np.full((2, 4, 2), 0.5, dtype=np.float32)
-    env.reset(seeds(1, 2))
-    twin.reset(seeds(1, 2))
-    bad = actions.copy()
-    bad[1, 3, 1] = np.inf
-    with pytest.raises(SchemaError, match="NaN or infinite"):
-        env.step(bad)
-    assert_same([env.step(actions)], [twin.step(actions)])
 
 
 def test_an_action_means_the_same_in_either_precision() -> None:

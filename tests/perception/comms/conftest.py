@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from swarmdata import types
 from swarmdata.perception.comms import Channel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
@@ -27,21 +28,9 @@ class Log(NamedTuple):
 def blank_step(spec: TaskSpec, channel: Channel, n_copies: int) -> Step:
     """A step whose arrays hold what no channel writes, to see what is touched."""
     n = spec.n_agents
-    flags = np.zeros(n_copies, dtype=np.bool_)
-    return Step(
-        observations=np.full(
-            (n_copies, n, GUARD + len(channel.features)), np.nan, dtype=np.float32
-        ),
-        states=np.zeros((n_copies, N_COLUMNS * n + 1), dtype=np.float32),
-        rewards=np.zeros((n_copies, n), dtype=np.float32),
-        reward_terms=np.zeros((n_copies, n, 0), np.float32),
-        terminations=flags,
-        truncations=flags,
-        successes=flags,
-        events=np.zeros((n_copies, n, 4), dtype=np.uint8),
-        seeds=np.zeros(n_copies, dtype=np.uint64),
-        times=np.zeros(n_copies, dtype=np.int64),
-        layouts=np.zeros((n_copies, 0, 8), dtype=np.float32),
+    return types.blank_step(
+        np.full((n_copies, n, GUARD + len(channel.features)), np.nan, dtype=np.float32),
+        np.zeros((n_copies, N_COLUMNS * n + 1), dtype=np.float32),
         sent=np.full((n_copies, n, channel.message_size), np.nan, dtype=np.float32),
         delivered=np.ones((n_copies, n, n), dtype=np.bool_),
         ages=np.full((n_copies, n, n), 123, dtype=np.uint8),

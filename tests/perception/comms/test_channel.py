@@ -68,39 +68,6 @@ def test_ages_stop_at_254_and_their_feature_at_1(lab: Any) -> None:
 
 @every_kind
 @given(draw=draws)
-def test_an_episode_is_the_same_in_any_batch(lab: Any, name: str, draw: int) -> None:
-    spec = spec_of(lab, name)
-    rng = np.random.default_rng(draw)
-    states, seeds = lab.make_states(rng, 6, 5, 4), seeds_from(draw, 5)
-    actions = rng.uniform(-1, 1, (6, 5, 4, spec.action_size))
-    together = lab.run(spec, states, seeds, actions)
-
-    for e in (0, 3):
-        alone = lab.run(spec, states[:, [e]], seeds[[e]], actions[:, [e]])
-        for one, many in zip(alone, together, strict=True):
-            np.testing.assert_array_equal(one[:, 0], many[:, e])
-
-
-@every_kind
-@given(draw=draws, n_before=st.integers(1, 7))
-def test_after_forgetting_a_channel_is_as_new(
-    lab: Any, name: str, draw: int, n_before: int
-) -> None:
-    spec = spec_of(lab, name)
-    rng = np.random.default_rng(draw)
-    states, seeds = lab.make_states(rng, 6, 2, 4), seeds_from(draw, 2)
-    actions = rng.uniform(-1, 1, (9, 2, 4, spec.action_size))
-    used = Channel(spec, 2)
-    lab.run(spec, lab.make_states(rng, n_before, 2, 4), seeds_from(draw + 1, 2), actions, used)
-    used.forget(np.array([0, 1]))
-
-    again = lab.run(spec, states, seeds, actions, used)
-    for one, other in zip(again, lab.run(spec, states, seeds, actions), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-@every_kind
-@given(draw=draws)
 def test_copies_that_are_not_active_are_untouched(lab: Any, name: str, draw: int) -> None:
     """Copy 1 pauses, and goes on as if it had not."""
     spec = spec_of(lab, name)

@@ -13,7 +13,7 @@ from swarmdata.specs.features import Feature, telling_goals
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Double, Float, Step
+from swarmdata.types import Bool, Double, Float, Step, blank_step
 
 KINDS = (0, 0, 1, 2, 3, 3)
 PAYLOADS = (Payload(), Payload(shape="circle", half_length=0.25))
@@ -77,24 +77,8 @@ class Scenes:
         return self.of(states, layouts, seeds, np.full(n_copies, time), n)
 
     def of(self, states: Float, layouts: Float, seeds: Any, times: Any, n: int) -> Step:
-        e = len(states)
-        flags, none = np.zeros(e, dtype=np.bool_), np.zeros((e, n, 0), dtype=np.float32)
-        return Step(
-            observations=none,
-            states=states,
-            rewards=np.zeros((e, n), dtype=np.float32),
-            reward_terms=np.zeros((e, n, 0), np.float32),
-            terminations=flags,
-            truncations=flags,
-            successes=flags,
-            events=np.zeros((e, n, 4), dtype=np.uint8),
-            seeds=seeds,
-            times=times,
-            layouts=layouts,
-            sent=none,
-            delivered=none.astype(np.bool_),
-            ages=none.astype(np.uint8),
-        )
+        nothing = np.zeros((len(states), n, 0), dtype=np.float32)
+        return blank_step(nothing, states, seeds=seeds, times=times, layouts=layouts)
 
     def compare(self, task: Task, twin: Callable[..., Double], seed: int) -> None:
         """Checks what a sensor observes in three copies against its twin in NumPy."""

@@ -214,15 +214,6 @@ def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
     np.testing.assert_allclose(columns["own.goal_dx"], -columns["own.x"], atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_without_noise_nothing_is_measured_twice(scenes: Any, kind: str) -> None:
-    """Robots know the states themselves, so that recorded observations keep their bits."""
-    task = scenes.task({"kind": kind})
-    step, sensor = scenes.step(task, 2, 1), Sensor(task, 2)
-    out = np.zeros((2, 4, len(sensor.features)), dtype=np.float32)
-    assert sensor.observe(step, np.ones(2, dtype=np.bool_), out) is step.states
-
-
 def test_what_robots_know_of_themselves_is_late(scenes: Any) -> None:
     task = scenes.task({"kind": "state", "delay": 2, "noise": LOUD})
     steps = [scenes.step(task, 2, 7, time) for time in range(6)]

@@ -86,12 +86,3 @@ def test_history_equals_a_list_of_frames(
             past[b].append(frame[b])
             frames = [past[b][max(len(past[b]) - 1 - delay - k, 0)] for k in range(stack)]
             np.testing.assert_array_equal(out[b], np.concatenate(frames, axis=1))
-
-
-def test_without_modifiers_nothing_is_remembered_or_drawn(scenes: Any) -> None:
-    sensor = Sensor(scenes.task({"kind": "lidar"}), 8)
-    assert sensor._history is None
-    assert sensor._measured is None
-    assert sensor._echoes is None
-    assert sensor._known is None
-    assert sensor._frame.size == 0
