@@ -14,7 +14,7 @@ BATCH, N_EPISODES = 16, 5
 
 def sample_setup(seeds: Sequence[int]) -> Any:
     """Returns what an offline algorithm of these seeds is made from, a `Setup`; it needs torch."""
-    setup = import_module("swarmdata.learn.training.setup").Setup
+    setup = import_module("swarmdata.learn.networks.setup").Setup
     sizes = import_module("swarmdata.learn.networks.sizes").Sizes(
         n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE
     )
@@ -24,7 +24,7 @@ def sample_setup(seeds: Sequence[int]) -> Any:
 def sample_statistics() -> Any:
     """Returns statistics of data of these sizes, whose last columns never change."""
     rng = np.random.default_rng(0)
-    kind = import_module("swarmdata.learn.training.dataset_statistics").Statistics
+    kind = import_module("swarmdata.learn.networks.dataset_statistics").Statistics
     return kind(
         observation_mean=rng.normal(size=N_OBSERVATION),
         observation_std=_with_constant(rng.uniform(0.5, 2, N_OBSERVATION)),

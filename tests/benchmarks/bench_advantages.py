@@ -28,7 +28,7 @@ from torch import Tensor
 
 import swarmdata
 from swarmdata.evaluation.runs.train import train
-from swarmdata.learn.training.dataset_statistics import returns_to_go
+from swarmdata.learn.networks.dataset_statistics import returns_to_go
 from swarmdata.learn.training.run_folder import Loaded, load_last
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC
 from swarmdata.types import Double, Episode, Int

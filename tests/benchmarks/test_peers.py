@@ -12,8 +12,8 @@ pytest.importorskip("torch")
 import torch
 from torch import nn
 
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.network_inputs import Normalizer
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.registry.components import make_env
 from tests.benchmarks.bench_algorithms import PEERS, REPOSITORIES, play

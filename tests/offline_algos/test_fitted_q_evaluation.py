@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="critics need torch")
 
 from swarmdata.learn.evaluation.fqe import Answered, FQEConfig, fitted_q_evaluation  # noqa: E402
 from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics, returns_to_go  # noqa: E402
+from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Double, Float  # noqa: E402
 

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 
 from swarmdata.interfaces import Policy
+from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.torch_policy import Memoryless
-from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, Step, no_messages
 from tests.offline_algos.conftest import play

@@ -15,13 +15,10 @@ from torch import Tensor
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.behavior_heads import Rule
-from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.networks.perceptrons import Layer
-from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
-from swarmdata.learn.policies.flow_policy import FlowPolicy
-from swarmdata.learn.policies.latent_policy import LatentPolicy
-from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy
+from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy, RecurrentChoicePolicy
+from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy

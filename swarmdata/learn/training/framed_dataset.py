@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.learn.training.dataset_statistics import step_weights
+from swarmdata.learn.networks.dataset_statistics import step_weights
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from swarmdata import FunctionPolicy, Policy, TaskSpec, load
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.network_inputs import Normalizer
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.perception.frames import in_world
 from swarmdata.rollouts.task_frame import frame_of

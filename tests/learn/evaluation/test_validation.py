@@ -9,17 +9,17 @@ torch = pytest.importorskip("torch", reason="losses need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.evaluation.fqe import Answered  # noqa: E402
-from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
-from swarmdata.learn.evaluation.validation import (  # noqa: E402
+from swarmdata.learn.evaluation.fqe import (  # noqa: E402
     BATCH_SIZE,
+    Answered,
     imitation_error,
     td_errors,
     weighted_imitation_error,
 )
+from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
+from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402

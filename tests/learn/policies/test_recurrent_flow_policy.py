@@ -9,7 +9,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy  # noqa: E402
+from swarmdata.learn.policies.drawn_policy import RecurrentFlowPolicy  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402

@@ -13,13 +13,12 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import BuildError, SchemaError  # noqa: E402
 from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
-from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
+from swarmdata.learn.policies.policy_file import save_policy  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.testing.policy_contract import check_policy  # noqa: E402
 from swarmdata.types import Float, Step  # noqa: E402
 from tests.learn.policies.recurrent_training import (  # noqa: E402
     MEMORY,
@@ -90,11 +89,6 @@ def test_choices_step_by_step_are_those_of_training(
 
 
 @KINDS
-def test_it_keeps_the_contract_of_policies(train: Train, data: Dataset, frame: Frame) -> None:
-    check_policy(train(data, frame).policy(0), data.task, make_env, n_episodes=4, n_steps=6)
-
-
-@KINDS
 def test_it_remembers_until_it_is_reset(train: Train, data: Dataset) -> None:
     policy = train(data).policy(0)
     step = make_env(data.task, 3).reset(np.arange(3, dtype=np.uint64))
@@ -119,18 +113,6 @@ def test_copies_must_be_reset_first(train: Train, data: Dataset) -> None:
 
 
 @KINDS
-def test_log_probs_are_of_the_last_step_only(train: Train, data: Dataset) -> None:
-    policy = train(data).policy(0)
-    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
-    policy.reset(step, np.arange(2))
-    actions = policy.act(step)
-    assert not policy.log_probs(step, actions).any()
-    assert np.isneginf(policy.log_probs(step, actions * np.float32(0.5))).all()
-    with pytest.raises(SchemaError, match="policy with memory cannot act on a step twice"):
-        policy.log_probs(step._replace(times=step.times), actions)
-
-
-@KINDS
 def test_other_observations_are_refused(train: Train, data: Dataset) -> None:
     policy = train(data).policy(0)
     step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
@@ -138,22 +120,6 @@ def test_other_observations_are_refused(train: Train, data: Dataset) -> None:
     policy.reset(other, np.arange(2))
     with pytest.raises(SchemaError, match="features of 4 agents"):
         policy.act(other)
-
-
-@KINDS
-def test_a_file_holds_the_policy_without_what_it_remembers(
-    train: Train, data: Dataset, frame: Frame, tmp_path: Path
-) -> None:
-    policy = train(data, frame).policy(0)
-    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
-    policy.reset(step, np.arange(2))
-    first = policy.act(step)
-    save_policy(tmp_path / "policy.safetensors", policy)
-    read = load_policy(tmp_path / "policy.safetensors")
-    assert type(read) is type(policy)
-    read.reset(step, np.arange(2))
-    np.testing.assert_array_equal(read.act(step), first)
-    np.testing.assert_array_equal(read.act(step), policy.act(step))
 
 
 def test_what_needs_a_function_of_the_present_refuses_it(data: Dataset, tmp_path: Path) -> None:

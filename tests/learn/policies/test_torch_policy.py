@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.torch_policy import TorchPolicy, outputs_of
@@ -46,12 +45,3 @@ def test_folded_networks_answer_as_the_layers_do(
     np.testing.assert_allclose(
         acting.actions(observations), outputs.tanh().numpy(), rtol=0, atol=6e-8
     )
-
-
-@pytest.mark.parametrize("parameters", ["shared", "separate"])
-@pytest.mark.parametrize("shape", [(7, 3, 6), (7, 2, 5)])
-def test_observations_of_another_team_are_refused(
-    parameters: Parameters, shape: tuple[int, ...]
-) -> None:
-    with pytest.raises(SchemaError, match="expected 5 features of 3 agents"):
-        policy(parameters, (4,)).actions(np.zeros(shape, np.float32))

@@ -9,7 +9,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.learn.networks.robot_critics import RobotCritics  # noqa: E402
+from swarmdata.learn.networks.critics import RobotCritics  # noqa: E402
 from swarmdata.learn.training.compact import compact  # noqa: E402
 from swarmdata.learn.training.overrides import override  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402

@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from torch.distributions import Normal  # noqa: E402
 
 from swarmdata.learn.networks.optimizer import StackedAdam  # noqa: E402
-from swarmdata.online_algos.ppo.learned_deviation import LearnedDeviation  # noqa: E402
+from swarmdata.online_algos.ppo.networks import LearnedDeviation  # noqa: E402
 
 
 @pytest.mark.parametrize("n_components", [1, 2])

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.online_algos.ppo.value_scale import ValueScale
+from swarmdata.online_algos.ppo.networks import ValueScale
 
 
 def test_the_scale_of_a_seed_follows_its_targets_only() -> None:

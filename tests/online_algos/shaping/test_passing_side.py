@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.online_algos.shaping.passing_side import PassingSide, count_oncoming
+from swarmdata.online_algos.shaping.shaped_env import PassingSide, count_oncoming
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step

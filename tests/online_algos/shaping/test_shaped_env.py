@@ -8,9 +8,13 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.online_algos.shaping.contact_cost import ContactCost
-from swarmdata.online_algos.shaping.shaped_env import ShapedEnv, ShapingConfig, shape_rewards
-from swarmdata.online_algos.shaping.team_share import TeamShare
+from swarmdata.online_algos.shaping.shaped_env import (
+    ContactCost,
+    ShapedEnv,
+    ShapingConfig,
+    TeamShare,
+    shape_rewards,
+)
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
@@ -90,11 +94,6 @@ def test_copies_that_are_not_reset_keep_their_shaped_rewards() -> None:
     after = shaped.reset(np.array([9], np.uint64), np.array([1])).rewards
     np.testing.assert_array_equal(after[[0, 2]], rewards[[0, 2]])
     assert (after[1] == 0).all()
-
-
-def test_a_step_before_the_first_reset_is_refused() -> None:
-    with pytest.raises(SchemaError, match="before the first reset"):
-        ShapedEnv(make_env(SPEC, 1), []).step(np.zeros((1, 4, 2)))
 
 
 def test_a_config_decides_the_terms_and_their_order() -> None:

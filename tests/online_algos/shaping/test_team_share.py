@@ -8,7 +8,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.online_algos.shaping.team_share import TeamShare
+from swarmdata.online_algos.shaping.shaped_env import TeamShare
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 
