@@ -38,15 +38,13 @@ from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class BCConfig(MemorySettings):
-    """Behavior cloning: a squared error of continuous actions, the likelihood of choices."""
+class CloningConfig:
+    """Settings of algorithms that imitate; one setting for all datasets."""
 
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions, each with the actions of N agents
     hidden: tuple[int, ...] = (128, 128)  # (256, 256) fits a little closer at 2.5 times the cost
-    policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
-    output: Literal["tanh", "clip"] = "tanh"  # of continuous actions
-    learning_rate: float = 3e-3  # see the deviations above
+    learning_rate: float = 3e-3
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
     max_grad_norm: float | None = None
 
@@ -54,6 +52,14 @@ class BCConfig(MemorySettings):
     def discount(self) -> float:
         """1: nothing is bootstrapped."""
         return 1.0
+
+
+@dataclass(frozen=True)
+class BCConfig(MemorySettings, CloningConfig):
+    """Behavior cloning: a squared error of continuous actions, the likelihood of choices."""
+
+    policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
+    output: Literal["tanh", "clip"] = "tanh"  # of continuous actions
 
 
 class BC(OfflineLearner):

@@ -23,38 +23,22 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmdata.learn.flows.distillation import Distillation
-from swarmdata.learn.flows.one_step_actor import Noise, Redraw
-from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.flows.one_step_actor import FlowSettings
 from swarmdata.learn.networks.network_inputs import Normalizer, normal_like
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.trained import flow_policy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.offline_algos.bc import CloningConfig
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class BCFlowConfig(MemorySettings):
+class BCFlowConfig(FlowSettings, CloningConfig):
     """A joint flow and its students; one setting for all datasets."""
 
-    n_updates: int = 10_000
-    batch_size: int = 256  # joint transitions
-    hidden: tuple[int, ...] = (128, 128)  # of the students
     flow_hidden: tuple[int, ...] = (256, 256)  # it models N A numbers at once
-    n_flow_steps: int = 10  # of Euler's method; Park et al. 2025
-    noise: Noise = "team"
-    redraw: Redraw = "step"
-    noise_scale: float = 1.0  # when acting; 1 samples the distribution of the data
-    learning_rate: float = 3e-3  # see `bc`
-    flow_learning_rate: float = 3e-3
-    final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
-    max_grad_norm: float | None = 10.0
-
-    @property
-    def discount(self) -> float:
-        """1: nothing is bootstrapped."""
-        return 1.0
 
 
 class BCFlow(OfflineLearner):

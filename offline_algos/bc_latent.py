@@ -29,6 +29,7 @@ from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initializ
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.drawn_policy import LatentPolicy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.offline_algos.bc import CloningConfig
 from swarmdata.types import Batch
 
 LATENT_STREAM = 5
@@ -36,23 +37,12 @@ LATENT_STREAM = 5
 
 
 @dataclass(frozen=True)
-class BCLatentConfig:
+class BCLatentConfig(CloningConfig):
     """Cloning with a latent for each recorded episode; one setting for all datasets."""
 
-    n_updates: int = 10_000
-    batch_size: int = 256  # joint transitions
-    hidden: tuple[int, ...] = (128, 128)
     latent_size: int = 2  # D
     latent_weight: float = 1e-3  # c
-    learning_rate: float = 3e-3  # see `bc`
     latent_learning_rate: float = 3e-2  # each latent is in few batches
-    final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
-    max_grad_norm: float | None = None
-
-    @property
-    def discount(self) -> float:
-        """1: nothing is bootstrapped."""
-        return 1.0
 
 
 class BCLatent(OfflineLearner):

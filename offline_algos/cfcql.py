@@ -10,8 +10,8 @@ of agents; here agent i's action b is sampled, and the others' are those of the 
     L(pi)  = mean_i -Q_1i(x, (pi(o_i), a_-i)) / q + w 1/A |pi(o_i, i) - a_i|^2
              every `policy_delay`-th; q = max(mean |Q_1|, 1), detached
 
-Q_ji is the value of robot i's own rewards r_i (`reward: team`: the mean over robots), from what
-`networks.critics` calls a centralized view of it, here x. Without the penalty (alpha 0) it is MADDPG
+Q_ji is the value of robot i's own rewards r_i (`reward: team`: the mean over robots), from a
+centralized view of it (`networks.critics`), here x. Without the penalty (alpha 0) it is MADDPG
 with an imitation term.
 
 Deviations:
@@ -42,7 +42,7 @@ from swarmdata.learn.networks.critics import (
     RobotView,
     others_of,
 )
-from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
+from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.conservative import (
     cql_gap,
@@ -59,6 +59,7 @@ from swarmdata.learn.training.actor_critic import (
     LossActorCritic,
     TwoStageConfig,
     Valuer,
+    robot_critics,
     robot_valuer,
 )
 from swarmdata.types import Batch
@@ -92,11 +93,7 @@ class CFCQL(LossActorCritic):
 
     def __init__(self, setup: Setup, config: ConservativeConfig) -> None:
         super().__init__(setup, config)
-        self.critics: RobotCritics = RobotCritics(
-            setup.sizes, Normalizer(setup.statistics, setup.device), "centralized", setup.seeds,
-            config.critic_hidden, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=setup.device,
-        )  # fmt: skip
+        self.critics: RobotCritics = robot_critics(setup, config, "centralized")
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> RobotView:
@@ -129,12 +126,23 @@ class CFCQL(LossActorCritic):
 
     def gap(self, batch: Batch, x: RobotView, q: Tensor) -> Tensor:
         """Returns gap_j, [K, 2], given Q_ji(x, a), [K, 2, B, N]; draws the robots' actions."""
-        config, actions = self.config, batch.actions
-        samples = uniform_samples(self.generators, actions, config.n_samples)
-        others = repeated(actions, config.n_samples)
+        actions, n_samples = batch.actions, self.config.n_samples
+        samples = uniform_samples(self.generators, actions, n_samples)
+        others = repeated(actions, n_samples)
         values = self.critics.sampled_q(x, samples.actions, others)  # [K, 2, B, N, M]
         density = torch.full_like(values[:, 0], uniform_log_density(actions.shape[3]))
-        return cql_gap(density.flatten(1, 2), values.flatten(2, 3), q.flatten(2), config)
+        return self.mean_gap(density, values, q)
+
+    def mean_gap(self, log_density: Tensor, values: Tensor, q: Tensor) -> Tensor:
+        """Returns the mean over robots of `cql_gap`, [K, 2].
+
+        Args:
+            log_density: of the samples, log p, [K, B, N, M].
+            values: of the samples, [K, 2, B, N, M].
+            q: of the data's actions, [K, 2, B, N].
+        """
+        flat = log_density.flatten(1, 2), values.flatten(2, 3), q.flatten(2)
+        return cql_gap(*flat, self.config.temperature, self.config.gap_limit)
 
     def actor_loss(self, batch: Batch, x: RobotView, pi: Tensor, bc_loss: Tensor) -> Loss:
         """Returns L(pi), [K]; the critics' parameters are constants."""

@@ -15,7 +15,8 @@ policy, which acts by its likeliest choice; critics see what was chosen as ones 
 
 No action of a policy ever enters a critic, so nothing outside the data can be overestimated. With
 beta 0 all weights are 1: a clone. Critics are `decentralized` (x_i is o_i and the robot's number,
-and of a they see a_i) or `centralized` (Lowe et al. 2017, eq. 6; `networks.critics` has the details).
+and of a they see a_i) or `centralized` (Lowe et al. 2017, eq. 6; see
+`networks.critics`).
 
 u puts beta in the paper's unit: rewards multiplied by 1,000 over the range of undiscounted returns
 (the largest of any episode and robot less the smallest; appendix B, for locomotion). The paper has
@@ -35,7 +36,7 @@ Deviations:
 - Recorded action masks hold when acting, as in `bc`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -46,9 +47,9 @@ from swarmdata.learn.choices.choice_actor import ChoiceActor
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.recurrent_actor import RecurrentActor, make_actor
 from swarmdata.learn.networks.actor import StackedActor
-from swarmdata.learn.networks.critics import Critic, RobotCritics, RobotView
+from swarmdata.learn.networks.critics import Critic, RobotView
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
-from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
+from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
@@ -60,7 +61,12 @@ from swarmdata.learn.objectives.losses import (
     weighted_cloning_loss,
 )
 from swarmdata.learn.policies.trained import policy_of
-from swarmdata.learn.training.actor_critic import ActorCriticConfig, OfflineLearner, Part
+from swarmdata.learn.training.actor_critic import (
+    ActorCriticConfig,
+    OfflineLearner,
+    Part,
+    robot_critics,
+)
 from swarmdata.types import Batch
 
 RANGE = 1_000.0
@@ -96,11 +102,7 @@ class IQL(OfflineLearner):
                 setup, hidden, config, squash=True, policy_network=policy_network
             )
         self.rewards = RobotRewards(setup.statistics, config.reward)
-        self.critics = RobotCritics(
-            sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
-            config.critic_hidden, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=setup.device,
-        )  # fmt: skip
+        self.critics = robot_critics(replace(setup, sizes=sizes), config, config.critic)
         shape = MLPShape(self.critics.n_features, config.critic_hidden, 1, layer_norm=True)
         self.value = StackedMLP(shape, setup.n_seeds, setup.device)
         initialize(self.value, setup.seeds, VALUE_STREAM)

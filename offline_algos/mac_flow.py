@@ -62,8 +62,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.flows.distillation import Distillation
-from swarmdata.learn.flows.one_step_actor import Noise, Redraw, StudentView
-from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.flows.one_step_actor import FlowSettings, StudentView
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import (
@@ -92,7 +91,7 @@ N_DRAWS = 4
 
 
 @dataclass(frozen=True)
-class MACFlowConfig(MemorySettings, ActorCriticConfig):
+class MACFlowConfig(FlowSettings, ActorCriticConfig):
     """A joint flow, its students and factored critics; one setting for all datasets.
 
     Raises:
@@ -100,12 +99,6 @@ class MACFlowConfig(MemorySettings, ActorCriticConfig):
             networks over sets are asked for.
     """
 
-    flow_hidden: tuple[int, ...] = (128, 128)
-    n_flow_steps: int = 10
-    flow_learning_rate: float = 3e-3
-    noise: Noise = "team"
-    redraw: Redraw = "step"
-    noise_scale: float = 1.0
     critic_share: float = 0.65  # see the deviations above
     critic_learning_rate: float = 3e-3  # as `maddpg_bc`
     inverse_temperature: float = 2.0  # as `maddpg_bc`; 0 only copies the flow

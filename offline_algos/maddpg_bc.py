@@ -60,7 +60,7 @@ from swarmdata.learn.networks.critics import (
     RobotView,
     others_of,
 )
-from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards, normal_like
+from swarmdata.learn.networks.network_inputs import Reward, RobotRewards, normal_like
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss, td_error, td_target, value_size
 from swarmdata.learn.policies.set_policy import SetPolicy
@@ -72,6 +72,7 @@ from swarmdata.learn.training.actor_critic import (
     TwoStageActorCritic,
     TwoStageConfig,
     Valuer,
+    robot_critics,
     robot_valuer,
 )
 from swarmdata.types import Batch
@@ -100,11 +101,7 @@ class MADDPGBC(TwoStageActorCritic):
 
     def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
         super().__init__(setup, config)
-        self.critics: RobotCritics = RobotCritics(
-            setup.sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
-            config.critic_hidden, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=setup.device,
-        )  # fmt: skip
+        self.critics: RobotCritics = robot_critics(setup, config, config.critic)
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> RobotView:

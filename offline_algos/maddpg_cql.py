@@ -36,7 +36,6 @@ from torch import Tensor
 from swarmdata.learn.networks.critics import JointGradient, RobotView
 from swarmdata.learn.objectives.conservative import (
     Samples,
-    cql_gap,
     join_samples,
     noisy_samples,
     uniform_samples,
@@ -64,7 +63,7 @@ class MADDPGCQL(CFCQL):
         samples = self.samples(batch)
         values = self.critics.sampled_q(x, samples.actions, samples.actions)  # [K, 2, B, N, 3 M]
         density = samples.log_density[:, :, None].expand_as(values[:, 0])
-        return cql_gap(density.flatten(1, 2), values.flatten(2, 3), q.flatten(2), self.config)
+        return self.mean_gap(density, values, q)
 
     @torch.no_grad()
     def samples(self, batch: Batch) -> Samples:

@@ -144,7 +144,8 @@ class OMAR(LossActorCritic):
         """
         samples = uniform_samples(self.generators, actions, self.config.n_samples)
         values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B N, M]
-        return cql_gap(samples.log_density, values, q, self.config)
+        config = self.config
+        return cql_gap(samples.log_density, values, q, config.temperature, config.gap_limit)
 
     def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
         """Returns L(pi), eq. 4; the critics' parameters and the search's actions are constants."""

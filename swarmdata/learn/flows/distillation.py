@@ -1,29 +1,15 @@
 """Distillation: a joint flow of the data, and the one-step actors that copy it."""
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.flows.joint_flow import JointFlow
-from swarmdata.learn.flows.one_step_actor import OneStepActor, StudentConfig
+from swarmdata.learn.flows.one_step_actor import FlowSettings, OneStepActor
 from swarmdata.learn.networks.network_inputs import normal_like, uniform_like
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.setup import Setup
-
-
-class FlowConfig(StudentConfig, Protocol):
-    """Settings of a flow and of the actors that copy it."""
-
-    @property
-    def flow_hidden(self) -> tuple[int, ...]: ...
-    @property
-    def n_flow_steps(self) -> int: ...
-    @property
-    def flow_learning_rate(self) -> float: ...
-    @property
-    def max_grad_norm(self) -> float | None: ...
 
 
 class Distillation:
@@ -37,7 +23,7 @@ class Distillation:
     """
 
     def __init__(
-        self, setup: Setup, config: FlowConfig, hidden: tuple[int, ...], *, learning_rate: float
+        self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...], *, learning_rate: float
     ) -> None:
         self.flow = JointFlow(
             setup.sizes, setup.seeds, config.flow_hidden, config.n_flow_steps, setup.device

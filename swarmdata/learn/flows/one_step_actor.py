@@ -1,11 +1,13 @@
 """OneStepActor: each robot maps its own observations and noise to an action, in one step."""
 
-from typing import Literal, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS, GatedShape, StackedGates
+from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.segments import (
     learned_rows,
     learned_steps,
@@ -45,21 +47,17 @@ def known_noise(values: Tensor, noise: Noise) -> Tensor:
     return torch.cat([values, team], -1)
 
 
-class StudentConfig(Protocol):
-    """What one-step actors know of noise and of the past; the last three as `MemorySettings`."""
+@dataclass(frozen=True)
+class FlowSettings(MemorySettings):
+    """Settings of a joint flow and of the one-step actors that copy it."""
 
-    @property
-    def noise(self) -> Noise: ...
-    @property
-    def redraw(self) -> Redraw: ...
-    @property
-    def noise_scale(self) -> float: ...
-    @property
-    def has_memory(self) -> bool: ...
-    @property
-    def memory_size(self) -> int: ...
-    @property
-    def window(self) -> int: ...
+    flow_hidden: tuple[int, ...] = (128, 128)
+    n_flow_steps: int = 10  # of Euler's method; Park et al. 2025
+    flow_learning_rate: float = 3e-3
+    noise: Noise = "team"
+    redraw: Redraw = "step"
+    noise_scale: float = 1.0  # when acting; 1 samples the distribution of the data
+    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
 
 class StudentView(NamedTuple):
@@ -82,7 +80,7 @@ class OneStepActor:
         hidden: sizes of the hidden layers.
     """
 
-    def __init__(self, setup: Setup, config: StudentConfig, hidden: tuple[int, ...]) -> None:
+    def __init__(self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...]) -> None:
         self.sizes, self.config, statistics = setup.sizes, config, setup.statistics
         n_seen = self.sizes.observation + self.sizes.n_agents
         n_inputs = n_seen + noise_size(config.noise, self.sizes.n_agents, self.sizes.action)

@@ -14,7 +14,7 @@ no reason to lower its own (as the second critic of og-marl's torch `maddpg_cql`
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -85,12 +85,14 @@ def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Ten
     return temperature * (weighted.logsumexp(-1) - math.log(values.shape[-1]))
 
 
-def cql_gap(log_density: Tensor, values: Tensor, q: Tensor, config: "PenaltyConfig") -> Tensor:
+def cql_gap(
+    log_density: Tensor, values: Tensor, q: Tensor, temperature: float, limit: float
+) -> Tensor:
     """Returns gap_j, the penalty of each critic, as a mean over rows, [K, J].
 
     It is linear in Q, so that nothing else ends it: where all data are alike, values of other
     actions fall without end, and those of the data are dragged along (see `omar`). A row is not
-    penalized further once the data's action is worth `gap_limit` more than the soft maximum, as
+    penalized further once the data's action is worth `limit` more than the soft maximum, as
     the threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq.
     30).
 
@@ -98,21 +100,11 @@ def cql_gap(log_density: Tensor, values: Tensor, q: Tensor, config: "PenaltyConf
         log_density: of the sampled actions, [K, B, M].
         values: what the critics give for them, [K, J, B, M].
         q: what they give for the data's actions, [K, J, B].
-        config: settings of the penalty.
+        temperature: tau of the soft maximum.
+        limit: of what the penalty enforces.
     """
-    gaps = soft_maximum(values, log_density, config.temperature) - q
-    return gaps.clamp(min=-config.gap_limit).mean(2)
-
-
-class PenaltyConfig(Protocol):
-    """Settings of a sampled penalty."""
-
-    @property
-    def n_samples(self) -> int: ...  # for each row, M
-    @property
-    def temperature(self) -> float: ...  # tau of the soft maximum
-    @property
-    def gap_limit(self) -> float: ...  # of what the penalty enforces
+    gaps = soft_maximum(values, log_density, temperature) - q
+    return gaps.clamp(min=-limit).mean(2)
 
 
 def repeated(actions: Tensor, n_samples: int) -> Tensor:

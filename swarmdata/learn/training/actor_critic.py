@@ -34,8 +34,15 @@ from swarmdata.learn.networks.actor import (
     PolicyNetwork,
     StackedActor,
 )
-from swarmdata.learn.networks.critics import JointGradient, RobotCritics, RobotView, others_of
+from swarmdata.learn.networks.critics import (
+    Critic,
+    JointGradient,
+    RobotCritics,
+    RobotView,
+    others_of,
+)
 from swarmdata.learn.networks.network_inputs import (
+    Normalizer,
     generator_states,
     normal_like,
     restore_generators,
@@ -184,6 +191,15 @@ class Valuer(NamedTuple):
     of_candidates: Callable[[Tensor], Tensor]
     """Values [K, B, N, M] of each robot's M actions [K, B, N, M, A] while the others act as in the
     data. The gradient is not used."""
+
+
+def robot_critics(setup: Setup, config: ActorCriticConfig, critic: Critic) -> RobotCritics:
+    """Makes two critics of each seed with a value for each robot."""
+    return RobotCritics(
+        setup.sizes, Normalizer(setup.statistics, setup.device), critic, setup.seeds,
+        config.critic_hidden, learning_rate=config.critic_learning_rate,
+        max_norm=config.max_grad_norm, device=setup.device,
+    )  # fmt: skip
 
 
 def robot_valuer(

@@ -4,7 +4,7 @@ config.json             the run, completely: `run_folder.Run`, or `OnlineRun` of
 losses.csv              mean losses of each seed, every `log_every` updates
 curve.csv               learning curve: metrics of each seed at each evaluation
 checkpoint.safetensors  all seeds: parameters, optimizers, generators, samplers; or, of a finished
-                        run that `training.compact` shrank, only what its policies need
+                        run that `learn.compact` shrank, only what its policies need
 checkpoints/            earlier checkpoints by update, if the run was told to keep them
 policies/seed-N/        policies of an online run by joint steps
 speed.csv               time and memory of an online run
