@@ -58,15 +58,6 @@ def test_it_follows_the_cosine_and_stands_still_at_its_end(good_only: MemoryData
     assert moved[10] == 0
 
 
-def test_a_constant_learning_rate_is_possible(good_only: MemoryDataset) -> None:
-    bc, batches = made(good_only, 1, n_updates=10, final_learning_rate_factor=1.0)
-    for batch in batches:
-        bc.update(batch)
-    before = bc.actor.network.flat.clone()
-    bc.update(batches[0])
-    assert (bc.actor.network.flat - before).abs().max() > 1e-4
-
-
 @pytest.mark.learns
 @pytest.mark.parametrize("output", ["tanh", "clip"])
 def test_it_imitates_each_agent(good_only: MemoryDataset, output: str) -> None:

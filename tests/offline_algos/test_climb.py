@@ -63,19 +63,6 @@ def test_values_are_asked_for_actions_about_the_mean_within_the_bounds() -> None
     torch.testing.assert_close(asked[0], (0.5 * noise).clamp(-1, 1))
 
 
-def test_the_unit_of_values_does_not_matter() -> None:
-    plain, scaled = climb_of(), climb_of()
-    actions, mean, noise = (
-        torch.randn(K, B, N, A),
-        torch.zeros(K, B, N, A),
-        torch.randn(K, B, N, M, A),
-    )
-    plain.measure(actions, mean, noise, lambda drawn: drawn.sum(4).sin())
-    scaled.measure(actions, mean, noise, lambda drawn: 7 * drawn.sum(4).sin())
-    ones = torch.ones(K)
-    torch.testing.assert_close(pull(plain, ones), pull(scaled, 7 * ones))
-
-
 def test_without_a_temperature_nothing_climbs() -> None:
     assert pull(measured(inverse_temperature=0.0), SLOPES).abs().max() == 0
 

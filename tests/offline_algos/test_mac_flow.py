@@ -111,14 +111,6 @@ def test_actors_climb_the_smaller_value_of_what_the_reward_is_of(reward: Reward)
     torch.testing.assert_close(reported, {"policy_q": value, "lambda": algorithm.climb.weight})
 
 
-def test_actors_leave_critics_as_they_are() -> None:
-    algorithm, batch = measured("own")
-    before, actor = algorithm.critics.utilities.flat.clone(), algorithm.copy.actor
-    pi = actor(actor.see(batch).features, torch.randn(1, 32, 2, 2))
-    algorithm.copy.step(algorithm.climb_loss(batch.states, batch.observations, pi).total, 1.0)
-    assert torch.equal(algorithm.critics.utilities.flat, before)
-
-
 @pytest.mark.parametrize("reward", REWARDS)
 def test_the_climb_is_measured_about_the_mean_of_the_data(
     reward: Reward, monkeypatch: pytest.MonkeyPatch

@@ -72,22 +72,6 @@ def test_the_policy_takes_the_best_bins(parameters: str) -> None:
     np.testing.assert_array_equal(policy.actions(observations[2:3]), actions[2:3])
 
 
-def test_a_turned_world_turns_the_actions() -> None:
-    """Anchor and action turn together by a right angle; the choices stay."""
-    frame = Frame(anchor=0, vectors=(0, 2), closing=())
-    policy = made(frame=frame)
-    observations = np.random.default_rng(1).normal(size=(5, 3, 4)).astype(np.float32)
-    x, y = observations[..., 0::2], observations[..., 1::2]
-    turned = np.stack([-y, x], -1).reshape(5, 3, 4)
-    size = 1.0 / 64  # the frame's axis is seen too: make the policy blind to it
-    for layer in policy.layers[:1]:
-        layer.weight[:, 4:6] = 0
-    actions, after = policy.actions(observations), policy.actions(turned)
-    np.testing.assert_allclose(after[..., 0], -actions[..., 1], atol=size * 1e-4)
-    np.testing.assert_allclose(after[..., 1], actions[..., 0], atol=size * 1e-4)
-    assert np.abs(after).max() <= 1
-
-
 def test_other_observations_are_refused() -> None:
     with pytest.raises(SchemaError, match="expected 4 features of 3 agents"):
         made().actions(np.zeros((2, 3, 5), np.float32))

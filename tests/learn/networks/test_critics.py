@@ -76,14 +76,3 @@ def test_values_of_samples_are_those_of_single_actions(n_values: int) -> None:
         torch.testing.assert_close(first[:, :, sample], expected[:, 0])
     assert got.requires_grad
     assert not first.requires_grad
-
-
-def test_gradients_through_shared_inputs_are_those_of_repeated_ones() -> None:
-    critics = made()
-    g = torch.Generator().manual_seed(1)
-    x, samples = torch.randn(2, 5, 10, generator=g), torch.rand(2, 5, 4, 3, 2, generator=g)
-    critics.online.backward(critics.sampled_q(x, samples).square().sum())
-    shared = critics.online.gradient.clone()
-    repeated = critics.q(x.repeat_interleave(4, 1), samples.flatten(1, 2))
-    critics.online.backward(repeated.square().sum())
-    torch.testing.assert_close(shared, critics.online.gradient, rtol=1e-4, atol=1e-5)

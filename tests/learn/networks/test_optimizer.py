@@ -66,14 +66,6 @@ def test_gradients_are_clipped_seed_by_seed_over_all_rows_of_a_seed() -> None:
     torch.testing.assert_close(gradient, expected)
 
 
-def test_the_optimizer_clips() -> None:
-    network, x = network_of([5, 6]), 100 * torch.randn(2, 9, 3)
-    optimizer = StackedAdam(network, 2, 0.01, max_norm=0.5)
-    optimizer.step(loss_of(network(x)))
-    norms = network.gradient.norm(dim=1)
-    torch.testing.assert_close(norms, torch.tensor([0.5, 0.5]), rtol=1e-4, atol=0)
-
-
 def test_the_cosine_falls_from_one_to_its_floor() -> None:
     assert cosine(0, 100) == 1.0
     assert cosine(50, 100, floor=0.2) == pytest.approx(0.6)

@@ -32,8 +32,9 @@ from swarmdata.learn.objectives.losses import (  # noqa: E402
     weighted_loss,
 )
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from swarmdata.types import Episode, no_messages  # noqa: E402
+from swarmdata.types import Episode  # noqa: E402
 from tests.offline_algos.toys import statistics  # noqa: E402
+from tests.support.made_episodes import made_episode  # noqa: E402
 
 ETA = torch.tensor([2.0])
 UNBOUNDED = torch.tensor([float("inf")])
@@ -90,27 +91,6 @@ def test_the_tilted_mean_goes_from_the_mean_to_the_best_candidate() -> None:
     torch.testing.assert_close(tilted_mean(candidates, values, torch.tensor([99.0])).item(), 0.8)
     pi = torch.full((1, 1, 1, 1), 0.8)
     assert tilted_loss(pi, candidates, values, torch.tensor([99.0])).item() < 1e-10
-
-
-def test_losses_are_means_over_robots() -> None:
-    """A robot's loss counts as much in a large team as in a small one, relative to the others."""
-    generator = torch.Generator().manual_seed(0)
-    pi, mean, actions = (torch.randn(1, 5, 1, 2, generator=generator) for _ in range(3))
-    pi.requires_grad_()
-    values = torch.randn(1, 5, 1, generator=generator)
-    deviation = torch.full_like(mean, 0.3)
-    for n in (2, 8):
-        many, center, width, taken = (
-            t.expand(-1, -1, n, -1) for t in (pi, mean, deviation, actions)
-        )
-        worth = values.expand(-1, -1, n)
-        alone = anchored_loss(pi, values * pi.sum(3), mean, deviation, ETA, UNBOUNDED)
-        together = anchored_loss(many, worth * many.sum(3), center, width, ETA, UNBOUNDED)
-        torch.testing.assert_close(together, alone)
-        torch.testing.assert_close(
-            weighted_loss(many, taken, worth, ETA, 9.0),
-            weighted_loss(pi, actions, values, ETA, 9.0),
-        )
 
 
 def best(loss: object, low: float = -5.0, high: float = 5.0) -> float:
@@ -191,22 +171,10 @@ def test_a_value_far_too_low_is_raised_and_never_lowered() -> None:
 def episode(rewards: list[float], level: float) -> Episode:
     """2 agents that both get `rewards`; every observation and state is `level`."""
     steps = len(rewards)
-    last = np.arange(steps) == steps - 1
-    return Episode(
-        observations=np.full((steps + 1, 2, 3), level, dtype=np.float32),
-        states=np.full((steps + 1, 4), level, dtype=np.float32),
-        actions=np.zeros((steps, 2, 2), dtype=np.float32),
-        log_probs=np.zeros((steps, 2), dtype=np.float32),
-        rewards=np.repeat(np.array(rewards, dtype=np.float32)[:, None], 2, 1),
-        terminations=last,
-        truncations=np.zeros(steps, dtype=np.bool_),
-        events=np.zeros((steps, 2, 4), dtype=np.uint8),
-        **no_messages(steps + 1, 2),
-        layout=np.zeros((0, 8), dtype=np.float32),
-        seed=0,
-        policy=0,
-        end_reason=0,
-    )
+    return made_episode(
+        np.full((steps + 1, 2, 3), level), np.full((steps + 1, 4), level), np.zeros((steps, 2, 2)),
+        np.repeat(np.array(rewards)[:, None], 2, 1), ends=True,
+    )  # fmt: skip
 
 
 def test_only_a_termination_stops_the_bootstrap() -> None:
