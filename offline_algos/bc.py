@@ -13,17 +13,14 @@ With `memory` gru, pi sees all observations of the episode so far: `learn.memory
 
 Deviations: one network for all agents, which sees the agent's number, or with `policy_network`
 `deep_sets` one over sets of neighbors and obstacles, which does not; observations are normalized
-with the statistics of the dataset; the learning rate decays along a cosine. It begins at 3e-3,
-from which a clone of version 0 of `coop_nav-expert` needed less than half the updates that it
-needed from 1e-3. Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do
-not have them, so that pi learns by itself to leave out what was forbidden.
+with the statistics of the dataset; the learning rate decays along a cosine. Recorded action masks
+hold when acting (`swarmdata.evaluate_parallel`); batches do not have them, so that pi learns by
+itself to leave out what was forbidden.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
@@ -33,22 +30,21 @@ from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.recurrent_actor import RecurrentActor, make_actor
 from swarmdata.learn.networks.actor import PolicyNetwork, StackedActor
 from swarmdata.learn.networks.compilation import compilable
-from swarmdata.learn.networks.optimizer import StackedAdam, cosine
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.policies.trained import policy_of
+from swarmdata.learn.training.actor_critic import OfflineLearner, Part
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class BCConfig(MemorySettings):
-    """Behavior cloning: a squared error of continuous actions, the likelihood of choices."""
+class CloningConfig:
+    """Settings of algorithms that imitate; one setting for all datasets."""
 
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions, each with the actions of N agents
     hidden: tuple[int, ...] = (128, 128)  # (256, 256) fits a little closer at 2.5 times the cost
-    policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
-    output: Literal["tanh", "clip"] = "tanh"  # of continuous actions
-    learning_rate: float = 3e-3  # see the deviations above
+    learning_rate: float = 3e-3
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
     max_grad_norm: float | None = None
 
@@ -58,7 +54,15 @@ class BCConfig(MemorySettings):
         return 1.0
 
 
-class BC:
+@dataclass(frozen=True)
+class BCConfig(MemorySettings, CloningConfig):
+    """Behavior cloning: a squared error of continuous actions, the likelihood of choices."""
+
+    policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
+    output: Literal["tanh", "clip"] = "tanh"  # of continuous actions
+
+
+class BC(OfflineLearner):
     """K actors, one per seed, trained at once."""
 
     Config = BCConfig
@@ -66,19 +70,16 @@ class BC:
 
     def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config
-        self.n_updates = 0
         self.actor = _make_actor(setup, config)
-        self.optimizer = StackedAdam(
-            self.actor.network, setup.n_seeds, config.learning_rate, config.max_grad_norm
-        )
+        self.descent = Descent(
+            {"actor": self.actor.network}, setup.n_seeds, config.learning_rate,
+            config.max_grad_norm, moments={"actor": "optimizer"},
+        )  # fmt: skip
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns `bc_loss`, [K]."""
         losses = self._gradient(batch)
-        scale = cosine(
-            self.n_updates, self.config.n_updates, self.config.final_learning_rate_factor
-        )
-        self.optimizer.descend(scale)
+        self.descent.descend(self.scale)
         self.n_updates += 1
         return losses
 
@@ -95,21 +96,11 @@ class BC:
 
     def policy(self, index: int) -> Policy:
         """The policy of seed number `index`, as it is now."""
-        return self.actor.policy(index)
+        return policy_of(self.actor, index)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Parameters, Adam's moments and the number of updates, as copies."""
-        return {
-            "n_updates": torch.tensor(self.n_updates),
-            "actor": self.actor.network.flat.clone(),
-            **{f"optimizer.{k}": v for k, v in self.optimizer.state_dict().items()},
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        self.actor.network.load(state["actor"])
-        self.optimizer.load_state_dict(part(state, "optimizer"))
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return (self.descent,)
 
 
 def _make_actor(setup: Setup, config: BCConfig) -> StackedActor | RecurrentActor | ChoiceActor:

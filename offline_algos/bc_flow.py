@@ -11,23 +11,9 @@ Li & Levine 2025, arXiv 2502.02538, without values):
 where z(i) is what robot i knows of the noise. A squared error to the data, as `bc` has, averages
 the modes of the data; this one averages only what neither o_i nor z(i) tells.
 
-`noise` "team" and `redraw` "step" were chosen on validation episodes, with a flow that predicted
-velocities (`learn.flows.joint_flow` says what it does now). Where scripted teams take goals that
-belong to nobody by two conventions, which nothing observed tells at first, the teams covered all
-goals in this share of the episodes (400 episodes, 2,000 updates of 64 and 128 units, flow's rate
-1e-3, batches of 128, 3 seeds, 128 validation episodes; `bc` 50 %):
-
-    noise, noise_scale    team, 1    team, 0.5    own, 1    own, 0.5
-    redraw "step"          39 %        55 %        21 %       30 %
-    redraw "episode"       20 %        46 %        14 %       34 %
-
-With 1,000 episodes and 8,000 updates of 128 and 256 units (2 seeds), noise of the team reached 66 %
-by step and 58 % by episode. On `coop_nav-medium-replay`, where actions vary by the noise of single
-steps, noise of an episode drives robots into obstacles (return -25, by step -2.3, `bc` -1.3).
-
-Why it is far from the 100 % of the data: z is drawn independently of the mode that c already tells.
-After a few steps the flow reads the mode from all observations, and a robot that sees less than all
-can read it neither there nor from z. `bc_latent` ties its latent to whole episodes.
+z is drawn independently of the mode that c already tells: after a few steps the flow reads the mode
+from all observations, and a robot that sees less than all can read it neither there nor from z.
+`bc_latent` ties its latent to whole episodes.
 
 With `memory` gru the actors see all their observations of the episode so far (`learn.memory`); the
 flow sees the present state and observations of all, as in `mac_flow`.
@@ -37,68 +23,56 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmdata.learn.flows.distillation import Distillation
-from swarmdata.learn.flows.flow_learner import policy_of, restore_state, state_of
-from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.policies.flow_policy import Noise, Redraw
-from swarmdata.learn.training.exploration import normal_like
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.flows.one_step_actor import FlowSettings
+from swarmdata.learn.networks.network_inputs import Normalizer, normal_like
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import cloning_loss
+from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
+from swarmdata.learn.policies.trained import flow_policy
+from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.offline_algos.bc import CloningConfig
 from swarmdata.types import Batch
 
 
 @dataclass(frozen=True)
-class BCFlowConfig(MemorySettings):
+class BCFlowConfig(FlowSettings, CloningConfig):
     """A joint flow and its students; one setting for all datasets."""
 
-    n_updates: int = 10_000
-    batch_size: int = 256  # joint transitions
-    hidden: tuple[int, ...] = (128, 128)  # of the students
     flow_hidden: tuple[int, ...] = (256, 256)  # it models N A numbers at once
-    n_flow_steps: int = 10  # of Euler's method; Park et al. 2025
-    noise: Noise = "team"  # see above; the next one too
-    redraw: Redraw = "step"
-    noise_scale: float = 1.0  # when acting; 1 samples the distribution of the data
-    learning_rate: float = 3e-3  # see `bc`
-    flow_learning_rate: float = 3e-3
-    final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
-    max_grad_norm: float | None = 10.0
-
-    @property
-    def discount(self) -> float:
-        """1: nothing is bootstrapped."""
-        return 1.0
 
 
-class BCFlow:
+class BCFlow(OfflineLearner):
     """K seeds of joint flows and their students, trained at once."""
 
     Config = BCFlowConfig
     LOSSES = ("flow_loss", "distillation_loss")
 
-    policy, state_dict, load_state_dict = policy_of, state_of, restore_state
-
     def __init__(self, setup: Setup, config: BCFlowConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config = config
         self.copy = Distillation(setup, config, config.hidden, learning_rate=config.learning_rate)
         self.generators = setup.generators()
         self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step of both on tensors [K, B, ...], windows with a memory; returns losses, [K]."""
-        config, view = self.config, self.copy.actor.see(batch)
+        view, scale = self.copy.actor.see(batch), self.scale
         batch = view.batch
-        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
         x = self.normalizer.information(batch.states, batch.observations)
         flow_loss = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
-        distillation_loss = self.copy.loss(self.copy.actor(view.features, z), x, z)
+        # samples have no gradient
+        distillation_loss = cloning_loss(
+            self.copy.actor(view.features, z), self.copy.flow.sample(x, z)
+        )
         self.copy.step(distillation_loss, scale)
         self.n_updates += 1
         losses = {"flow_loss": flow_loss, "distillation_loss": distillation_loss}
         return {name: loss.detach() for name, loss in losses.items()}
 
+    def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return flow_policy(self.copy.actor, index)
+
     @property
-    def learned(self) -> tuple[Distillation]:
-        """What has parameters."""
+    def parts(self) -> tuple[Part, ...]:
         return (self.copy,)

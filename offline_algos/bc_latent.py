@@ -11,17 +11,10 @@ In every episode that it plays, the team takes the latent of one recorded episod
 its robots agreed on chooses. It then follows that episode's convention, and follows each convention
 as often as the data do. What varies within an episode is averaged, as in `bc`.
 
-Where scripted teams take goals that belong to nobody by two conventions, which nothing observed
-tells at first, its teams covered all goals in 99.7 % of the episodes, those of `bc` in 50 %, of
-`bc_flow` in 39 % and of `maddpg_bc` in 89 % (400 episodes, 2,000 or 3,000 updates of 64 units,
-batches of 128, 128 validation episodes, 2 or 3 seeds).
-
 Deviations: latents are held small by a penalty, the paper's lie in a ball; the loss is a squared
 error; new latents are those of recorded episodes, not draws from a normal fitted to them.
-
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,17 +23,13 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.network_inputs import with_agent_id
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.optimizer import (
-    StackedAdam,
-    cosine,
-    restore_networks,
-    state_of_networks,
-)
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, backward, initialize
-from swarmdata.learn.policies.latent_policy import LatentPolicy
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.network_inputs import Normalizer, with_agent_id
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.policies.drawn_policy import LatentPolicy
+from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.offline_algos.bc import CloningConfig
 from swarmdata.types import Batch
 
 LATENT_STREAM = 5
@@ -48,26 +37,15 @@ LATENT_STREAM = 5
 
 
 @dataclass(frozen=True)
-class BCLatentConfig:
+class BCLatentConfig(CloningConfig):
     """Cloning with a latent for each recorded episode; one setting for all datasets."""
 
-    n_updates: int = 10_000
-    batch_size: int = 256  # joint transitions
-    hidden: tuple[int, ...] = (128, 128)
-    latent_size: int = 2  # D; the first value tried, as the next one
+    latent_size: int = 2  # D
     latent_weight: float = 1e-3  # c
-    learning_rate: float = 3e-3  # see `bc`
     latent_learning_rate: float = 3e-2  # each latent is in few batches
-    final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
-    max_grad_norm: float | None = None
-
-    @property
-    def discount(self) -> float:
-        """1: nothing is bootstrapped."""
-        return 1.0
 
 
-class BCLatent:
+class BCLatent(OfflineLearner):
     """K actors with the latents of M episodes each, trained at once.
 
     Raises:
@@ -78,7 +56,7 @@ class BCLatent:
     LOSSES = ("bc_loss", "latent_size")
 
     def __init__(self, setup: Setup, config: BCLatentConfig) -> None:
-        self.config, self.n_updates, sizes = config, 0, setup.sizes
+        self.config, sizes = config, setup.sizes
         if setup.n_episodes < 1:
             raise SchemaError(
                 f"bc_latent got {setup.n_episodes} episodes, expected their number: each has a "
@@ -94,12 +72,11 @@ class BCLatent:
         )
         initialize(self.actor, setup.seeds, ACTOR_STREAM)
         initialize(self.table, setup.seeds, LATENT_STREAM)
-        rates = (("actor", self.actor, config.learning_rate),
-                 ("latents", self.table, config.latent_learning_rate))  # fmt: skip
-        self._adams = {
-            name: StackedAdam(network, setup.n_seeds, rate, config.max_grad_norm)
-            for name, network, rate in rates
-        }
+        self.descent = Descent(
+            {"actor": self.actor, "latents": self.table}, setup.n_seeds,
+            {"actor": config.learning_rate, "latents": config.latent_learning_rate},
+            config.max_grad_norm,
+        )  # fmt: skip
         self._setup, self.normalizer = setup, Normalizer(setup.statistics, setup.device)
 
     def latents(self) -> Tensor:
@@ -116,15 +93,11 @@ class BCLatent:
         config = self.config
         if batch.episodes is None:
             raise SchemaError("bc_latent got a batch without `episodes`, expected a dataset's")
-        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
         rows = batch.episodes[..., None].expand(-1, -1, config.latent_size)
         w = self.latents().gather(1, rows)  # [K, B, D]
         bc_loss = (self._act(batch.observations, w) - batch.actions).square().mean((1, 2, 3))
         size = w.square().mean((1, 2))
-        total = bc_loss + config.latent_weight * size
-        backward(total.sum(), [self.actor, self.table])
-        for adam in self._adams.values():
-            adam.descend(scale)
+        self.descent.step(bc_loss + config.latent_weight * size, self.scale)
         self.n_updates += 1
         return {"bc_loss": bc_loss.detach(), "latent_size": size.detach()}
 
@@ -146,11 +119,6 @@ class BCLatent:
             frame=self._setup.sizes.frame,
         )
 
-    def state_dict(self) -> dict[str, Any]:
-        """Parameters, latents, Adam's moments and the number of updates, as copies."""
-        return {"n_updates": torch.tensor(self.n_updates), **state_of_networks(self._adams)}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        restore_networks(self._adams, state)
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return (self.descent,)

@@ -10,21 +10,13 @@ of agents; here agent i's action b is sampled, and the others' are those of the 
     L(pi)  = mean_i -Q_1i(x, (pi(o_i), a_-i)) / q + w 1/A |pi(o_i, i) - a_i|^2
              every `policy_delay`-th; q = max(mean |Q_1|, 1), detached
 
-Q_ji is the value of robot i's own rewards r_i (`reward: team`: the mean over robots), from what
-`robot_views` calls a centralized view of it, here x. Without the penalty (alpha 0) it is MADDPG
+Q_ji is the value of robot i's own rewards r_i (`reward: team`: the mean over robots), from a
+centralized view of it (`networks.critics`), here x. Without the penalty (alpha 0) it is MADDPG
 with an imitation term.
-
-On `coop_nav-medium-replay`, whose data score 24.4 and whose clone `bc` 22.3, it scored 39.5 [35.9,
-43.7] and without the penalty 41.8 [36.4, 45.3] (4,500 updates of 128 rows, 64 units, 5 seeds, 1,000
-validation episodes; `cards/studies/validation`): the penalty does not change the score, but what it
-is made of. With it, robots collide 0.45 times an episode with each other and 3.2 times with
-obstacles, without it 0.82 and 4.8 times, and 43 instead of 68 % of the episodes are solved. One
-value of the team's mean reward and w 0.4, summed over robots, gave a clone: 23.7, without the
-penalty 22.4 (3,000 updates, 3 seeds, 256 episodes).
 
 Deviations:
 - The paper has one value of a reward that all agents share. Of rewards that are each robot's own, a
-  mean over the team hides what one robot's action did (`robot_rewards`).
+  mean over the team hides what one robot's action did (`networks.network_inputs`).
 - lambda_i = 1/N, the paper's uniform weights; its weights by the distance from the data need a
   model of the data's actions.
 - Sampled actions are uniform, as in the authors' code for particle worlds.
@@ -44,30 +36,45 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
-from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.robot_views import RobotView
-from swarmdata.learn.objectives.conservative import counterfactual_gap
-from swarmdata.learn.objectives.in_sample import cloning_loss
-from swarmdata.learn.objectives.td_targets import td_target
-from swarmdata.learn.training.actor_critic import (
-    delayed_update,
-    policy_of,
-    restore_state,
-    second_stage,
-    smoothed_actions,
-    state_of,
+from swarmdata.learn.networks.critics import (
+    JointGradient,
+    RobotCritics,
+    RobotView,
+    others_of,
 )
-from swarmdata.learn.training.robot_actor_critic import (
-    ConservativeConfig,
-    penalized_critic_loss,
-    robot_actor_loss,
-    robot_inputs,
-    robot_parts,
+from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.conservative import (
+    cql_gap,
+    repeated,
+    uniform_log_density,
+    uniform_samples,
+)
+from swarmdata.learn.objectives.losses import Loss, td_error, td_target, value_size
+from swarmdata.learn.policies.set_policy import SetPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.trained import actor_policy
+from swarmdata.learn.training.actor_critic import (
+    EXTRACTION_LOSSES,
+    LossActorCritic,
+    TwoStageConfig,
+    Valuer,
+    robot_critics,
     robot_valuer,
 )
-from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
+
+
+@dataclass(frozen=True)
+class ConservativeConfig(TwoStageConfig):
+    """Settings of critics of each robot that are penalized; above are the units."""
+
+    cql_weight: float = 0.5  # alpha, of the penalty
+    temperature: float = 0.1  # of the soft maximum, tau in the penalty
+    gap_limit: float = 1.0  # a row whose gap is below minus this is not penalized further
+    bc_weight: float = 0.1  # w
+    reward: Reward = "own"
+    clip_target: bool = True
 
 
 @dataclass(frozen=True)
@@ -78,34 +85,77 @@ class CFCQLConfig(ConservativeConfig):
     joint_gradient: JointGradient = "own"
 
 
-class CFCQL:
+class CFCQL(LossActorCritic):
     """K seeds of actors and two critics with counterfactual penalties, trained at once."""
 
-    Config = CFCQLConfig
+    Config: type[ConservativeConfig] = CFCQLConfig
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
 
-    update, policy = delayed_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
-    valuer = robot_valuer
-    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
-    critic_loss = penalized_critic_loss
+    def __init__(self, setup: Setup, config: ConservativeConfig) -> None:
+        super().__init__(setup, config)
+        self.critics: RobotCritics = robot_critics(setup, config, "centralized")
+        self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
-    def __init__(self, setup: Setup, config: CFCQLConfig) -> None:
-        self.config, self.n_updates = config, 0
-        self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
-        self.generators = setup.generators()
-        self.second_stage = second_stage(setup, config, self.actor, self.generators)
+    def critic_inputs(self, batch: Batch) -> RobotView:
+        """Returns x, what the critics see of a batch besides actions."""
+        return self.critics.view(batch.states, batch.observations)
+
+    def critic_loss(self, batch: Batch, x: RobotView) -> Loss:
+        """Returns sum_j L(Q_j), [K]; draws the noise of targets and penalty."""
+        y = self.targets(batch)  # [K, B, N], without a gradient
+        q = self.critics.q(x, batch.actions)  # [K, 2, B, N]
+        td_loss = td_error(q.flatten(2), y.flatten(1))  # [K]
+        gap = self.gap(batch, x, q).sum(1)  # [K]
+        reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2, 3))}
+        return Loss(td_loss + self.config.cql_weight * gap, reported)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y_i, [K, B, N], in units of scaled rewards; draws the smoothing noise."""
-        a_next = smoothed_actions(self, batch.next_observations)
+        own, others = self.next_actions(batch)
         x_next = self.critics.view(batch.next_states, batch.next_observations)
-        q_next = self.critics.target_q(x_next, a_next).amin(1)  # [K, B, N], the smaller one
+        q_next = self.critics.target_q(x_next, own, others).amin(1)  # [K, B, N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
         ends = batch.terminations[..., None]
         return td_target(self.rewards(batch.rewards), ends, q_next, self.config.discount)
 
+    def next_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Returns a robot's next action in its own value, and the others' in it, [K, B, N, A]."""
+        pi_next = self.smoothed_actions(batch.next_observations)
+        return pi_next, pi_next
+
     def gap(self, batch: Batch, x: RobotView, q: Tensor) -> Tensor:
         """Returns gap_j, [K, 2], given Q_ji(x, a), [K, 2, B, N]; draws the robots' actions."""
-        return counterfactual_gap(self.critics, self.generators, self.config, x, batch.actions, q)
+        actions, n_samples = batch.actions, self.config.n_samples
+        samples = uniform_samples(self.generators, actions, n_samples)
+        others = repeated(actions, n_samples)
+        values = self.critics.sampled_q(x, samples.actions, others)  # [K, 2, B, N, M]
+        density = torch.full_like(values[:, 0], uniform_log_density(actions.shape[3]))
+        return self.mean_gap(density, values, q)
+
+    def mean_gap(self, log_density: Tensor, values: Tensor, q: Tensor) -> Tensor:
+        """Returns the mean over robots of `cql_gap`, [K, 2].
+
+        Args:
+            log_density: of the samples, log p, [K, B, N, M].
+            values: of the samples, [K, 2, B, N, M].
+            q: of the data's actions, [K, 2, B, N].
+        """
+        flat = log_density.flatten(1, 2), values.flatten(2, 3), q.flatten(2)
+        return cql_gap(*flat, self.config.temperature, self.config.gap_limit)
+
+    def actor_loss(self, batch: Batch, x: RobotView, pi: Tensor, bc_loss: Tensor) -> Loss:
+        """Returns L(pi), [K]; the critics' parameters are constants."""
+        others = others_of(self.config.joint_gradient, pi, batch.actions)
+        q = self.critics.first_q(x, pi, others)  # [K, B, N]
+        mean = q.mean((1, 2))
+        loss = self.config.bc_weight * bc_loss - mean / value_size(q)
+        return Loss(loss, {"policy_q": mean})
+
+    def valuer(self, batch: Batch, x: RobotView) -> Valuer:
+        """Returns the smaller values of the batch's actions, for a second stage."""
+        return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
+
+    def policy(self, index: int) -> TorchPolicy | SetPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return actor_policy(self.actor.online, index)

@@ -19,14 +19,10 @@ Deviations from FACMAC:
   recurrent.
 - `mixer` "free" is FACMAC's nonmonotonic factorization, "monotonic" that of QMIX, with which the
   paper's main results were made, and the default here. "mean" is that of VDN, the paper's
-  FACMAC-vdn: it mixes nothing. Mixing costs score in `coop_nav`, whose team reward is a mean of the
-  robots' own. On `coop_nav-medium-replay`, whose data score 24.4 and whose clone 22.4 (64 units,
-  batches of 128, 256 validation episodes): after 3,000 updates "mean" 39.2, 39.9 and 37.1, "free"
-  16.1, 24.3 and 20.4, "monotonic" 15.2, 13.6 and 12.3; after 6,000 (1 seed, 192 episodes) "mean"
-  52.3, "monotonic" 29.6. A mixer has to learn from x what "mean" supposes, and is slower for it;
-  one that begins near the mean was no better (17.3 after 3,000 updates).
-  Learned mixers see x: the state alone says nothing of obstacles. All average where the paper's add
-  up, so that values keep their scale in teams of any size.
+  FACMAC-vdn: it mixes nothing. Where the team reward is a mean of the robots' own, a mixer has to
+  learn from x what "mean" supposes, and is slower for it. Learned mixers see x: the state alone
+  says nothing of obstacles. All average where the paper's add up, so that values keep their scale
+  in teams of any size.
 
 Those of `maddpg_bc`, for the reasons given there:
 - mean |Q_1| is taken as at least 1, one standard deviation of the returns-to-go.
@@ -46,25 +42,20 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
-from swarmdata.learn.extraction.valuers import FactoredValuer
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.objectives.in_sample import cloning_loss
-from swarmdata.learn.objectives.td_targets import td_error, td_target, team_reward
+from swarmdata.learn.networks.network_inputs import Normalizer
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import Loss, td_error, td_target, team_reward, value_size
+from swarmdata.learn.policies.set_policy import SetPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
-    Loss,
+    EXTRACTION_LOSSES,
+    LossActorCritic,
     TwoStageConfig,
-    delayed_actor,
-    delayed_update,
-    policy_of,
-    restore_state,
-    second_stage,
-    smoothed_actions,
-    state_of,
+    Valuer,
 )
-from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -79,28 +70,21 @@ class FACMACBCConfig(TwoStageConfig):
     clip_target: bool = True
 
 
-class FACMACBC:
+class FACMACBC(LossActorCritic):
     """K seeds of actors and two factored critics, trained at once."""
 
     Config = FACMACBCConfig
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
 
-    update, policy = delayed_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
-    bc_loss = staticmethod(cloning_loss)
-
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
-        self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(setup, config)
+        super().__init__(setup, config)
         sizes, seeds = setup.sizes, setup.seeds
         mixer = chosen_mixer(config, sizes, seeds, MIXER_STREAM, setup.device, n_critics=2)
-        self.critics = FactoredCritics(
+        self.critics: FactoredCritics = FactoredCritics(
             sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
             max_norm=config.max_grad_norm, device=setup.device,
         )  # fmt: skip
-        self.generators = setup.generators()
         self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
-        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def critic_inputs(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns normalized states, [K, B, S], and observations, [K, B, N, O]."""
@@ -114,14 +98,25 @@ class FACMACBC:
         loss = td_error(q, y)  # [K]
         return Loss(loss, {"critic_loss": loss, "q": q.mean((1, 2))})
 
-    def valuer(self, batch: Batch, x: tuple[Tensor, Tensor]) -> FactoredValuer:
-        """Returns the critics' values of the batch's actions, for a second stage."""
-        return FactoredValuer(self.critics, *x, batch.actions)
+    def valuer(self, batch: Batch, x: tuple[Tensor, Tensor]) -> Valuer:
+        """Returns the smaller team values of the batch's actions, for a second stage.
+
+        Robot i's value of a candidate is the team's if robot i alone leaves the data. Of the
+        policies' actions, each robot gets an equal share of the team's value, so that the gradient
+        of the sum is that of the team's value.
+        """
+        critics = self.critics
+
+        def of_policy(pi: Tensor) -> Tensor:
+            shares = critics.smallest_q(*x, pi) / pi.shape[2]  # [K, B]
+            return shares[..., None].expand(pi.shape[:3])
+
+        return Valuer(of_policy, lambda each: critics.candidate_q(*x, each, batch.actions))
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
-        known, a_next = self.normalizer, smoothed_actions(self, batch.next_observations)
+        known, a_next = self.normalizer, self.smoothed_actions(batch.next_observations)
         s_next = known.states(batch.next_states)
         o_next = known.observations(batch.next_observations)
         q_next = self.critics.target_q(s_next, o_next, a_next).amin(1)  # [K, B], the smaller one
@@ -134,5 +129,9 @@ class FACMACBC:
     ) -> Loss:
         """Returns L(pi), FACMAC eq. 7; the critics' parameters are constants here."""
         q = self.critics.policy_values(*x, pi)  # [K, B]
-        lam = self.config.rl_weight / q.detach().abs().mean(1).clamp(min=1.0)  # [K]
+        lam = self.config.rl_weight / value_size(q)  # [K]
         return Loss(-lam * q.mean(1) + bc_loss, {"policy_q": q.mean(1), "lambda": lam})
+
+    def policy(self, index: int) -> TorchPolicy | SetPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return actor_policy(self.actor.online, index)

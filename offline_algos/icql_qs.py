@@ -15,8 +15,6 @@ target of robot i's value only i's next action comes from the policy:
 a' are the data's next actions; Q_ji, r_i and x are those of `cfcql`, which is the same algorithm
 with the policy's joint action in the targets.
 
-Its settings are those of `cfcql`, which has measured the penalty; this one was not measured alone.
-
 Deviations:
 - Where the horizon cut an episode nobody acted next, so there is no a': all agents of that row take
   the policy's actions, as in MADDPG. Where the task ended, nothing is bootstrapped. The next row of
@@ -34,28 +32,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
-from swarmdata.learn.networks.robot_views import RobotView
-from swarmdata.learn.objectives.conservative import counterfactual_gap
-from swarmdata.learn.objectives.in_sample import cloning_loss
-from swarmdata.learn.objectives.td_targets import td_target
-from swarmdata.learn.training.actor_critic import (
-    delayed_update,
-    policy_of,
-    restore_state,
-    second_stage,
-    smoothed_actions,
-    state_of,
-)
-from swarmdata.learn.training.robot_actor_critic import (
-    penalized_critic_loss,
-    robot_actor_loss,
-    robot_inputs,
-    robot_parts,
-    robot_valuer,
-)
-from swarmdata.learn.training.setup import Setup
-from swarmdata.offline_algos.cfcql import CFCQLConfig
+from swarmdata.offline_algos.cfcql import CFCQL, CFCQLConfig
 from swarmdata.types import Batch
 
 
@@ -64,27 +41,13 @@ class ICQLQSConfig(CFCQLConfig):
     """Partial action replacement with counterfactual CQL, whose settings it has."""
 
 
-class ICQLQS:
+class ICQLQS(CFCQL):
     """K seeds of actors and two critics whose targets let one agent leave the data."""
 
     Config = ICQLQSConfig
-    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
 
-    update, policy = delayed_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
-    valuer = robot_valuer
-    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
-    critic_loss = penalized_critic_loss
-
-    def __init__(self, setup: Setup, config: ICQLQSConfig) -> None:
-        self.config, self.n_updates = config, 0
-        self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
-        self.generators = setup.generators()
-        self.second_stage = second_stage(setup, config, self.actor, self.generators)
-
-    @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
-        """Returns y_i, [K, B, N], in units of scaled rewards; draws the smoothing noise.
+    def next_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """Returns a robot's next action in its own value, and the others' in it, [K, B, N, A].
 
         Raises:
             SchemaError: the batch does not know the next actions.
@@ -94,16 +57,7 @@ class ICQLQS:
                 "a batch for icql_qs has no next_actions, expected those of the data; take batches "
                 "from the sampler of a dataset"
             )
-        pi_next = smoothed_actions(self, batch.next_observations)
+        pi_next = self.smoothed_actions(batch.next_observations)
         # nobody acted after a cut: there everybody's action comes from the policy
         is_cut = batch.truncations[..., None, None]
-        others = torch.where(is_cut, pi_next, batch.next_actions)  # [K, B, N, A]
-        x_next = self.critics.view(batch.next_states, batch.next_observations)
-        q_next = self.critics.target_q(x_next, pi_next, others).amin(1)  # [K, B, N], the smaller
-        q_next = q_next.clamp(max=self.rewards.max_value)
-        ends = batch.terminations[..., None]
-        return td_target(self.rewards(batch.rewards), ends, q_next, self.config.discount)
-
-    def gap(self, batch: Batch, x: RobotView, q: Tensor) -> Tensor:
-        """Returns gap_j, [K, 2], given Q_ji(x, a), [K, 2, B, N]; draws the robots' actions."""
-        return counterfactual_gap(self.critics, self.generators, self.config, x, batch.actions, q)
+        return pi_next, torch.where(is_cut, pi_next, batch.next_actions)

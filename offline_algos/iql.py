@@ -15,23 +15,13 @@ policy, which acts by its likeliest choice; critics see what was chosen as ones 
 
 No action of a policy ever enters a critic, so nothing outside the data can be overestimated. With
 beta 0 all weights are 1: a clone. Critics are `decentralized` (x_i is o_i and the robot's number,
-and of a they see a_i) or `centralized` (Lowe et al. 2017, eq. 6; `robot_views` has the details).
+and of a they see a_i) or `centralized` (Lowe et al. 2017, eq. 6; see
+`networks.critics`).
 
 u puts beta in the paper's unit: rewards multiplied by 1,000 over the range of undiscounted returns
-(the largest of any episode and robot less the smallest; appendix B, for locomotion).
-
-The paper has beta 3 for locomotion and 0.5 for demonstrations (kitchen and adroit), and no one
-value serves both here. With 3, few rows of good data count: on `coop_nav-expert` it scored 85.3, on
-`transport-expert` -7.6 and on `coop_nav-medium-replay` 81.5 (5 seeds, 1,000 reserved episodes,
-`cards/studies/regimes`); with 0.5, 94.7, 83.1 and 62.2, with 1 on `transport-expert` 57.9 (2 seeds,
-200 validation episodes; all 9,000 updates of 128 rows, 64 units).
-
-On `coop_nav-medium-replay`, whose data score 24.4, it scored 50.8, 46.5 and 51.9 and its clone `bc`
-22.4 (4,000 and 3,000 updates of 128 rows, 64 units, 3 seeds, 192 and 256 validation episodes). At
-3,000 updates, beta near 3 in this unit, and 256 episodes, decentralized critics scored 43.5, joint
-ones of x = (state, all observations) -86.3, and joint ones of the team's reward -37.4; whether
-longer training saves these, and what `centralized` does in each robot's frame, was not measured.
-Values need time: after 2,000 updates the decentralized ones scored -41 (1 seed).
+(the largest of any episode and robot less the smallest; appendix B, for locomotion). The paper has
+beta 3 for locomotion and 0.5 for demonstrations (kitchen and adroit), and no one value serves both
+here: with 3, few rows of good data count.
 
 Deviations:
 - Actors are one network for all agents, which sees the agent's number. Those of continuous actions
@@ -46,8 +36,7 @@ Deviations:
 - Recorded action masks hold when acting, as in `bc`.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -58,26 +47,26 @@ from swarmdata.learn.choices.choice_actor import ChoiceActor
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.recurrent_actor import RecurrentActor, make_actor
 from swarmdata.learn.networks.actor import StackedActor
+from swarmdata.learn.networks.critics import Critic, RobotView
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.optimizer import (
-    StackedAdam,
-    cosine,
-    restore_networks,
-    state_of_networks,
-)
+from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.robot_critics import RobotCritics
-from swarmdata.learn.networks.robot_views import Critic, RobotView
-from swarmdata.learn.objectives.in_sample import (
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import (
     expectile_loss,
     exponential_weights,
+    td_error,
+    td_target,
     weighted_cloning_loss,
 )
-from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
-from swarmdata.learn.objectives.td_targets import td_error, td_target
-from swarmdata.learn.training.actor_critic import ActorCriticConfig
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.policies.trained import policy_of
+from swarmdata.learn.training.actor_critic import (
+    ActorCriticConfig,
+    OfflineLearner,
+    Part,
+    robot_critics,
+)
 from swarmdata.types import Batch
 
 RANGE = 1_000.0
@@ -95,14 +84,14 @@ class IQLConfig(MemorySettings, ActorCriticConfig):
     reward: Reward = "own"
 
 
-class IQL:
+class IQL(OfflineLearner):
     """K seeds of actors, two critics and value networks, trained at once."""
 
     Config = IQLConfig
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config = config
         self.actor: StackedActor | RecurrentActor | ChoiceActor
         sizes, hidden, policy_network = setup.sizes, config.actor_hidden, config.policy_network
         if setup.sizes.choices:
@@ -113,20 +102,19 @@ class IQL:
                 setup, hidden, config, squash=True, policy_network=policy_network
             )
         self.rewards = RobotRewards(setup.statistics, config.reward)
-        self.critics = RobotCritics(
-            sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
-            config.critic_hidden, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=setup.device,
-        )  # fmt: skip
+        self.critics = robot_critics(replace(setup, sizes=sizes), config, config.critic)
         shape = MLPShape(self.critics.n_features, config.critic_hidden, 1, layer_norm=True)
         self.value = StackedMLP(shape, setup.n_seeds, setup.device)
         initialize(self.value, setup.seeds, VALUE_STREAM)
-        self.actor_adam = StackedAdam(
-            self.actor.network, setup.n_seeds, config.actor_learning_rate, config.max_grad_norm
-        )
-        self.value_adam = StackedAdam(
-            self.value, setup.n_seeds, config.critic_learning_rate, config.max_grad_norm
-        )
+        self.descent = Descent(
+            {"actor": self.actor.network, "value": self.value}, setup.n_seeds,
+            {"actor": config.actor_learning_rate, "value": config.critic_learning_rate},
+            config.max_grad_norm,
+        )  # fmt: skip
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return self.descent, self.critics
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses, each [K]."""
@@ -135,14 +123,14 @@ class IQL:
         actions = batch.actions
         if isinstance(self.actor, ChoiceActor):
             actions = self.actor.encode(actions)
-        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+        scale = self.scale
         x = self.critics.view(batch.states, batch.observations)
         with torch.no_grad():
             q = self.critics.target_q(x, actions).amin(1)  # [K, B, N]
         advantages = q - self.values(x)
         value_loss = expectile_loss(advantages, config.expectile).mean((1, 2))  # [K], eq. 5
         y = self.targets(batch)  # of the value network as it was
-        self.value_adam.step(value_loss, scale)
+        self.descent.step_of("value", value_loss, scale)
         critic_loss = td_error(self.critics.q(x, actions).flatten(2), y.flatten(1))  # eq. 6
         self.critics.step(critic_loss, scale)
         # without a gradient, [K, B, N]
@@ -153,7 +141,7 @@ class IQL:
             actor_loss = (weights * self.actor.surprise(pi, batch.actions)).mean((1, 2))
         else:
             actor_loss = weighted_cloning_loss(pi, batch.actions, weights)  # [K], eq. 7
-        self.actor_adam.step(actor_loss, scale)
+        self.descent.step_of("actor", actor_loss, scale)
         self.critics.follow(config.tau)
         self.n_updates += 1
         losses = (value_loss, critic_loss, actor_loss, q.mean((1, 2)), advantages.std((1, 2)))
@@ -173,18 +161,4 @@ class IQL:
 
     def policy(self, index: int) -> Policy:
         """The policy of seed number `index`, as it is now."""
-        return self.actor.policy(index)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Parameters, targets, Adam's moments and the number of updates, as copies."""
-        return {
-            "n_updates": torch.tensor(self.n_updates),
-            **state_of_networks({"actor": self.actor_adam, "value": self.value_adam}),
-            **self.critics.state_dict(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        restore_networks({"actor": self.actor_adam, "value": self.value_adam}, state)
-        self.critics.load_state_dict(state)
+        return policy_of(self.actor, index)

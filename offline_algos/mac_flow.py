@@ -21,21 +21,14 @@ Deviations:
   team's. A mean spreads each robot's signal over the team.
 - `noise` "team": robots know all noise, by a seed that they agreed on. With their own noise alone
   ("own", the paper's decentralized actors) they cannot tell what the others choose.
-- lambda is measured, and the slope of Q that pulls a robot is bounded, as `learn.flows.climb` has
-  it; Flow Q-learning offers a division by mean |Q| and takes a weight for each dataset. An earlier
-  version had 2.5 / mean |Q|, and a flow of velocities. Its scores, then those of this version, on
-  reserved episodes (`cards/studies/regimes`): `coop_nav-medium-replay` 63.4 and 73.1, `-medium`
-  85.9 and 75.5, `-expert` -72.7 and 67.2; medium-replay data of `formation` 55.4 and 66.7, of
-  `transport` -108.3 and -54.3, of `warehouse` 24.2 and 25.4. A version that took v from what the
-  flow draws, not from the data about the flow's mean, had 65.6, 51.9, 75.4, 63.4, -23.6 and 20.7.
+- lambda is measured, and the slope of Q that pulls a robot is bounded, see below; Flow Q-learning
+  offers a division by mean |Q| and takes a weight for each dataset.
 - The smaller of two critics, bounded in y by the data's largest return-to-go.
 - Robots share one actor and one critic, which see their number. Critics have LayerNorm, inputs are
   normalized, rewards divided by the deviation of the returns-to-go, actors end in tanh.
 - Two stages: in the first part `critic_share` of the updates, flow and critics learn and actors
   only copy, so that critics value the copied flow; then both stand still, and actors climb. 0 is
-  one stage, all in every update, as in Flow Q-learning. On `coop_nav-medium-replay` a version with
-  two stages returned 0.3 and one with one 1.2 (3,000 updates of 64 units, batches of 128, 128
-  validation episodes, 2 or 3 seeds).
+  one stage, all in every update, as in Flow Q-learning.
 - Learning rates decay along a cosine in each stage.
 - With `memory` gru the actors remember, also in y, where they act one step later. Flow and critics
   see the present alone, as the critics of `iql` do. The flow is used in training only, and sees the
@@ -45,11 +38,22 @@ Deviations:
   remember copy that. Critics are of single robots and know less than an actor that remembers: what
   a robot was told once does not move their gradient; only the copied flow knows it.
 
-On `coop_nav-ranks-two-conventions-mini`, whose data need a convention, an earlier version, whose
-critics learned a third as fast, scored -26.4 and solved no episode (4,500 updates of 128 rows, 64
-units, 3 seeds, 256 validation episodes); `bc_latent` scores 97.2 there.
+How far actors climb. The copy's squared error is the same everywhere, and the slope of a critic is
+not: where a team's actions are all alike, critics were never told what others are worth. So both
+scales are measured on a batch, by the data's actions a and their mean m given c, which the flow
+knows:
+
+    v      = mean over robots and components of (a - m)^2
+    s      = mean deviation of Q_i over M draws from N(m_i, v), divided by sqrt(v): the slope of Q
+    lambda = 2 eta v / (A s)
+    loss   = - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i
+
+Beside the copy's error |mu_i - F_i|^2 / A this is `anchored_loss` of `learn.objectives.losses`,
+times 2 v / A: actions leave the flow's by at most eta v times `slope_limit`, which is little where
+the data are all alike, whatever the unit of rewards.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,27 +61,37 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.flows.climb import N_DRAWS, Climb
 from swarmdata.learn.flows.distillation import Distillation
-from swarmdata.learn.flows.flow_learner import policy_of, restore_state, state_of
-from swarmdata.learn.flows.one_step_actor import StudentView
-from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.flows.one_step_actor import FlowSettings, StudentView
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
-from swarmdata.learn.networks.network_inputs import information
-from swarmdata.learn.networks.normalizer import Normalizer
+from swarmdata.learn.networks.network_inputs import (
+    Normalizer,
+    Reward,
+    RobotRewards,
+    information,
+    normal_like,
+)
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
-from swarmdata.learn.objectives.td_targets import td_error, td_target
-from swarmdata.learn.policies.flow_policy import Noise, Redraw
-from swarmdata.learn.training.actor_critic import ActorCriticConfig, Loss
-from swarmdata.learn.training.exploration import normal_like
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import (
+    Loss,
+    bounded_gradient,
+    cloning_loss,
+    td_error,
+    td_target,
+)
+from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
+from swarmdata.learn.policies.trained import flow_policy
+from swarmdata.learn.training.actor_critic import ActorCriticConfig, OfflineLearner, Part
 from swarmdata.types import Batch
+
+N_DRAWS = 4
+"""M; the slope is a mean over all robots of a batch, so that few are enough."""
 
 
 @dataclass(frozen=True)
-class MACFlowConfig(MemorySettings, ActorCriticConfig):
+class MACFlowConfig(FlowSettings, ActorCriticConfig):
     """A joint flow, its students and factored critics; one setting for all datasets.
 
     Raises:
@@ -85,12 +99,6 @@ class MACFlowConfig(MemorySettings, ActorCriticConfig):
             networks over sets are asked for.
     """
 
-    flow_hidden: tuple[int, ...] = (128, 128)  # 256 cost 2.0 times `facmac_bc`, 128 1.5 times
-    n_flow_steps: int = 10
-    flow_learning_rate: float = 3e-3
-    noise: Noise = "team"
-    redraw: Redraw = "step"
-    noise_scale: float = 1.0
     critic_share: float = 0.65  # see the deviations above
     critic_learning_rate: float = 3e-3  # as `maddpg_bc`
     inverse_temperature: float = 2.0  # as `maddpg_bc`; 0 only copies the flow
@@ -125,16 +133,84 @@ class MACFlowConfig(MemorySettings, ActorCriticConfig):
         return round(self.critic_share * self.n_updates)
 
 
-class MACFlow:
+class Climb:
+    """How far actors climb critics: the scales of K seeds, 0 until they are measured.
+
+    Args:
+        n_seeds: K.
+        inverse_temperature: eta; 0 does not climb.
+        slope_limit: longest slope that pulls a robot, in units of s.
+        device: where the scales are.
+    """
+
+    def __init__(
+        self,
+        n_seeds: int,
+        *,
+        inverse_temperature: float,
+        slope_limit: float,
+        device: torch.device | str,
+    ) -> None:
+        self._eta, self._limit = inverse_temperature, slope_limit
+        self.slope = torch.zeros(n_seeds, device=device)  # s
+        self.weight = torch.zeros(n_seeds, device=device)  # lambda
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the scales are known."""
+        return bool(self.slope.all())
+
+    @torch.no_grad()
+    def measure(
+        self,
+        actions: Tensor,
+        mean: Tensor,
+        noise: Tensor,
+        value_of: Callable[[Tensor], Tensor],
+    ) -> None:
+        """Takes the scales of a batch.
+
+        Args:
+            actions: of the data, [K, B, N, A].
+            mean: of the data's actions, given what the flow knows, [K, B, N, A].
+            noise: standard normal, of the draws, [K, B, N, M, A].
+            value_of: gives the values [K, B, N, M] of each robot's M actions.
+        """
+        variance = (actions - mean).square().mean((1, 2, 3)).clamp(min=1e-6)  # [K]
+        spread = variance.sqrt()
+        drawn = mean[..., None, :] + spread[:, None, None, None, None] * noise
+        values = value_of(drawn.clamp(-1, 1))
+        self.slope = (values.std(3).mean((1, 2)) / spread).clamp(min=1e-6)
+        self.weight = 2 * self._eta * variance / (actions.shape[3] * self.slope)
+
+    def loss(self, pi: Tensor, values: Tensor) -> Tensor:
+        """Returns the loss, [K], whose gradient is what counts.
+
+        Args:
+            pi: the actors' actions, [K, B, N, A].
+            values: of them, with their gradient, [K, B, N].
+        """
+        pull = bounded_gradient(values, pi, self._limit * self.slope)
+        return -self.weight * (pull * pi).sum(3).mean((1, 2))
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The scales, as copies."""
+        return {"climb_slope": self.slope.clone(), "climb_weight": self.weight.clone()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
+        self.slope = state["climb_slope"].to(self.slope.device, copy=True)
+        self.weight = state["climb_weight"].to(self.weight.device, copy=True)
+
+
+class MACFlow(OfflineLearner):
     """K seeds of joint flows, their students and two factored critics, trained at once."""
 
     Config = MACFlowConfig
     LOSSES = ("critic_loss", "q", "flow_loss", "distillation_loss", "policy_q", "lambda")
 
-    policy, state_dict, load_state_dict = policy_of, state_of, restore_state
-
     def __init__(self, setup: Setup, config: MACFlowConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config = config
         self.copy = Distillation(
             setup, config, config.actor_hidden, learning_rate=config.actor_learning_rate
         )
@@ -154,7 +230,7 @@ class MACFlow:
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses of what moved."""
-        first, scale = self.config.first_stage, self._scale()
+        first, scale = self.config.first_stage, self.scale
         view = self.copy.actor.see(batch)
         batch = view.batch
         s = self.normalizer.states(batch.states)
@@ -168,7 +244,8 @@ class MACFlow:
             reported["flow_loss"] = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
         pi = self.copy.actor(view.features, z)  # [K, B, N, A]
-        total = reported["distillation_loss"] = self.copy.loss(pi, x, z)
+        # samples have no gradient
+        total = reported["distillation_loss"] = cloning_loss(pi, self.copy.flow.sample(x, z))
         if self.n_updates >= first:
             if first == 0 or not self.climb.is_measured:
                 self.measure_climb(s, o, batch.actions)
@@ -178,7 +255,8 @@ class MACFlow:
         self.n_updates += 1
         return {name: loss.detach() for name, loss in reported.items()}
 
-    def _scale(self) -> float:
+    @property
+    def scale(self) -> float:
         """The factor on all learning rates: a cosine in each stage."""
         config, first = self.config, self.config.first_stage
         begin, end = (0, first) if self.n_updates < first else (first, config.n_updates)
@@ -236,7 +314,7 @@ class MACFlow:
         self.climb.measure(actions, mean, torch.stack(noises, 3), value_of)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
-        """Returns the loss of `learn.flows.climb`.
+        """Returns - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i, [K].
 
         Args:
             s: normalized states, [K, B, S].
@@ -252,7 +330,10 @@ class MACFlow:
         loss = self.climb.loss(pi, values)
         return Loss(loss, {"policy_q": worth, "lambda": self.climb.weight})
 
+    def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return flow_policy(self.copy.actor, index)
+
     @property
-    def learned(self) -> tuple[Distillation, FactoredCritics, Climb]:
-        """What has parameters."""
+    def parts(self) -> tuple[Part, ...]:
         return self.copy, self.critics, self.climb

@@ -12,7 +12,7 @@ sees all actions; "decentralized", it sees (o_i, i, a_i): the MA-TD3+BC of OMAR'
     lambda = alpha / max(mean |Q_1(x, pi(o))|, 1), detached
 
 In the second stage the actor is extracted from the critics, which go on learning its value;
-`extraction.objectives` has its losses. By default it climbs, by slopes of Q of bounded length and
+`learn.objectives.losses` has its losses. By default it climbs, by slopes of Q of bounded length and
 with a behavior density beta that was learned in the first stage,
 
     1/N sum_i min_j Q_j(x_i, pi(o)) + 1/eta log beta(pi(o_i, i) | o_i)
@@ -20,27 +20,8 @@ with a behavior density beta that was learned in the first stage,
 Where a second stage follows, the first one has alpha `first_rl_weight` 0: its actor clones the data
 and the critics value the clone, so that policy improvement begins with a sound value
 (Brandfonbrener et al. 2021, "Offline RL without off-policy evaluation"; with `frozen_critics`, one
-step is all there is). With 0.6 in its place, critics learn the value of actors that they themselves
-lead astray where data are narrow: 72 instead of 91 on `coop_nav-expert` (there with decentralized,
-frozen critics; both with an inverse temperature of half a deviation of Q under the density).
-
-Scores of 5 seeds on 1,000 validation episodes, 64 units (`cards/studies/validation`, `budgets`):
-
-    updates of 128 rows         4,500   18,000   18,000, no bound on slopes
-    coop_nav-medium-replay       72.7     80.7                                 data 24.5, bc 22.3
-    coop_nav-medium              74.6     77.9                                 data 57.1, bc 53.8
-    coop_nav-expert              94.5     98.4     93.6                        bc 99.9
-
-The inverse temperature was chosen with frozen critics and without a bound, 3 seeds, 256 validation
-episodes, 4,500 updates:
-
-    inverse_temperature      clone   1.5     2     2.5
-    coop_nav-medium-replay    24.0  69.8  72.0  71.8      data 24.5
-    coop_nav-medium           57.1  71.3  74.4  76.3      data 57.1
-    coop_nav-expert           97.7  95.7  94.5  93.6      bc   98.2
-    coop_nav-narrow           99.2  96.2  96.2  95.7      bc   99.8
-
-With discounts of 0.98 and 0.99 it scored 64.9 and 59.6 on medium-replay.
+step is all there is). Otherwise critics learn the value of actors that they themselves lead astray
+where data are narrow.
 
 Deviations:
 - Actors are one network for all robots, which sees the robot's number, and so are the critics.
@@ -49,7 +30,7 @@ Deviations:
 - `joint_gradient` "all": Q sees every robot's action from its policy (the centralized gradient of
   FACMAC, Peng et al. 2021, eq. 7). "own" is MADDPG's eq. 6: robot i's action from its policy and
   the others' from the data, which can fail to coordinate (Tilbury et al. 2024, arXiv 2407.01343).
-- Frames: a critic of robot i sees everything in robot i's frame (`networks.robot_views`).
+- Frames: a critic of robot i sees everything in robot i's frame (`networks.critics`).
 - mean |Q_1| is taken as at least 1, which is one standard deviation of the returns-to-go: returns
   cross 0, where the paper's lambda explodes.
 - Value and imitation are both means over robots, so that a robot is held to the data, and pulled by
@@ -61,42 +42,39 @@ Deviations:
 - Warm-up: in the first `bc_warmup_updates` lambda is 0 and actors move in every update, so
   that they clone the data while critics are still noise.
 - Learning rates decay along a cosine in each stage, as that of behavior cloning does.
-- The learning rates are 3e-3; the paper's 3e-4 is for a million updates and does not decay. With
-  1e-3 for the critics, medium scored 59.9 instead of 74.4 (3,000 updates before the second stage,
-  `first_rl_weight` 0.6, decentralized critics). That of the actors is the one of `bc`.
+- The learning rates are 3e-3; the paper's 3e-4 is for a million updates and does not decay.
 - The discount is 0.95 per control step, not the paper's 0.99: rewards for progress and contact are
-  dense, so that 20 steps (2 s) hold the consequences of an action. Its effect was not isolated.
+  dense, so that 20 steps (2 s) hold the consequences of an action.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES, Extraction
-from swarmdata.learn.extraction.valuers import RobotValuer
 from swarmdata.learn.networks.compilation import compilable
-from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.robot_critics import RobotCritics
-from swarmdata.learn.networks.robot_views import Critic, RobotView
-from swarmdata.learn.objectives.in_sample import cloning_loss
-from swarmdata.learn.objectives.robot_rewards import Reward, RobotRewards
-from swarmdata.learn.objectives.td_targets import td_error, td_target
-from swarmdata.learn.training.actor_critic import (
-    TwoStageConfig,
-    delayed_actor,
-    extract,
-    follow,
-    policy_of,
-    restore_state,
-    second_stage,
-    stage_of,
-    state_of,
+from swarmdata.learn.networks.critics import (
+    Critic,
+    JointGradient,
+    RobotCritics,
+    RobotView,
+    others_of,
 )
-from swarmdata.learn.training.exploration import normal_like
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.network_inputs import Reward, RobotRewards, normal_like
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import cloning_loss, td_error, td_target, value_size
+from swarmdata.learn.policies.set_policy import SetPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.trained import actor_policy
+from swarmdata.learn.training.actor_critic import (
+    EXTRACTION_LOSSES,
+    Extraction,
+    TwoStageActorCritic,
+    TwoStageConfig,
+    Valuer,
+    robot_critics,
+    robot_valuer,
+)
 from swarmdata.types import Batch
 
 
@@ -115,58 +93,31 @@ class MADDPGBCConfig(TwoStageConfig):
     clip_target: bool = True
 
 
-class MADDPGBC:
-    """K seeds of actors and two critics, trained at once."""
+class MADDPGBC(TwoStageActorCritic):
+    """K seeds of actors and two critics, trained at once; its gradients can be compiled."""
 
     Config = MADDPGBCConfig
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
 
-    policy, state_dict, load_state_dict = policy_of, state_of, restore_state
-
     def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
-        self.config, self.n_updates = config, 0
-        self.actor, self.generators = delayed_actor(setup, config), setup.generators()
-        self.critics = RobotCritics(
-            setup.sizes, Normalizer(setup.statistics, setup.device), config.critic, setup.seeds,
-            config.critic_hidden, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=setup.device,
-        )  # fmt: skip
+        super().__init__(setup, config)
+        self.critics: RobotCritics = robot_critics(setup, config, config.critic)
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
-        self.second_stage = second_stage(setup, config, self.actor, self.generators)
-
-    def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
-
-        The loop is `delayed_update`, with gradients that can be compiled.
-        """
-        config, stage = self.config, self.second_stage
-        scale, is_second = stage_of(config, stage, self.n_updates)
-        x = self.critic_inputs(batch)
-        losses: dict[str, Tensor] = {}
-        if stage is None or not is_second or not stage.has_frozen_critics:
-            losses = self.critic_gradient(batch, x, normal_like(self.generators, batch.actions))
-            self.critics.optimizer.descend(scale)
-        self.n_updates += 1
-        is_warmup = self.n_updates <= config.bc_warmup_updates
-        if stage is not None and is_second:
-            losses |= extract(self, stage, batch, self.valuer(batch, x), scale)
-        elif is_warmup or self.n_updates % config.policy_delay == 0:
-            alpha = config.rl_weight if stage is None else config.first_rl_weight
-            losses |= self.actor_gradient(batch, x, 0.0 if is_warmup else alpha)
-            self.actor.optimizer.descend(scale)
-            if stage is not None:
-                losses["density_loss"] = stage.learn_density(batch, scale)
-            follow(self)
-        return losses
 
     def critic_inputs(self, batch: Batch) -> RobotView:
-        """Returns what the critics see of a batch besides actions."""
+        """Returns x_i, what the critics see of a batch besides actions."""
         return self.critics.view(batch.states, batch.observations)
+
+    def critic_step(self, batch: Batch, x: RobotView, scale: float) -> dict[str, Tensor]:
+        """Moves the critics; returns losses, each [K]."""
+        reported = self.critic_gradient(batch, x, normal_like(self.generators, batch.actions))
+        self.critics.descend(scale)
+        return reported
 
     @compilable
     def critic_gradient(self, batch: Batch, x: RobotView, noise: Tensor) -> dict[str, Tensor]:
         """Fills the critics' gradients with that of sum_j L(Q_j); returns losses, each [K]."""
-        y = self.targets(batch, noise)  # [K, B, N]
+        y = self.targets(batch, noise)
         q = self.critics.q(x, batch.actions)  # [K, 2, B, N]
         critic_loss = td_error(q.flatten(2), y.flatten(1))  # [K]
         self.critics.online.backward(critic_loss.sum())
@@ -181,7 +132,7 @@ class MADDPGBC:
             noise: standard normal, [K, B, N, A], of the target policies' smoothing.
         """
         o_next, config = batch.next_observations, self.config
-        a_next = self.actor.smoothed_by(noise, o_next, config.smoothing, config.smoothing_clip)
+        a_next = self.actor.smoothed(noise, o_next, config.smoothing, config.smoothing_clip)
         x_next = self.critics.view(batch.next_states, o_next)
         q_next = self.critics.target_q(x_next, a_next).amin(1)  # [K, B, N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
@@ -195,6 +146,16 @@ class MADDPGBC:
         q = self.critics.q(self.critic_inputs(batch), batch.actions)  # [K, 2, B, N]
         return (q - y[:, None]).square().mean((1, 2, 3))
 
+    def actor_step(
+        self, batch: Batch, x: RobotView, scale: float, is_warmup: bool
+    ) -> dict[str, Tensor]:
+        """Moves the actors; returns losses, each [K]."""
+        config = self.config
+        alpha = config.rl_weight if self.second_stage is None else config.first_rl_weight
+        reported = self.actor_gradient(batch, x, 0.0 if is_warmup else alpha)
+        self.actor.descend(scale)
+        return reported
+
     @compilable
     def actor_gradient(self, batch: Batch, x: RobotView, rl_weight: float) -> dict[str, Tensor]:
         """Fills the actors' gradients with that of L(pi); returns losses, each [K].
@@ -205,18 +166,21 @@ class MADDPGBC:
             rl_weight: alpha; 0 clones the data.
         """
         pi = self.actor(batch.observations)  # [K, B, N, A]
-        bc_loss = cloning_loss(pi, batch.actions)  # [K]
+        bc_loss = actor_loss = cloning_loss(pi, batch.actions)  # [K]
         losses = {"bc_loss": bc_loss}
-        actor_loss = bc_loss
         if rl_weight != 0:
-            others = pi if self.config.joint_gradient == "all" else batch.actions
+            others = others_of(self.config.joint_gradient, pi, batch.actions)
             q = self.critics.first_q(x, pi, others)  # [K, B, N]; parameters are constants
-            lam = rl_weight / q.detach().abs().mean((1, 2)).clamp(min=1.0)  # [K]
+            lam = rl_weight / value_size(q)  # [K]
             actor_loss = bc_loss - lam * q.mean((1, 2))
             losses |= {"policy_q": q.mean((1, 2)), "lambda": lam}
         self.actor.online.network.backward(actor_loss.sum())
         return {name: loss.detach() for name, loss in losses.items()}
 
-    def valuer(self, batch: Batch, x: RobotView) -> RobotValuer:
-        """Returns the critics' values of the batch's actions, for the second stage."""
-        return RobotValuer(self.critics, x, batch.actions, self.config.joint_gradient)
+    def valuer(self, batch: Batch, x: RobotView) -> Valuer:
+        """Returns the smaller values of the batch's actions, for the second stage."""
+        return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
+
+    def policy(self, index: int) -> TorchPolicy | SetPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return actor_policy(self.actor.online, index)

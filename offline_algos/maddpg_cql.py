@@ -15,8 +15,6 @@ Q_ji, r_i and x are those of `cfcql`, and so is the algorithm without the penalt
 here to be compared with: the space of joint actions grows with the number of agents, and so does
 what is penalized (Shao et al. 2023, section 3.1); `cfcql` does not have that.
 
-Its settings are those of `cfcql`, which has measured its penalty; this one was not measured alone.
-
 Deviations:
 - The three kinds of samples are one mixture, as in the authors' code; each has the density of its
   own kind, that of noise before actions are clipped to [-1, 1].
@@ -35,35 +33,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
-from swarmdata.learn.networks.critics import JointGradient
-from swarmdata.learn.networks.robot_views import RobotView
+from swarmdata.learn.networks.critics import JointGradient, RobotView
 from swarmdata.learn.objectives.conservative import (
     Samples,
-    cql_gap,
     join_samples,
     noisy_samples,
     uniform_samples,
 )
-from swarmdata.learn.objectives.in_sample import cloning_loss
-from swarmdata.learn.objectives.td_targets import td_target
-from swarmdata.learn.training.actor_critic import (
-    delayed_update,
-    policy_of,
-    restore_state,
-    second_stage,
-    smoothed_actions,
-    state_of,
-)
-from swarmdata.learn.training.robot_actor_critic import (
-    ConservativeConfig,
-    penalized_critic_loss,
-    robot_actor_loss,
-    robot_inputs,
-    robot_parts,
-    robot_valuer,
-)
-from swarmdata.learn.training.setup import Setup
+from swarmdata.offline_algos.cfcql import CFCQL, ConservativeConfig
 from swarmdata.types import Batch
 
 
@@ -76,40 +53,17 @@ class MADDPGCQLConfig(ConservativeConfig):
     joint_gradient: JointGradient = "all"
 
 
-class MADDPGCQL:
+class MADDPGCQL(CFCQL):
     """K seeds of actors and two critics with penalties on joint actions, trained at once."""
 
     Config = MADDPGCQLConfig
-    LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
-
-    update, policy = delayed_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
-    valuer = robot_valuer
-    critic_inputs, bc_loss, actor_loss = robot_inputs, staticmethod(cloning_loss), robot_actor_loss
-    critic_loss = penalized_critic_loss
-
-    def __init__(self, setup: Setup, config: MADDPGCQLConfig) -> None:
-        self.config, self.n_updates = config, 0
-        self.actor, self.critics, self.rewards = robot_parts(setup, config, "centralized")
-        self.generators = setup.generators()
-        self.second_stage = second_stage(setup, config, self.actor, self.generators)
-
-    @torch.no_grad()
-    def targets(self, batch: Batch) -> Tensor:
-        """Returns y_i, [K, B, N], in units of scaled rewards; draws the smoothing noise."""
-        a_next = smoothed_actions(self, batch.next_observations)
-        x_next = self.critics.view(batch.next_states, batch.next_observations)
-        q_next = self.critics.target_q(x_next, a_next).amin(1)  # [K, B, N], the smaller one
-        q_next = q_next.clamp(max=self.rewards.max_value)
-        ends = batch.terminations[..., None]
-        return td_target(self.rewards(batch.rewards), ends, q_next, self.config.discount)
 
     def gap(self, batch: Batch, x: RobotView, q: Tensor) -> Tensor:
         """Returns gap_j, [K, 2], given Q_ji(x, a), [K, 2, B, N]; draws joint actions."""
         samples = self.samples(batch)
         values = self.critics.sampled_q(x, samples.actions, samples.actions)  # [K, 2, B, N, 3 M]
         density = samples.log_density[:, :, None].expand_as(values[:, 0])
-        return cql_gap(density.flatten(1, 2), values.flatten(2, 3), q.flatten(2), self.config)
+        return self.mean_gap(density, values, q)
 
     @torch.no_grad()
     def samples(self, batch: Batch) -> Samples:

@@ -32,11 +32,7 @@ Deviations:
 - `gap_limit`, `clip_target` (as `maddpg_bc`, with the largest return-to-go of any robot) and
   `bc_weight` w, none of which the paper has. The penalty is linear in Q, so on data that are all
   alike nothing ended it: values of other actions fell without end, targets saw them through the
-  smoothing noise, and critics diverged. On `coop_nav-expert` (2,000 updates of 128 rows, 64 units,
-  validation episodes; data 99.3, `bc` 98.2) the critics' loss reached 34 and the score was 56.1 (3
-  seeds, w 0.4), without a penalty -91.9. With these settings it was 90.6 and 90.1, with rho 0 85.8
-  and 86.9 (2 seeds, 128 episodes). On `coop_nav-medium-replay` w 0.4 and 1.5 scored 34.5 and 34.6
-  (1 seed).
+  smoothing noise, and critics diverged.
 - Rewards are divided by the deviation of the robots' returns-to-go. Warm-up, target smoothing,
   LayerNorm, normalization and learning rates are those of `maddpg_bc`, which has their sources.
 """
@@ -46,27 +42,25 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from swarmdata.learn.extraction.second_stage import EXTRACTION_LOSSES
-from swarmdata.learn.extraction.valuers import RowValuer
 from swarmdata.learn.networks.critics import Critics
-from swarmdata.learn.networks.network_inputs import with_agent_id
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
-from swarmdata.learn.objectives.robot_rewards import RobotRewards
-from swarmdata.learn.objectives.td_targets import td_error, td_target
-from swarmdata.learn.training.actor_critic import (
-    Loss,
-    TwoStageConfig,
-    delayed_actor,
-    delayed_update,
-    policy_of,
-    restore_state,
-    second_stage,
-    smoothed_actions,
-    state_of,
+from swarmdata.learn.networks.network_inputs import (
+    Normalizer,
+    RobotRewards,
+    normal_like,
+    with_agent_id,
 )
-from swarmdata.learn.training.exploration import normal_like
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
+from swarmdata.learn.objectives.losses import Loss, td_error, td_target, value_size
+from swarmdata.learn.policies.set_policy import SetPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.trained import actor_policy
+from swarmdata.learn.training.actor_critic import (
+    EXTRACTION_LOSSES,
+    LossActorCritic,
+    TwoStageConfig,
+    Valuer,
+)
 from swarmdata.types import Batch
 
 
@@ -86,28 +80,22 @@ class OMARConfig(TwoStageConfig):
     search_deviation: float = 2.0  # sigma at the start
 
 
-class OMAR:
+class OMAR(LossActorCritic):
     """K seeds of actors and two critics that see one agent, trained at once."""
 
     Config = OMARConfig
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss", *EXTRACTION_LOSSES)
 
-    update, policy = delayed_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
-
     def __init__(self, setup: Setup, config: OMARConfig) -> None:
-        self.config, self.n_updates = config, 0
-        self.actor = delayed_actor(setup, config)
+        super().__init__(setup, config)
         n_inputs = setup.sizes.observation + setup.sizes.n_agents + setup.sizes.action
-        self.critics = Critics(
+        self.critics: Critics = Critics(
             n_inputs, setup.seeds, config.critic_hidden,
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
             device=setup.device,
         )  # fmt: skip
-        self.generators = setup.generators()
         self.normalizer = Normalizer(setup.statistics, setup.device)
         self.rewards = RobotRewards(setup.statistics, "own", clip_target=config.clip_target)
-        self.second_stage = second_stage(setup, config, self.actor, self.generators)
 
     def critic_inputs(self, batch: Batch) -> Tensor:
         """Returns what the critics see besides actions, [K, B N, O + N]."""
@@ -127,14 +115,18 @@ class OMAR:
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)
 
-    def valuer(self, batch: Batch, x: Tensor) -> RowValuer:
-        """Returns the critics' values of the batch's actions, for a second stage."""
-        return RowValuer(self.critics, x)
+    def valuer(self, batch: Batch, x: Tensor) -> Valuer:
+        """Returns the smaller values of robots' own actions, for a second stage."""
+        critics = self.critics
+        return Valuer(
+            lambda pi: critics.smallest_q(x, by_agent(pi)).view(pi.shape[:3]),
+            lambda each: critics.smallest_q(x, each.flatten(1, 2)).view(each.shape[:4]),
+        )
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y_i, [K, B N], in units of scaled rewards; draws the smoothing noise."""
-        a_next = by_agent(smoothed_actions(self, batch.next_observations))
+        a_next = by_agent(self.smoothed_actions(batch.next_observations))
         x_next = self.inputs_of(batch.next_observations)
         q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
@@ -152,20 +144,15 @@ class OMAR:
         """
         samples = uniform_samples(self.generators, actions, self.config.n_samples)
         values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B N, M]
-        return cql_gap(samples.log_density, values, q, self.config)
-
-    @staticmethod
-    def bc_loss(pi: Tensor, actions: Tensor) -> Tensor:
-        """Returns |pi - a_i|^2, the mean over agents, components and rows, [K]."""
-        return (by_agent(pi) - by_agent(actions)).square().mean((1, 2, 3))
+        config = self.config
+        return cql_gap(samples.log_density, values, q, config.temperature, config.gap_limit)
 
     def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
         """Returns L(pi), eq. 4; the critics' parameters and the search's actions are constants."""
         rho, pi = self.config.rectification, by_agent(pi)  # [K, B N, 1, A]
         search_loss = (pi - self.search(x, pi)).square().mean((1, 2, 3))  # [K]
         q = self.critics.first_q(x, pi)[..., 0]  # [K, B N]
-        size = q.detach().abs().mean(1).clamp(min=1.0)  # [K]
-        rectified = rho * search_loss - (1 - rho) * q.mean(1) / size
+        rectified = rho * search_loss - (1 - rho) * q.mean(1) / value_size(q)
         reported = {"policy_q": q.mean(1), "search_loss": search_loss}
         return Loss(rectified + self.config.bc_weight * bc_loss, reported)
 
@@ -193,6 +180,10 @@ class OMAR:
         values = torch.cat([values, self.critics.first_q(x, pi)], 2)
         best = values.argmax(2)[:, :, None, None, None].expand(-1, -1, -1, 1, pi.shape[-1])
         return options.gather(2, best)[:, :, 0]
+
+    def policy(self, index: int) -> TorchPolicy | SetPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return actor_policy(self.actor.online, index)
 
 
 def by_agent(actions: Tensor) -> Tensor:

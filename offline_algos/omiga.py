@@ -16,8 +16,8 @@ maximum over the data's actions: L(V_i) is least where the mean of exp(z_i) is 1
 
 Deviations:
 - alpha is in units of scaled rewards, divided by the standard deviation of the returns-to-go; the
-  paper's 10 is for rewards as the simulators give them. It was chosen on version 0 of `coop_nav`:
-  with 0.02, z has a deviation above 1, and policies follow the errors of the values.
+  paper's 10 is for rewards as the simulators give them. Far below the default, z has a deviation
+  above 1, and policies follow the errors of the values.
 - In L(V_i), exp(z) goes on as its tangent above exp(z) = w*. The code cuts z at 10 instead, which
   leaves such samples no gradient but that of + w V / alpha: it lowers a V that is too low already.
   The subtraction of the largest z, which the cut makes necessary, is not needed then.
@@ -30,7 +30,6 @@ Deviations:
 - Learning rates decay along a cosine; the discount is 0.95, for the reason that `maddpg_bc` gives.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,20 +38,27 @@ from torch import Tensor
 
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import LinearMixer
-from swarmdata.learn.networks.network_inputs import information
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.optimizer import StackedAdam, cosine
-from swarmdata.learn.networks.perceptrons import MLPShape
+from swarmdata.learn.networks.network_inputs import Normalizer, information
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.team_networks import Team
-from swarmdata.learn.objectives.in_sample import (
+from swarmdata.learn.objectives.losses import (
     exponential_weights,
     soft_value_loss,
+    td_target,
+    team_reward,
     weighted_cloning_loss,
 )
-from swarmdata.learn.objectives.td_targets import move_target, td_target, team_reward
-from swarmdata.learn.training.actor_critic import ActorCriticConfig, policy_of, squashed_actor
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.policies.set_policy import SetPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.trained import actor_policy
+from swarmdata.learn.training.actor_critic import (
+    ActorCriticConfig,
+    OfflineLearner,
+    Part,
+    squashed_actor,
+)
 from swarmdata.types import Batch
 
 
@@ -65,16 +71,14 @@ class OMIGAConfig(ActorCriticConfig):
     max_weight: float = 100.0  # w*
 
 
-class OMIGA:
+class OMIGA(OfflineLearner):
     """K seeds of actors, factored critics and local value networks, trained at once."""
 
     Config = OMIGAConfig
     LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "weight")
 
-    policy = policy_of
-
     def __init__(self, setup: Setup, config: OMIGAConfig) -> None:
-        self.config, self.n_updates = config, 0
+        self.config = config
         sizes, seeds, norm = setup.sizes, setup.seeds, config.max_grad_norm
         self.actor = squashed_actor(setup, config)
         self.mixer = LinearMixer(
@@ -90,19 +94,22 @@ class OMIGA:
         self.values = Team(
             shape, sizes.n_agents, seeds, VALUE_STREAM, parameters="shared", device=setup.device
         )
-        self.target_values = self.values.network.clone()
-        self.actor_adam = StackedAdam(
-            self.actor.network, setup.n_seeds, config.actor_learning_rate, norm
-        )
-        self.value_adam = StackedAdam(
-            self.values.network, setup.n_seeds, config.critic_learning_rate, norm
-        )
+        self.descent = Descent(
+            {"actor": self.actor.network, "values": self.values.network}, setup.n_seeds,
+            {"actor": config.actor_learning_rate, "values": config.critic_learning_rate}, norm,
+            followed=("values",), moments={"values": "value_adam"},
+        )  # fmt: skip
+        self.target_values: StackedMLP = self.descent.targets["values"]
         self.normalizer = Normalizer(setup.statistics, setup.device)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return self.descent, self.critics
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""
         config = self.config
-        scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+        scale = self.scale
         s = self.normalizer.states(batch.states)
         o = self.normalizer.observations(batch.observations)
         y = self.targets(batch)
@@ -113,10 +120,10 @@ class OMIGA:
         pi = self.actor(batch.observations)  # [K, B, N, A]
         actor_loss = weighted_cloning_loss(pi, batch.actions, weights)
         self.critics.step(critic_loss, scale)
-        self.value_adam.step(value_loss, scale)
-        self.actor_adam.step(actor_loss, scale)
+        self.descent.step_of("values", value_loss, scale)
+        self.descent.step_of("actor", actor_loss, scale)
         self.critics.follow(config.tau)
-        move_target(self.target_values, self.values.network, config.tau)
+        self.descent.follow(config.tau)
         self.n_updates += 1
         losses = (critic_loss, value_loss, actor_loss, q.mean(1))
         spread = (z.std((1, 2)), weights.mean((1, 2)))
@@ -148,24 +155,6 @@ class OMIGA:
         r = team_reward(batch.rewards) * self.normalizer.reward_scale
         return td_target(r, batch.terminations, v_next, self.config.discount)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Parameters, targets, Adam's moments and the number of updates, as copies."""
-        return {
-            "n_updates": torch.tensor(self.n_updates),
-            "actor": self.actor.network.flat.clone(),
-            "values": self.values.network.flat.clone(),
-            "target_values": self.target_values.flat.clone(),
-            **{f"actor_adam.{k}": v for k, v in self.actor_adam.state_dict().items()},
-            **{f"value_adam.{k}": v for k, v in self.value_adam.state_dict().items()},
-            **self.critics.state_dict(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
-        self.n_updates = int(state["n_updates"])
-        self.actor.network.load(state["actor"])
-        self.values.network.load(state["values"])
-        self.target_values.load(state["target_values"])
-        self.actor_adam.load_state_dict(part(state, "actor_adam"))
-        self.value_adam.load_state_dict(part(state, "value_adam"))
-        self.critics.load_state_dict(state)
+    def policy(self, index: int) -> TorchPolicy | SetPolicy:
+        """The policy of seed number `index`, as it is now."""
+        return actor_policy(self.actor, index)

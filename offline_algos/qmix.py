@@ -23,27 +23,18 @@ Deviations: those of `offline_algos.vdn` but the first, and
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.utility_networks import (
-    LOSSES,
     MIXER_STREAM,
     N_CRITICS,
     DecompositionConfig,
-    Seen,
-    UtilityNetworks,
     by_critic,
-    policy_of,
-    regularised_update,
-    restore_state,
-    state_of,
 )
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.perceptrons import StackedMLP
-from swarmdata.learn.objectives.td_targets import td_target, team_reward
-from swarmdata.learn.objectives.value_losses import robot_values
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.offline_algos.vdn import VDN
 
 
 @dataclass(frozen=True)
@@ -54,50 +45,19 @@ class QMIXConfig(DecompositionConfig):
     mixer_hidden: int = 64
 
 
-class QMIX:
+class QMIX(VDN):
     """K seeds of offline QMIX, trained at once."""
 
     Config = QMIXConfig
-    LOSSES = LOSSES
-
-    update, policy = regularised_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
 
     def __init__(self, setup: Setup, config: QMIXConfig) -> None:
-        self.config, self.n_updates = config, 0
         self.mixer = MonotonicMixer(
             setup.sizes.n_agents, setup.sizes.information, setup.seeds, MIXER_STREAM,
             embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
             n_critics=N_CRITICS,
         )  # fmt: skip
-        self.networks = UtilityNetworks(setup, config, self.mixer.network)
-
-    def value(
-        self, utilities: Tensor, weights: Tensor, x: Tensor, mixer: StackedMLP | None = None
-    ) -> Tensor:
-        """Returns Q_j(x, a), [K, J, B].
-
-        Args:
-            utilities: [K, J, B, N, D, C].
-            weights: the actions as weights of the choices, [K, B, N, D, C].
-            x: normalized, [K, B, S + N O].
-            mixer: other parameters to use, those of the targets.
-        """
-        return self.mix(robot_values(utilities, weights), x, mixer)
+        super().__init__(setup, config, self.mixer.network)
 
     def mix(self, values: Tensor, x: Tensor, mixer: StackedMLP | None = None) -> Tensor:
         """Returns f_j of robots' values, [K, J, B] of [K, J, B, N], equations 4 and 5."""
         return by_critic(self.mixer(values.flatten(0, 1), x.repeat_interleave(N_CRITICS, 0), mixer))
-
-    @torch.no_grad()
-    def targets(self, seen: Seen) -> Tensor:
-        """Returns y, [K, B], in units of scaled rewards."""
-        networks, slow = self.networks, self.networks.descent.targets
-        batch, features = seen.batch, seen.next_features
-        a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(seen.slow_next_features, slow["team"])
-        x_next = networks.information(batch.next_states, features)
-        q_next = self.value(utilities, a_next, x_next, slow["mixer"]).mean(1)  # [K, B]
-        q_next = q_next.clamp(max=networks.normalizer.max_value)
-        r = team_reward(batch.rewards) * networks.normalizer.reward_scale
-        return td_target(r, batch.terminations, q_next, self.config.discount)

@@ -28,13 +28,12 @@ target lets the policy take what was never valued (as OG-MARL's `qmix_bcq` does)
 networks choose and the targets value is double Q-learning (van Hasselt et al. 2016, equation 4).
 
 R* is the largest discounted return-to-go of the dataset (`clip_target`, as `maddpg_bc` has it).
-Without it the weights of QMIX's mixer and its values drive each other up: on random choices in
-`simple_spread_v3` values rose above 0, where every return is negative, and the policies earned less
-than the data. With it they earn more (tests/record/test_playing_choices.py).
+Without it the weights of QMIX's mixer and its values drive each other up
+(tests/record/test_playing_choices.py).
 
 `temperature` and `cql_weight` (alpha) are in units of scaled rewards; Beeson et al. have 1 and 0.25
 in raw ones. A smaller temperature gains on mixed data and loses on expert data; the default is a
-compromise, chosen on version 0 of `coop_nav`, and so is alpha.
+compromise.
 
 Deviations:
 - The mean over robots instead of the sum: the team reward is a mean too, so that values keep their
@@ -54,18 +53,27 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.utility_networks import (
-    LOSSES,
     DecompositionConfig,
+    Evaluated,
     Seen,
     UtilityNetworks,
-    policy_of,
-    regularised_update,
-    restore_state,
-    state_of,
 )
-from swarmdata.learn.objectives.td_targets import td_target, team_reward
-from swarmdata.learn.objectives.value_losses import robot_values
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import Loss, td_target, team_reward
+from swarmdata.learn.objectives.value_losses import (
+    behavior_loss,
+    conservative_gap,
+    huber_error,
+    robot_values,
+)
+from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
+from swarmdata.learn.policies.trained import utility_policy
+from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.types import Batch
+
+GREEDY_EVERY = 10
+"""Updates between two measurements of `greedy_q`, which nothing learns from."""
 
 
 @dataclass(frozen=True)
@@ -73,38 +81,93 @@ class VDNConfig(DecompositionConfig):
     """Settings of offline VDN: those of every value decomposition."""
 
 
-class VDN:
+class VDN(OfflineLearner):
     """K seeds of offline VDN, trained at once."""
 
-    Config = VDNConfig
-    LOSSES = LOSSES
+    Config: type[DecompositionConfig] = VDNConfig
+    LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
+    """`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the
+    value of the data's actions, and both leave what the data return, values are overestimated."""
 
-    update, policy = regularised_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
+    def __init__(
+        self, setup: Setup, config: DecompositionConfig, mixer: StackedMLP | None = None
+    ) -> None:
+        self.config = config
+        self.networks = UtilityNetworks(setup, config, mixer)
 
-    def __init__(self, setup: Setup, config: VDNConfig) -> None:
-        self.config, self.n_updates = config, 0
-        self.networks = UtilityNetworks(setup, config)
+    def update(self, batch: Batch) -> dict[str, Tensor]:
+        """One step on tensors [K, B, ...], windows with a memory; returns losses [K].
 
-    def value(self, utilities: Tensor, weights: Tensor, x: Tensor) -> Tensor:
-        """Returns Q_j(o, a), [K, J, B], equation 1, which has no use for x.
+        Losses that the regulariser does not have are left out.
+        """
+        networks = self.networks
+        seen = networks.see(batch)
+        y = self.targets(seen)
+        evaluated = networks.evaluate(seen)
+        total, reported = self.loss(evaluated, y)
+        if self.n_updates % GREEDY_EVERY == 0:
+            with torch.no_grad():
+                greedy = networks.act(evaluated.utilities, evaluated.log_probs)
+                values = self.value(evaluated.utilities, greedy, evaluated.information)
+            reported["greedy_q"] = values.mean((1, 2))
+        networks.descent.step(total, self.scale)
+        networks.descent.follow(self.config.tau)
+        self.n_updates += 1
+        return {name: loss.detach() for name, loss in reported.items()}
+
+    def loss(self, batch: Evaluated, y: Tensor) -> Loss:
+        """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K].
+
+        Args:
+            batch: as the networks see it.
+            y: targets without a gradient, [K, B].
+        """
+        config, weights = self.config, batch.weights
+        q = self.value(batch.utilities, weights, batch.information)  # [K, J, B]
+        td_loss = huber_error(q, y)  # [K]
+        reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
+        if batch.log_probs is not None:
+            loss = behavior_loss(batch.log_probs, weights, config.behavior_head)  # [K]
+            return Loss(td_loss + loss, reported | {"behavior_loss": loss})
+        if config.regulariser == "cql":
+            gap = conservative_gap(batch.utilities, weights, self.networks.choices.exists)  # [K]
+            return Loss(td_loss + config.cql_weight * gap, reported | {"conservative_gap": gap})
+        return Loss(td_loss, reported)
+
+    def value(
+        self, utilities: Tensor, weights: Tensor, x: Tensor, mixer: StackedMLP | None = None
+    ) -> Tensor:
+        """Returns the team's Q_j, [K, J, B].
 
         Args:
             utilities: [K, J, B, N, D, C].
             weights: the actions as weights of the choices, [K, B, N, D, C].
-            x: state and all observations, [K, B, S + N O].
+            x: state and all observations, normalized, [K, B, S + N O].
+            mixer: other parameters to mix with, those of the targets.
         """
-        return robot_values(utilities, weights).mean(-1)
+        return self.mix(robot_values(utilities, weights), x, mixer)
+
+    def mix(self, values: Tensor, x: Tensor, mixer: StackedMLP | None = None) -> Tensor:
+        """Returns the mean of robots' values, [K, J, B] of [K, J, B, N], equation 1."""
+        return values.mean(-1)
 
     @torch.no_grad()
     def targets(self, seen: Seen) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
-        networks = self.networks
+        networks, slow = self.networks, self.networks.descent.targets
         batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
-        utilities = networks.utilities(seen.slow_next_features, networks.descent.targets["team"])
+        utilities = networks.utilities(seen.slow_next_features, slow["team"])
         x_next = networks.information(batch.next_states, features)
-        q_next = self.value(utilities, a_next, x_next).mean(1)  # [K, B]
+        q_next = self.value(utilities, a_next, x_next, slow.get("mixer")).mean(1)  # [K, B]
         q_next = q_next.clamp(max=networks.normalizer.max_value)
         r = team_reward(batch.rewards) * networks.normalizer.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
+
+    def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
+        """The greedy policy of seed number `index`, as it is now."""
+        return utility_policy(self.networks, index)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        return (self.networks,)

@@ -13,13 +13,13 @@ x_i = (o_i, i, s) for what the critics see of robot i besides the actions of all
 "decentralized" sees (o_i, i, a_i) only.
 
 Started from an offline run (`continuation.offline_start`), it goes on with its actors, and with its
-critics if they are of each robot's own reward (`continuation.offline_critics`). The actors rest in
+critics if they are of each robot's own reward (`continuation.offline_start`). The actors rest in
 the first `critic_warmup_updates`, in which critics learn what the present actors are worth: those
 of a second stage value the actors of the first one, and new ones know nothing.
 
 Deviations:
 - The critics are those of `offline_algos.maddpg_bc`: one network gives the N values in N rows, and
-  sees everything in the frame of the robot (`networks.robot_views`), where the paper has a network
+  sees everything in the frame of the robot (`networks.critics`), where the paper has a network
   for each robot. The robots are a team: all climb the mean of the values.
 - `joint_gradient` "all": every robot's action in Q comes from its policy (the centralized gradient
   of FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 5: robot i's action comes
@@ -43,35 +43,31 @@ from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.critics import JointGradient
+from swarmdata.learn.networks.critics import (
+    Critic,
+    JointGradient,
+    RobotCritics,
+    RobotView,
+    others_of,
+)
 from swarmdata.learn.networks.network_inputs import (
     generator_states,
     generators,
-    restore_generators,
-)
-from swarmdata.learn.networks.optimizer import StackedAdam, linear
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
-from swarmdata.learn.networks.robot_critics import RobotCritics
-from swarmdata.learn.networks.robot_views import Critic, RobotView
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.networks.team_networks import Parameters, Team
-from swarmdata.learn.objectives.td_targets import move_target, td_target
-from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.exploration import (
-    LinearSchedule,
-    gaussian,
     normal_like,
+    restore_generators,
     uniform_like,
 )
+from swarmdata.learn.networks.optimizer import Descent, linear
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
+from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.objectives.losses import td_target
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.exploration import LinearSchedule, gaussian
 from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan
-from swarmdata.online_algos.continuation.offline_critics import (
-    load_critics,
-    robot_critics_of,
-    settings_of_critics,
-)
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
@@ -79,6 +75,9 @@ from swarmdata.online_algos.continuation.offline_start import (
     checked_actors,
     frame_name,
     hidden_sizes,
+    load_critics,
+    robot_critics_of,
+    settings_of_critics,
 )
 from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
@@ -174,10 +173,11 @@ class Learner:
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
             n_critics=config.n_critics,
         )  # fmt: skip
-        self.target_actors = self.actors.network.clone()
-        self.actor_optimizer = StackedAdam(
-            self.actors.network, len(seeds), config.actor_learning_rate, config.max_grad_norm
-        )
+        self.descent = Descent(
+            {"actors": self.actors.network}, len(seeds), config.actor_learning_rate,
+            config.max_grad_norm, followed=("actors",), moments={"actors": "actor_adam"},
+        )  # fmt: skip
+        self.target_actors: StackedMLP = self.descent.targets["actors"]
         self.generators = generators(seeds, "cpu", NOISE_STREAM)
 
     def actions(self, observations: Tensor, network: StackedMLP | None = None) -> Tensor:
@@ -197,7 +197,7 @@ class Learner:
         if self.n_updates % self.config.delay == 0:
             if self.n_updates > self.config.critic_warmup_updates:
                 losses |= self._update_actors(batch, x, scale)
-                move_target(self.target_actors, self.actors.network, self.config.tau)
+                self.descent.follow(self.config.tau)
             self.critics.follow(self.config.tau)
         return {name: loss.detach() for name, loss in losses.items()}
 
@@ -226,10 +226,10 @@ class Learner:
     def _update_actors(self, batch: Batch, x: RobotView, scale: float) -> dict[str, Tensor]:
         logits = self.actors(self.inputs.observations(batch.observations))
         pi = logits.tanh()
-        others = pi if self.config.joint_gradient == "all" else batch.actions
+        others = others_of(self.config.joint_gradient, pi, batch.actions)
         q = self.critics.first_q(x, pi, others).mean((1, 2))  # [K]; parameters are constants
         penalty = self.config.logit_penalty * logits.square().mean((1, 2, 3))
-        self.actor_optimizer.step(penalty - q, scale)  # (3)
+        self.descent.step(penalty - q, scale)  # (3)
         return {"policy_q": q}
 
     def state_dict(self) -> dict[str, Tensor]:
@@ -237,9 +237,7 @@ class Learner:
         return {
             "n_updates": torch.tensor(self.n_updates),
             "generators": generator_states(self.generators),
-            "actors": self.actors.network.flat.clone(),
-            "target_actors": self.target_actors.flat.clone(),
-            **{f"actor_adam.{k}": v for k, v in self.actor_optimizer.state_dict().items()},
+            **self.descent.state_dict(),
             **self.critics.state_dict(),
         }
 
@@ -247,9 +245,7 @@ class Learner:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         restore_generators(self.generators, state["generators"])
-        self.actors.network.load(state["actors"])
-        self.target_actors.load(state["target_actors"])
-        self.actor_optimizer.load_state_dict(part(state, "actor_adam"))
+        self.descent.load_state_dict(state)
         self.critics.load_state_dict(state)
 
 

@@ -25,16 +25,14 @@ gradients through segments of `window` steps; a segment begins with the memory t
 rollout was made, which is not computed again in later epochs). The critic has no memory: it sees
 the state, where the paper's critic remembers too.
 
-Deviations, each measured on `coop_nav` or required by it:
+Deviations:
 - K seeds are trained at once, as an axis of every tensor;
 - robots observe and act in the frame of their target (`frame`), which turns with them;
 - the standard deviation of actions follows a schedule instead of being learned (`learned_std`: it
   collapses early and success stalls);
 - action noise may be correlated from step to step (`noise_correlation`), since independent noise
   averages out. It is autoregressive of order 1 (Korenkevych et al., "Autoregressive policies for
-  continuous control deep reinforcement learning", IJCAI 2019, section 4). A million steps of
-  `transport-expert`, two seeds: 1.1 and 1.4 robot collisions an episode, 1.8 and 2.3 with
-  `noise_correlation=0`; success is about the same, 77 and 73, 70 and 79 %;
+  continuous control deep reinforcement learning", IJCAI 2019, section 4);
 - every robot is trained on its own reward, which `shaping` changes;
 - a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
   that was trained;
@@ -58,8 +56,8 @@ from swarmdata.errors import SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.memory.memory_settings import Memory
 from swarmdata.learn.networks.network_inputs import generators as torch_generators
-from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
-from swarmdata.learn.networks.perceptrons import StackedLayers, backward
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.perceptrons import StackedLayers
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -72,8 +70,13 @@ from swarmdata.online_algos.collection.seed_generators import (
 )
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
-from swarmdata.online_algos.ppo.learned_deviation import LearnedDeviation
-from swarmdata.online_algos.ppo.networks import Actors, ActorWeights, Critic
+from swarmdata.online_algos.ppo.networks import (
+    Actors,
+    ActorWeights,
+    Critic,
+    LearnedDeviation,
+    fill_values,
+)
 from swarmdata.online_algos.ppo.offline_actors import settings_of, start_from
 from swarmdata.online_algos.ppo.rollout_samples import (
     Rollout,
@@ -85,7 +88,6 @@ from swarmdata.online_algos.ppo.rollout_samples import (
     sample_segments,
     seed_means,
 )
-from swarmdata.online_algos.ppo.state_values import fill_values
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig, shape_rewards
 from swarmdata.perception.frames import find_frame
 from swarmdata.types import Bool, Float, copy_step
@@ -200,11 +202,10 @@ class MAPPO:
                 len(seeds) * self.actors.n_rows, sizes.action, config.std
             )
             trained["deviation"] = self.deviation.network
-        self.actor_adams = {
-            name: StackedAdam(network, len(seeds), 1.0, config.max_grad_norm)
-            for name, network in trained.items()
-        }
-        self.critic_adam = StackedAdam(self.critic.network, len(seeds), 1.0, config.max_grad_norm)
+        self.actor_descent = Descent(trained, len(seeds), 1.0, config.max_grad_norm)
+        self.critic_descent = Descent(
+            {"critic": self.critic.network}, len(seeds), 1.0, config.max_grad_norm
+        )
         shape = (len(seeds), self.worlds.n_copies, sizes.n_agents)
         # from the step before, [K, E, N, A] and [K, E, N, M]
         self._carried_noise = np.zeros((*shape, sizes.action), np.float32)
@@ -331,8 +332,6 @@ class MAPPO:
             The last losses, [K].
         """
         c, n_seeds, learned = self.config, len(self.seeds), self.deviation
-        networks: list[StackedLayers] = [self.actors.network]
-        networks += [] if learned is None else [learned.network]
         size = c.minibatch // self.actors.window
         for rows in minibatches(self.generators, samples[0].shape[1], self.actors.n_rows, size):
             *seen, taken, old, advantage = (pick(values, rows) for values in samples)
@@ -346,9 +345,7 @@ class MAPPO:
             total = loss + c.mean_penalty * excess
             if learned is not None:
                 total = total - c.entropy_weight * seed_means(learned.entropy, n_seeds)
-            backward(total.sum(), networks)
-            for adam in self.actor_adams.values():
-                adam.descend(self.learning_rate)
+            self.actor_descent.step(total, self.learning_rate)
         return {"policy": loss.detach(), "kl": seed_means(kl, n_seeds)}
 
     def _critic_epoch(self, samples: Sequence[Tensor]) -> dict[str, Tensor]:
@@ -358,7 +355,7 @@ class MAPPO:
             inputs, returns, old = (pick(values, rows) for values in samples)
             values = self.critic.network(inputs)[..., 0]  # [K, B]
             loss = value_losses(values, returns, old, c.value_clip).mean(1)  # (6)
-            self.critic_adam.step(c.value_weight * loss, self.learning_rate)
+            self.critic_descent.step(c.value_weight * loss, self.learning_rate)
         return {"value": loss.detach()}
 
     def _innovations(self) -> tuple[Float, Float]:
@@ -389,9 +386,8 @@ class MAPPO:
         """Everything but the running episodes, as tensors."""
         weights = self.actors.weights
         return {
-            **state_of_networks(self.actor_adams),
-            "critic": self.critic.network.flat.clone(),
-            **{f"critic_adam.{k}": v for k, v in self.critic_adam.state_dict().items()},
+            **self.actor_descent.state_dict(),
+            **self.critic_descent.state_dict(),
             **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
             "input.mean": torch.from_numpy(weights.input_mean),
             "input.std": torch.from_numpy(weights.input_std),
@@ -404,9 +400,8 @@ class MAPPO:
         """Restores what `state_dict` returned and begins new episodes."""
         moments = (state[name].numpy() for name in ("input.mean", "input.std"))
         self.actors.load(ActorWeights(state["actor"], *moments))
-        restore_networks(self.actor_adams, state)
-        self.critic.network.load(state["critic"])
-        self.critic_adam.load_state_dict(part(state, "critic_adam"))
+        self.actor_descent.load_state_dict(state)
+        self.critic_descent.load_state_dict(state)
         self.critic.scale.moments = state["scale"].numpy().copy()
         self.frames = int(state["frames"])
         unpack_generators(state["generators"], self.generators)

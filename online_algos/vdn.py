@@ -17,37 +17,67 @@ Deviations:
   hard copies; Huber loss; actions and observations turned to the robot's target (`frame`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices import bins
-from swarmdata.learn.networks.descent import Descent
+from swarmdata.learn.networks.network_inputs import information
+from swarmdata.learn.networks.optimizer import Descent, linear
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import td_target, team_reward
-from swarmdata.learn.training.exploration import LinearSchedule
-from swarmdata.online_algos.collection import value_learning
+from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.objectives.losses import td_target, team_reward
+from swarmdata.learn.objectives.value_losses import huber_error
+from swarmdata.learn.policies.choice_policy import BinPolicy
+from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
+from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.replay_collection import Collector, Plan
-from swarmdata.online_algos.collection.value_learning import (
-    LOSSES,
-    ValueLearningConfig,
-    by_critic,
-    greedy_choices,
-    td_update,
-    utilities_of,
-    utility_team,
-)
-from swarmdata.online_algos.continuation.started_utilities import settings_of, start_from
+from swarmdata.online_algos.continuation import started_utilities
+from swarmdata.online_algos.continuation.offline_start import OfflineStart
+from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
+
+LOSSES = ("td_loss", "q", "target")
+
+UTILITY_STREAM, MIXER_STREAM = 0, 1
+"""Streams of a seed's initial parameters."""
 
 
 @dataclass(frozen=True)
-class VDNConfig(ValueLearningConfig):
-    """Settings of VDN: those of every value decomposition."""
+class VDNConfig:
+    """Settings of VDN; counts of steps are joint steps of one seed."""
+
+    n_steps: int = 2_000_000
+    n_copies: int = 64
+    rollout_steps: int = 64  # of every copy in one round
+    n_gradient_steps: int = 1  # after each of them
+    batch_size: int = 512  # joint transitions
+    capacity: int = 262_144  # transitions to draw from; with margin 1.1 GB of disk on coop_nav
+    margin: int = 262_144  # most joint steps between two checkpoints of a run that can be resumed
+    warmup_transitions: int = 8_192  # joint steps before the first gradient step
+    n_bins: int = 9  # of each action dimension; odd, so that standing still is one
+    hidden: tuple[int, ...] = (64, 64)
+    n_critics: int = 1  # utility networks of a seed, J, whose mean chooses
+    layer_norm: bool = False  # in the utility networks
+    parameters: Parameters = "shared"
+    frame: str = "target"  # in which robots see and act, `frames.find_frame`
+    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
+    learning_rate: float = 1e-3
+    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
+    discount: float = 0.97
+    reward_scale: float = 1.0
+    tau: float = 0.01  # per gradient step
+    epsilon: float = 1.0
+    final_epsilon: float = 0.05
+    exploration: float = 0.3  # part of training in which epsilon falls
+    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
 
 class VDNLearner:
@@ -60,57 +90,197 @@ class VDNLearner:
         sizes: numbers of robots and features; `action` is the number of choices to make.
         seeds: of the initial parameters, [K].
         config: settings.
+        mixer: networks of a mixer to train along; None if nothing of it is learned.
     """
 
-    utilities, update = utilities_of, td_update
-
-    def __init__(self, sizes: Sizes, seeds: Sequence[int], config: VDNConfig) -> None:
+    def __init__(
+        self,
+        sizes: Sizes,
+        seeds: Sequence[int],
+        config: VDNConfig,
+        mixer: StackedMLP | None = None,
+    ) -> None:
         self.config = config
-        self.team = utility_team(sizes, seeds, config)
-        self.descent = Descent(
-            {"team": self.team.network}, len(seeds), config.learning_rate, config.max_grad_norm,
-            followed=("team",),
+        n_outputs = sizes.action * config.n_bins
+        self.team = Team(
+            MLPShape(sizes.observation, config.hidden, n_outputs, config.layer_norm),
+            sizes.n_agents, seeds, UTILITY_STREAM,
+            parameters=config.parameters, device="cpu", n_critics=config.n_critics,
         )  # fmt: skip
+        networks = {"team": self.team.network} | ({} if mixer is None else {"mixer": mixer})
+        self.descent = Descent(
+            networks, len(seeds), config.learning_rate, config.max_grad_norm, followed=networks
+        )
+
+    def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
+        """Returns the utility of every bin, [K, J, B, N, D, C].
+
+        Args:
+            features: normalized observations, [K, B, N, F].
+            network: other parameters to use, those of the targets.
+        """
+        n_critics = self.config.n_critics
+        outputs = self.team(features.repeat_interleave(n_critics, 0), network)
+        utilities = bins.by_dimension(outputs, self.config.n_bins)
+        return utilities.view(-1, n_critics, *utilities.shape[1:])
 
     def value(self, features: Tensor, states: Tensor, places: Tensor) -> Tensor:
-        """Returns Q_tot of each critic, [K, J, B], of places among bins [K, B, N, D]."""
+        """Returns Q_tot of each critic, [K, J, B], of places among bins [K, B, N, D].
+
+        Args:
+            features: normalized observations, [K, B, N, O].
+            states: normalized, [K, B, S].
+            places: `bins.places`; whole numbers are bins.
+        """
         utilities = self.utilities(features)
-        return bins.interpolated(utilities, by_critic(places, utilities)).mean(-1)
+        values = bins.interpolated(utilities, by_critic(places, utilities))  # [K, J, B, N]
+        return self.mix(values, information(states, features))
+
+    def mix(self, values: Tensor, x: Tensor, network: StackedMLP | None = None) -> Tensor:
+        """Returns Q_tot, [K, J, B], of robots' values [K, J, B, N] and x, [K, B, X].
+
+        Args:
+            values: Q_i of each critic.
+            x: states and observations, normalized; of no use to the mean.
+            network: other parameters to mix with, those of the targets.
+        """
+        return values.mean(-1)
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards."""
-        o_next, target = batch.next_observations, self.descent.targets["team"]
+        o_next, slow = batch.next_observations, self.descent.targets
         choices = greedy_choices(self.utilities(o_next))
-        utilities = self.utilities(o_next, target)
-        q_next = bins.chosen(utilities, by_critic(choices, utilities)).mean(-1).mean(1)  # [K, B]
+        utilities = self.utilities(o_next, slow["team"])
+        values = bins.chosen(utilities, by_critic(choices, utilities))  # [K, J, B, N]
+        x_next = information(batch.next_states, o_next)
+        q_next = self.mix(values, x_next, slow.get("mixer")).mean(1)  # [K, B]
         r = team_reward(batch.rewards) * self.config.reward_scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
+    def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
+        """One step on tensors [K, B, ...] down Huber(Q_tot - y); returns losses, each [K].
+
+        Args:
+            batch: normalized observations and states, places among bins as actions.
+            scale: factor on the learning rate.
+        """
+        y = self.targets(batch)
+        q = self.value(batch.observations, batch.states, batch.actions)  # [K, J, B]
+        td_loss = huber_error(q, y)  # [K]
+        self.descent.step(td_loss, scale)
+        self.descent.follow(self.config.tau)
+        return {"td_loss": td_loss.detach(), "q": q.detach().mean((1, 2)), "target": y.mean(1)}
+
+
+def by_critic(values: Tensor, utilities: Tensor) -> Tensor:
+    """Returns values [K, B, N, D] once for each critic of utilities, [K, J, B, N, D]."""
+    return values[:, None].expand(*utilities.shape[:-1])
+
+
+def greedy_choices(utilities: Tensor) -> Tensor:
+    """Returns the best bins, [K, B, N, D], of utilities [K, J, B, N, D, C]."""
+    return bins.greedy(utilities.mean(1))
+
 
 class VDN:
-    """K seeds of VDN in K E copies of a task, with their replay in a folder."""
+    """K seeds in K E copies of a task, with their replay in a folder.
 
-    Config = VDNConfig
+    Args:
+        env: copies of the task.
+        seeds: of everything random, [K].
+        config: settings.
+        folder: of the replay.
+    """
+
+    Config: type[VDNConfig] = VDNConfig
+    Learner: type[VDNLearner] = VDNLearner
     LOSSES = (*LOSSES, "reward")
-
-    update = value_learning.update_round
-    policy = value_learning.policy_of
-    prepare = value_learning.skip_preparation
-    mix_in = value_learning.mix_in
-    settings_of, start_from = staticmethod(settings_of), start_from
-    restart_worlds = value_learning.restart_worlds
-    state_dict = value_learning.state_of
-    load_state_dict = value_learning.restore_state
 
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: VDNConfig, folder: Path | str
     ) -> None:
+        self.config = config
         self.collector = Collector(env, seeds, Plan.of(config), folder)
-        self.learner = VDNLearner(self.collector.sizes, seeds, config)
+        self.learner = self.Learner(self.collector.sizes, seeds, config)
         self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)
 
     @property
     def frames(self) -> int:
         """Joint steps that each seed has taken."""
         return self.collector.frames
+
+    def prepare(self) -> bool:
+        """Does nothing: the first rounds fill the replay."""
+        return False
+
+    def mix_in(self, data: Data, share: float) -> None:
+        """Draws a share of each batch from recorded data, whose actions lie between two bins."""
+        n_bins = self.config.n_bins
+        self.collector.mix_in(data, share, lambda actions: bins.places(actions, n_bins))
+
+    @staticmethod
+    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+        """As `continuation.started_utilities.settings_of`."""
+        return started_utilities.settings_of(start, features)
+
+    def start_from(self, start: OfflineStart) -> list[str]:
+        """Takes over what fits of an offline run; says in a sentence each what does not.
+
+        Raises:
+            CheckpointError: the utility networks do not fit.
+        """
+        return started_utilities.take_over(
+            start, self.collector, self.learner.team, self.learner.descent, self.policy(0)
+        )
+
+    def update(self) -> dict[str, Tensor]:
+        """One round of acting and learning; returns losses, each [K], NaN before learning began."""
+        return self.collector.round(self.explore, self._learn, LOSSES)
+
+    @torch.no_grad()
+    def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns actions and their bins, [K, E, N, D], chosen epsilon-greedily.
+
+        Args:
+            observations: normalized, [K, E, N, O].
+        """
+        n_bins, epsilon = self.config.n_bins, self.schedule.at(self.collector.progress)
+        best = greedy_choices(self.learner.utilities(observations))
+        chosen = epsilon_greedy(self.collector.acting, best, n_bins, epsilon)
+        return bins.to_actions(chosen, n_bins), chosen.float()
+
+    def _learn(self, batch: Batch) -> dict[str, Tensor]:
+        scale = linear(self.collector.progress, self.config.final_learning_rate_factor)
+        return self.learner.update(self.collector.normalized(batch), scale)
+
+    def policy(self, index: int) -> BinPolicy:
+        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
+        config, (mean, std) = self.config, self.collector.inputs_of(index)
+        return BinPolicy(
+            layers=self.learner.team.extract(index, config.n_critics),
+            observation_mean=mean,
+            observation_std=std,
+            n_bins=config.n_bins,
+            frame=self.collector.frame,
+            parameters=config.parameters,
+            n_critics=config.n_critics,
+        )
+
+    def restart_worlds(self) -> None:
+        """Begins new episodes everywhere, as loading a state does."""
+        self.collector.worlds.restart()
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything but the running episodes and the rows of the replay, as copies."""
+        learner = {f"learner.{k}": v for k, v in self.learner.descent.state_dict().items()}
+        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; the folder must be that of the same run.
+
+        Raises:
+            CheckpointError: the replay in the folder does not belong to the state.
+        """
+        self.collector.load_state_dict(part(state, "collector"))
+        self.learner.descent.load_state_dict(part(state, "learner"))

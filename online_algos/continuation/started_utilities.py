@@ -8,9 +8,11 @@ which nothing is left without it: they are refused.
 from collections.abc import Sequence
 
 from swarmdata.errors import CheckpointError
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import Layer, StackedMLP, present
-from swarmdata.learn.policies.choice_policy import ChoicePolicy
-from swarmdata.online_algos.collection.value_learning import ValueLearning, policy_of
+from swarmdata.learn.networks.team_networks import Team
+from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
+from swarmdata.online_algos.collection.replay_collection import Collector
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     as_text,
@@ -48,13 +50,25 @@ def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, s
     }
 
 
-def start_from(self: ValueLearning, start: OfflineStart) -> list[str]:
+def take_over(
+    start: OfflineStart, collector: Collector, team: Team, descent: Descent, fitting: BinPolicy
+) -> list[str]:
     """Takes over utility networks, their targets, the statistics of inputs, and mixers that fit.
+
+    Args:
+        start: the run.
+        collector: whose statistics are replaced.
+        team: utility networks that begin.
+        descent: of these networks, and of a mixer if there is one.
+        fitting: the policy of the first seed as it is before.
+
+    Returns:
+        A sentence about each thing that does not fit.
 
     Raises:
         CheckpointError: the utility networks do not fit.
     """
-    seeds, team, fitting = self.collector.seeds, self.learner.team, policy_of(self, 0)
+    seeds = collector.seeds
     policies = [_policy_of(start, seed) for seed in seeds]
     first = policies[0]
     for what, ours, theirs in (
@@ -71,9 +85,9 @@ def start_from(self: ValueLearning, start: OfflineStart) -> list[str]:
     n_rows = len(first.layers[0].weight)
     for k, policy in enumerate(policies):
         team.network.load_layers(slice(k * n_rows, (k + 1) * n_rows), policy.layers)
-    self.learner.descent.targets["team"].load(team.network.flat)
-    self.collector.moments = start.moments(len(seeds))
-    return [*_other_rewards(start), *_start_mixer(self, start)]
+    descent.targets["team"].load(team.network.flat)
+    collector.moments = start.moments(len(seeds))
+    return [*_other_rewards(start), *_start_mixer(start, descent, seeds)]
 
 
 def _other_rewards(start: OfflineStart) -> list[str]:
@@ -86,9 +100,8 @@ def _other_rewards(start: OfflineStart) -> list[str]:
     ]
 
 
-def _start_mixer(self: ValueLearning, start: OfflineStart) -> list[str]:
+def _start_mixer(start: OfflineStart, descent: Descent, seeds: Sequence[int]) -> list[str]:
     """Copies the mixers of the run if they fit; otherwise says that they do not."""
-    descent, seeds = self.learner.descent, self.collector.seeds
     if "mixer" not in descent.networks:
         return []
     mine = descent.networks["mixer"]

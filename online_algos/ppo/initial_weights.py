@@ -12,8 +12,8 @@ from swarmdata.behavior_policies.exact_actor import load_actor
 from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
+from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.run_folder import last_policy
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam
 from swarmdata.online_algos.ppo.networks import Actors, ActorWeights

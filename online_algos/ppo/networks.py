@@ -1,5 +1,6 @@
 """The networks of MAPPO: the mean actions of K teams, and the values that judge them."""
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from typing import NamedTuple
@@ -21,10 +22,97 @@ from swarmdata.learn.networks.team_networks import Parameters, by_network, from_
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.input_moments import Moments
-from swarmdata.online_algos.ppo.rollout_samples import Rollout, sample_rows, sample_segments
-from swarmdata.online_algos.ppo.value_scale import ValueScale
+from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.ppo.rollout_samples import (
+    Rollout,
+    critic_states,
+    pad_by_seed,
+    ranks,
+    sample_rows,
+    sample_segments,
+)
 from swarmdata.perception.frames import Frame
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Step
+
+
+class ValueScale:
+    """Mean and standard deviation of the value targets of each seed, averaged over updates.
+
+    Yu et al. 2022, section 5.1, value normalization.
+
+    Args:
+        n_seeds: K.
+        decay: weight of the past in each update.
+    """
+
+    def __init__(self, n_seeds: int, decay: float = 0.99) -> None:
+        self.decay = decay
+        self.moments: Double = np.zeros((3, n_seeds))  # weight, mean, mean square
+
+    def update(self, targets: Float) -> None:
+        """Takes in the targets of one rollout, [T, K, E, N]."""
+        by_seed = targets.astype(np.float64).swapaxes(0, 1).reshape(targets.shape[1], -1)
+        new = np.stack([np.ones(len(by_seed)), by_seed.mean(1), np.square(by_seed).mean(1)])
+        self.moments = self.decay * self.moments + (1 - self.decay) * new
+
+    @property
+    def mean(self) -> Double:
+        """Mean of past targets, [K]."""
+        mean: Double = self.moments[1] / np.maximum(self.moments[0], 1e-8)
+        return mean
+
+    @property
+    def std(self) -> Double:
+        """Standard deviation of past targets, at least 0.01, [K]."""
+        square = self.moments[2] / np.maximum(self.moments[0], 1e-8)
+        deviation: Double = np.sqrt(np.maximum(square - self.mean**2, 1e-4))
+        return deviation
+
+    def normalize(self, targets: Float) -> Float:
+        """Returns what the critic learns, [T, K, E, N]."""
+        scaled = (targets - self.mean[:, None, None]) / self.std[:, None, None]
+        return scaled.astype(np.float32)
+
+    def denormalize(self, values: Float) -> Float:
+        """Returns values in units of return, of a critic's outputs [..., K, E, N]."""
+        scaled = values * self.std[:, None, None] + self.mean[:, None, None]
+        return scaled.astype(np.float32)
+
+    def tensor(self) -> Tensor:
+        """The moments, for a checkpoint."""
+        return torch.from_numpy(self.moments.copy())
+
+
+class LearnedDeviation:
+    """One standard deviation of each component of each actor's actions, the same in every state.
+
+    (Schulman et al. 2017, section 6.1; the code of Yu et al. 2022.)
+
+    Attributes:
+        network: the logarithms, as networks without inputs; its rows are those of the actors.
+
+    Args:
+        n_rows: actors of all seeds, R.
+        action_size: components, A.
+        initial: standard deviation at the start.
+    """
+
+    def __init__(self, n_rows: int, action_size: int, initial: float) -> None:
+        self.network = StackedMLP(MLPShape(0, (), action_size), n_rows, "cpu")
+        self.network.flat.fill_(math.log(initial))
+        self._nothing = torch.zeros(n_rows, 1, 0)
+
+    @property
+    def std(self) -> Tensor:
+        """The deviations, [R, 1, A], with the gradient of `network`."""
+        return self.network(self._nothing).exp()
+
+    @property
+    def entropy(self) -> Tensor:
+        """Entropy of each actor's noise, [R], in nats."""
+        log_std = self.network(self._nothing)  # [R, 1, A]
+        return (log_std + 0.5 * math.log(2 * math.pi * math.e)).sum((1, 2))
+
 
 ACTOR_STREAM, CRITIC_STREAM = 0, 1
 """Streams of a seed's initial parameters."""
@@ -191,3 +279,28 @@ class Critic:
         with torch.no_grad():
             rows = self.network(sample_rows(torch.cat([actor_inputs, states], -1), "shared"))
         return self.scale.denormalize(rows.view(k, t, e, n).transpose(0, 1).numpy())
+
+
+def fill_values(
+    rollout: Rollout, ends: Sequence[Step], worlds: Worlds, actors: Actors, critic: Critic
+) -> None:
+    """Writes `values` and `next_values`.
+
+    Args:
+        rollout: all else of it is written.
+        ends: for each step of the rollout, the last steps of the episodes that ended in it.
+        worlds: in the step after the rollout.
+        actors: they make the inputs.
+        critic: of the same seeds.
+    """
+    r = rollout
+    r.values[:] = critic.values(torch.from_numpy(r.actor_inputs), torch.from_numpy(r.states))
+    inputs = actors.inputs(worlds.observations(worlds.current_step))[None]
+    states = torch.from_numpy(worlds.grouped(critic_states(worlds.current_step)))[None]
+    r.next_values[:] = np.concatenate([r.values[1:], critic.values(inputs, states)])
+    t, k, e = np.nonzero(r.ended)
+    if len(t):
+        last = Step._make(map(np.concatenate, zip(*ends, strict=True)))
+        inputs = actors.inputs(pad_by_seed(worlds.local_observations(last), k, worlds.n_seeds))
+        states = torch.from_numpy(pad_by_seed(critic_states(last), k, worlds.n_seeds))
+        r.next_values[t, k, e] = critic.values(inputs[None], states[None])[0][k, ranks(k)]

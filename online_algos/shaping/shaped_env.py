@@ -8,15 +8,110 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
+from swarmdata.analysis.passings import ENCOUNTER_DISTANCE, HEAD_ON_MAX_COSINE, MOVING_MIN_SPEED
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
-from swarmdata.online_algos.shaping.contact_cost import ContactCost
-from swarmdata.online_algos.shaping.passing_side import PassingSide
 from swarmdata.online_algos.shaping.payload_potentials import PayloadPotential
-from swarmdata.online_algos.shaping.team_share import TeamShare
 from swarmdata.registry.components import make_env
+from swarmdata.specs.rules import Rewards
+from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds, Step
+
+
+class TeamShare:
+    """Mixes every robot's reward with the team's: (1 - share) r_i + share mean_j r_j.
+
+    Args:
+        share: of the mean, in [0, 1].
+    """
+
+    def __init__(self, share: float) -> None:
+        self.share = share
+
+    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+        """Returns the mixed rewards, [E, N]."""
+        mean = rewards.mean(1, keepdims=True)
+        mixed: Float = (1 - self.share) * rewards + self.share * mean
+        return mixed
+
+
+class ContactCost:
+    """Subtracts c(p) times the task's own costs of contacts and collisions.
+
+        c(p) = cost clip((p - begin) / (end - begin), 0, 1)      p: part of the training done
+
+    A high cost from the start prevents learning; a low one leaves a policy that brushes past
+    obstacles.
+
+    Args:
+        weights: of the task's rewards, with the costs of contacts and collisions.
+        cost: the factor at the end.
+        ramp: begin and end.
+    """
+
+    def __init__(self, weights: Rewards, cost: float, ramp: Sequence[float]) -> None:
+        self.cost, (self.begin, self.end) = cost, ramp
+        self.task_costs = np.array(
+            [
+                weights.robot_contact, weights.obstacle_contact,
+                weights.robot_collision, weights.obstacle_collision,
+            ],
+            np.float32,
+        )  # [4], as `types.EVENTS`  # fmt: skip
+
+    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+        """Returns the rewards less the present cost of `after.events`, [E, N]."""
+        done = (progress - self.begin) / (self.end - self.begin)
+        factor = self.cost * min(1.0, max(0.0, done))
+        changed: Float = rewards - factor * (after.events @ self.task_costs)
+        return changed
+
+
+class PassingSide:
+    """Subtracts a cost for each oncoming robot, in each step.
+
+    A robot that keeps to the right has oncoming robots on its left, so a cost of those on the right
+    teaches it to keep right.
+
+    Args:
+        right_cost: of an oncoming robot on the right.
+        left_cost: of one on the left.
+    """
+
+    def __init__(self, right_cost: float, left_cost: float) -> None:
+        self.right_cost, self.left_cost = np.float32(right_cost), np.float32(left_cost)
+
+    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+        """Returns the rewards less the costs in `after`, [E, N]."""
+        n_right, n_left = count_oncoming(after)
+        changed: Float = rewards - (self.right_cost * n_right + self.left_cost * n_left)
+        return changed
+
+
+def count_oncoming(step: Step) -> tuple[Float, Float]:
+    """Returns how many oncoming robots each robot has on its right and on its left, each [E, N].
+
+    Two robots are oncoming while they are closer than `passings.ENCOUNTER_DISTANCE`, both move,
+    their velocities point against each other, and they have not passed. A robot exactly ahead is on
+    neither side.
+    """
+    robots = robots_of(step.states, step.rewards.shape[1])
+    positions, velocities = robots[..., [X, Y]], robots[..., [VX, VY]]
+    gap = positions[:, None] - positions[:, :, None]  # [E, i, j, 2], from i to j
+    speeds = np.sqrt(np.square(velocities).sum(-1))
+    products = (velocities[:, :, None] * velocities[:, None]).sum(-1)
+    moving = (speeds > MOVING_MIN_SPEED)[:, :, None] & (speeds > MOVING_MIN_SPEED)[:, None]
+    opposed = products < HEAD_ON_MAX_COSINE * speeds[:, :, None] * speeds[:, None]
+    near = np.square(gap).sum(-1) < ENCOUNTER_DISTANCE**2
+    ahead = (gap * velocities[:, :, None]).sum(-1) > 0
+    side = velocities[:, :, None, 0] * gap[..., 1] - velocities[:, :, None, 1] * gap[..., 0]
+    oncoming = moving & opposed & near & ahead
+    n_right = (oncoming & (side < 0)).sum(-1).astype(np.float32)
+    n_left = (oncoming & (side > 0)).sum(-1).astype(np.float32)
+    return n_right, n_left
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 from swarmdata.types import Batch, Double, Step, blank_step
 
 if TYPE_CHECKING:
-    from swarmdata.learn.training.dataset_statistics import Statistics
-    from swarmdata.learn.training.setup import Setup
+    from swarmdata.learn.networks.dataset_statistics import Statistics
+    from swarmdata.learn.networks.setup import Setup
 
 N_AGENTS, N_OBSERVATION, N_ACTION, N_STATE = 3, 7, 2, 12
 BATCH, N_EPISODES = 16, 5
@@ -17,8 +17,8 @@ BATCH, N_EPISODES = 16, 5
 
 def sample_setup(seeds: Sequence[int]) -> "Setup":
     """Returns what an offline algorithm of these seeds is made from; it needs torch."""
-    from swarmdata.learn.networks.sizes import Sizes  # noqa: PLC0415  (torch is an extra)
-    from swarmdata.learn.training.setup import Setup  # noqa: PLC0415  (the same)
+    from swarmdata.learn.networks.setup import Setup  # noqa: PLC0415  (torch is an extra)
+    from swarmdata.learn.networks.sizes import Sizes  # noqa: PLC0415  (the same)
 
     sizes = Sizes(n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE)
     return Setup(sizes, seeds, sample_statistics(), n_episodes=N_EPISODES)
@@ -26,7 +26,7 @@ def sample_setup(seeds: Sequence[int]) -> "Setup":
 
 def sample_statistics() -> "Statistics":
     """Returns statistics of data of these sizes, whose last columns never change."""
-    from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: PLC0415  (torch)
+    from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: PLC0415  (torch)
 
     rng = np.random.default_rng(0)
     return Statistics(

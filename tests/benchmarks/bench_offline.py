@@ -22,12 +22,11 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from swarmdata import load
 from swarmdata.learn.networks.compilation import compiling, uncompiled
-from swarmdata.learn.networks.network_inputs import with_agent_id
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.robot_views import RobotViews
+from swarmdata.learn.networks.critics import RobotViews
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.network_inputs import Normalizer, with_agent_id
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.learn.training.setup import Setup
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.runtime.native_libraries import keep_freed_memory

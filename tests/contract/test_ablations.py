@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.training.training_data import Selective
 from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve

@@ -11,8 +11,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
-from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.registry.components import (  # noqa: E402
     DISCRETE_ALGORITHMS,
     OFFLINE_ALGORITHMS,

@@ -9,7 +9,7 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.perception.frames import find_frame
 from swarmdata.perception.observer import features_of

@@ -3,7 +3,8 @@
 import numpy as np
 
 from swarmdata.testing.memory_dataset import MemoryDataset
-from swarmdata.types import Episode, Float, no_messages
+from swarmdata.types import Episode, Float
+from tests.support.made_episodes import made_episode
 
 N_AGENTS = 2
 
@@ -22,22 +23,10 @@ def episode(rng: np.random.Generator, length: int, first: int, *, ends: bool) ->
     """Random actions; the reward is the robot's action in state 0, twice that in state 1."""
     states = (np.arange(length + 1) + first) % 2
     actions = rng.uniform(-1, 1, (length, N_AGENTS, 1)).astype(np.float32)
-    last = np.arange(length) == length - 1
-    return Episode(
-        observations=np.tile(states[:, None, None], (1, N_AGENTS, 1)).astype(np.float32),
-        states=states[:, None].astype(np.float32),
-        actions=actions,
-        log_probs=np.zeros((length, N_AGENTS), dtype=np.float32),
-        rewards=actions[..., 0] * (1 + states[:-1, None]).astype(np.float32),
-        terminations=last & ends,
-        truncations=last & (not ends),
-        events=np.zeros((length, N_AGENTS, 4), dtype=np.uint8),
-        **no_messages(length + 1, N_AGENTS),
-        layout=np.zeros((0, 8), dtype=np.float32),
-        seed=0,
-        policy=0,
-        end_reason=0 if ends else 2,
-    )
+    return made_episode(
+        np.tile(states[:, None, None], (1, N_AGENTS, 1)), states[:, None], actions,
+        actions[..., 0] * (1 + states[:-1, None]), ends=ends,
+    )  # fmt: skip
 
 
 def chain(n_episodes: int, *, ends: bool, seed: int = 0) -> MemoryDataset:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from swarmdata.testing.memory_dataset import MemoryDataset
-from swarmdata.types import Double, Episode, Float, no_messages
+from swarmdata.types import Double, Episode, Float
+from tests.support.made_episodes import made_episode
 
 N_AGENTS, LENGTH = 2, 12
 
@@ -30,22 +31,7 @@ def play(rng: np.random.Generator, good: bool, cut: bool) -> Episode:
         positions = (positions + 0.2 * action).clip(-1.5, 1.5)
         rewards.append(before - np.linalg.norm(goals - positions, axis=1))
         actions.append(action)
-    last = np.arange(LENGTH) == LENGTH - 1
-    return Episode(
-        observations=np.array(observations, dtype=np.float32),
-        states=np.array(states, dtype=np.float32),
-        actions=np.array(actions, dtype=np.float32),
-        log_probs=np.zeros((LENGTH, N_AGENTS), dtype=np.float32),
-        rewards=np.array(rewards, dtype=np.float32),
-        terminations=last & (not cut),
-        truncations=last & cut,
-        events=np.zeros((LENGTH, N_AGENTS, 4), dtype=np.uint8),
-        **no_messages(LENGTH + 1, N_AGENTS),
-        layout=np.zeros((0, 8), dtype=np.float32),
-        seed=0,
-        policy=int(good),
-        end_reason=2 if cut else 0,
-    )
+    return made_episode(observations, states, actions, rewards, ends=not cut, policy=int(good))
 
 
 def drive(offsets: Double | Float) -> Double:

@@ -9,9 +9,9 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
+from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -56,15 +56,6 @@ def test_it_follows_the_cosine_and_stands_still_at_its_end(good_only: MemoryData
     assert moved[0] == pytest.approx(BCConfig().learning_rate, rel=0.01)
     assert 0 < moved[9] < 0.1 * moved[0]
     assert moved[10] == 0
-
-
-def test_a_constant_learning_rate_is_possible(good_only: MemoryDataset) -> None:
-    bc, batches = made(good_only, 1, n_updates=10, final_learning_rate_factor=1.0)
-    for batch in batches:
-        bc.update(batch)
-    before = bc.actor.network.flat.clone()
-    bc.update(batches[0])
-    assert (bc.actor.network.flat - before).abs().max() > 1e-4
 
 
 @pytest.mark.learns

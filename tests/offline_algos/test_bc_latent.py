@@ -9,9 +9,9 @@ import pytest
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
-from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc_latent import BCLatent, BCLatentConfig  # noqa: E402
 from swarmdata.types import Step  # noqa: E402

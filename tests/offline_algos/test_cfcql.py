@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.networks.robot_views import RobotView  # noqa: E402
+from swarmdata.learn.networks.critics import RobotView  # noqa: E402
 from swarmdata.offline_algos.cfcql import CFCQL  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
 

@@ -7,7 +7,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="compiling needs torch")
 
 from swarmdata.learn.networks.compilation import compiling, has_compilable  # noqa: E402
-from swarmdata.learn.training.setup import Setup  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
 from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
@@ -17,21 +15,6 @@ from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.conftest import drive  # noqa: E402
-
-
-@settings(deadline=None, max_examples=50)
-@given(
-    returns=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60),
-    fraction=st.floats(0.01, 1),
-)
-def test_the_best_are_kept_and_no_more_than_asked_but_for_ties(
-    returns: list[float], fraction: float
-) -> None:
-    least = FilteredBCConfig(fraction=fraction).least_return(np.array(returns))
-    better, kept = (sum(compare) for compare in zip(*[(r > least, r >= least) for r in returns]))  # noqa: B905
-    assert better < fraction * len(returns) + 1
-    assert kept >= fraction * len(returns) - 1e-6
-    assert least in returns
 
 
 @pytest.mark.parametrize(

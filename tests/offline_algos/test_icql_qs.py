@@ -13,7 +13,7 @@ from hypothesis import strategies as st  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.robot_views import RobotView  # noqa: E402
+from swarmdata.learn.networks.critics import RobotView  # noqa: E402
 from swarmdata.offline_algos.icql_qs import ICQLQS  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402

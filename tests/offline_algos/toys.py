@@ -9,14 +9,15 @@ import numpy as np
 import torch
 
 from swarmdata.interfaces import Policy
+from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.torch_policy import Memoryless
-from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.learn.training.setup import Setup
 from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, Step, no_messages
 from tests.offline_algos.conftest import play
+from tests.support.made_episodes import made_episode
 
 Algorithm = TypeVar("Algorithm")
 
@@ -171,23 +172,11 @@ def two_episodes() -> MemoryDataset:
     """One that terminates, one that is truncated; states tell the episode and the time."""
 
     def episode(number: int, *, cut: bool) -> Episode:
-        steps, last = 2, np.array([False, True])
-        states = np.zeros((steps + 1, 4), dtype=np.float32)
-        states[:, 0], states[:, 1] = number, np.arange(steps + 1)
-        return Episode(
-            observations=np.zeros((steps + 1, 2, 3), dtype=np.float32),
-            states=states,
-            actions=np.zeros((steps, 2, 2), dtype=np.float32),
-            log_probs=np.zeros((steps, 2), dtype=np.float32),
-            rewards=np.array([[1.0, 3.0], [5.0, 7.0]], dtype=np.float32),  # team: 2, 6
-            terminations=last & (not cut),
-            truncations=last & cut,
-            events=np.zeros((steps, 2, 4), dtype=np.uint8),
-            **no_messages(steps + 1, 2),
-            layout=np.zeros((0, 8), dtype=np.float32),
-            seed=number,
-            policy=0,
-            end_reason=2 if cut else 0,
+        states = np.zeros((3, 4))
+        states[:, 0], states[:, 1] = number, np.arange(3)
+        rewards = [[1.0, 3.0], [5.0, 7.0]]  # of the team: 2, 6
+        return made_episode(
+            np.zeros((3, 2, 3)), states, np.zeros((2, 2, 2)), rewards, ends=not cut, seed=number
         )
 
     return MemoryDataset([episode(1, cut=False), episode(2, cut=True)])
@@ -211,22 +200,10 @@ def _one_side(rng: np.random.Generator, side: float, number: int, length: int) -
     actions[..., 0] = observations[:-1, :, 0].clip(-0.5, 0.5)
     actions[..., 1] = 0.8 * side
     actions += rng.normal(0, 0.05, actions.shape)
-    last = np.arange(length) == length - 1
-    return Episode(
-        observations=observations,
-        states=rng.normal(size=(length + 1, 4)).astype(np.float32),
-        actions=actions.clip(-1, 1).astype(np.float32),
-        log_probs=np.zeros((length, 2), np.float32),
-        rewards=np.ones((length, 2), np.float32),
-        terminations=np.zeros(length, np.bool_),
-        truncations=last,
-        events=np.zeros((length, 2, 4), np.uint8),
-        **no_messages(length + 1, 2),
-        layout=np.zeros((0, 8), np.float32),
-        seed=number,
-        policy=0,
-        end_reason=2,
-    )
+    return made_episode(
+        observations, rng.normal(size=(length + 1, 4)), actions.clip(-1, 1), np.ones((length, 2)),
+        ends=False, seed=number,
+    )  # fmt: skip
 
 
 def progress_of(actions: Float, observations: Float) -> float:

@@ -30,18 +30,21 @@ from swarmdata.evaluation.policy_selection.ranking_record import (
 from swarmdata.evaluation.policy_selection.ranking_scores import Scores, read_scores, simulate
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
-from swarmdata.learn.evaluation.fqe import Answered, FQEConfig, Values, fitted_q_evaluation
-from swarmdata.learn.evaluation.transitions import Transitions
-from swarmdata.learn.evaluation.validation import (
+from swarmdata.learn.evaluation.fqe import (
+    Answered,
+    FQEConfig,
+    Values,
+    fitted_q_evaluation,
     imitation_error,
     td_errors,
     weighted_imitation_error,
 )
-from swarmdata.learn.training.dataset_statistics import Statistics
+from swarmdata.learn.evaluation.transitions import Transitions
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
-from swarmdata.learn.training.setup import check_device
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
 from swarmdata.runtime.native_libraries import ThreadLimit

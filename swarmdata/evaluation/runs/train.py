@@ -17,9 +17,9 @@ from swarmdata.evaluation.runs.seed_jobs import Group, Where
 from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
+from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.learn.training.run_files import CURVE_METRICS
-from swarmdata.learn.training.setup import check_device
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start

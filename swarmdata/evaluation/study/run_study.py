@@ -87,7 +87,7 @@ def run_study(
         for task in study.tasks.tasks:
             find_spec(task)  # an unknown one is refused before the training
     if study.device != "cpu":
-        from swarmdata.learn.training.setup import check_device  # noqa: PLC0415  (torch)
+        from swarmdata.learn.networks.setup import check_device  # noqa: PLC0415  (torch)
 
         check_device(study.device)
     cells = all_cells(study, progress=options.progress)

@@ -6,18 +6,13 @@ so that D dimensions of C choices cost D C outputs and not C ** D.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.perceptrons import Layer, present
 from swarmdata.learn.networks.team_networks import Parameters, answer
-from swarmdata.learn.policies.torch_policy import Memoryless, standard_features
-from swarmdata.perception.frames import Frame, in_world
-from swarmdata.types import Float
 
 
 def bin_values(n_bins: int, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -123,45 +118,3 @@ def mean_utilities(
 def rows_of(layers: Sequence[Layer], rows: slice) -> list[Layer]:
     """Returns the weights of some networks."""
     return [Layer(*(weight[rows] for weight in present(each))) for each in layers]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BinPolicy(Memoryless):
-    """Takes the best bin of every dimension; computes in float64, as `TorchPolicy` does.
-
-    Attributes:
-        layers: weights of the utility networks, float64, critic after critic; each has one network
-            if robots share it, else N.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        n_bins: of each dimension, C.
-        frame: in which the robots see and act; None for the world's.
-        parameters: whether the robots share one network.
-    """
-
-    layers: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
-    n_bins: int
-    frame: Frame | None = None
-    parameters: Parameters = "shared"
-    n_critics: int = 1  # whose mean utility decides
-    uses_state: bool = False
-
-    def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, A], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
-        actions = to_actions(self.choices(observations), self.n_bins, torch.float64)
-        return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
-
-    def choices(self, observations: Float) -> Tensor:
-        """Returns the best choices, whole numbers [E, N, D], for observations [E, N, O]."""
-        framed = observations if self.frame is None else self.frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
-        (first,) = rows_of(self.layers[:1], slice(len(self.layers[0].weight) // self.n_critics))
-        features = standard_features(first, framed, mean, std, self.parameters)
-        utilities = mean_utilities(self.layers, features, self.parameters, self.n_critics)
-        return greedy(by_dimension(utilities, self.n_bins))

@@ -10,25 +10,16 @@ The networks are those of continuous actors, with D C outputs for D columns of C
 from collections.abc import Sequence
 from dataclasses import replace
 
-import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.choices.behavior_heads import Rule, behavior_log_probs, cross_entropy
+from swarmdata.learn.choices.behavior_heads import behavior_log_probs, cross_entropy
 from swarmdata.learn.choices.choices import Choices
-from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.recurrent_actor import make_actor
 from swarmdata.learn.networks.actor import PolicyNetwork
-from swarmdata.learn.networks.perceptrons import Layer
-from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
-from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.types import Batch
-
-GREEDY = Rule("none", temperature=1.0, threshold=0.0, head="factored")
-"""Takes the likeliest choice of each column; the numbers have no effect."""
 
 
 class ChoiceActor:
@@ -36,7 +27,10 @@ class ChoiceActor:
 
     Attributes:
         network: of K seeds.
-        encoded_sizes: the dataset's, with actions as `encode` gives them.
+        outputs: the actors behind the distributions.
+        choices: that there are.
+        sizes: of the dataset.
+        encoded_sizes: the same, with actions as `encode` gives them.
 
     Args:
         setup: sizes, seeds and the dataset's statistics.
@@ -61,15 +55,15 @@ class ChoiceActor:
                 f"got policy_network {policy_network} for recorded choices, expected mlp: networks "
                 "over sets read the named features of this library's worlds. Set policy_network mlp"
             )
-        self._ranges, self._frame = setup.sizes.choices, setup.sizes.frame
-        self._choices = Choices.recorded(self._ranges, setup.sizes.action, setup.device)
-        n_outputs = self._choices.n_columns * self._choices.n_choices
+        self.sizes = setup.sizes
+        self.choices = Choices.recorded(setup.sizes.choices, setup.sizes.action, setup.device)
+        n_outputs = self.choices.n_columns * self.choices.n_choices
         self.encoded_sizes = replace(setup.sizes, action=n_outputs)
-        self._outputs = make_actor(
+        self.outputs = make_actor(
             replace(setup, sizes=self.encoded_sizes), hidden, settings,
             squash=False, policy_network=policy_network,
         )  # fmt: skip
-        self.network = self._outputs.network
+        self.network = self.outputs.network
 
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, and log pi of all choices, [K, B, N, D, C].
@@ -77,8 +71,8 @@ class ChoiceActor:
         Args:
             batch: transitions, or windows [K, B, L, ...] with a memory.
         """
-        steps, outputs = self._outputs.along(batch)
-        return steps, behavior_log_probs(outputs, self._choices, "factored")
+        steps, outputs = self.outputs.along(batch)
+        return steps, behavior_log_probs(outputs, self.choices, "factored")
 
     def surprise(self, log_probs: Tensor, actions: Tensor) -> Tensor:
         """Returns -log pi(a_i | o_i) of recorded actions, in nats, [K, B, N].
@@ -87,46 +81,8 @@ class ChoiceActor:
             log_probs: from `along`.
             actions: as recorded, [K, B, N, D].
         """
-        return cross_entropy(log_probs, self._choices.weights(actions), "factored")
+        return cross_entropy(log_probs, self.choices.weights(actions), "factored")
 
     def encode(self, actions: Tensor) -> Tensor:
         """Returns recorded actions as critics see them: 1 for what was chosen, [K, B, N, D C]."""
-        return self._choices.weights(actions).flatten(-2)
-
-    def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
-        """Returns the policy of seed number `index`, which takes the likeliest choices."""
-        actor = self._outputs.policy(index)
-        assert not isinstance(actor, SetPolicy)  # refused above
-        has_memory = isinstance(actor, RecurrentPolicy)
-        n_features = len(actor.observation_mean)
-        chooser = ChoicePolicy(
-            layers=_reader(actor.layers, n_features) if has_memory else actor.layers,
-            behavior=[],
-            observation_mean=actor.observation_mean,
-            observation_std=actor.observation_std,
-            choices=self._choices.to_cpu(),
-            ranges=self._ranges,
-            rule=GREEDY,
-            frame=self._frame,
-        )
-        return (
-            RecurrentChoicePolicy(actor.layers[:N_GATE_LAYERS], chooser) if has_memory else chooser
-        )
-
-
-def _reader(layers: Sequence[Layer], n_features: int) -> list[Layer]:
-    """Returns the reader of a recurrent actor with the agent's number as its last inputs.
-
-    Recurrent actors read observations, number, memory; policies over choices observations, memory,
-    number.
-
-    Args:
-        layers: gates and reader.
-        n_features: of an observation.
-    """
-    first, *others = layers[N_GATE_LAYERS:]
-    n_memory = layers[1].weight.shape[1]
-    weight, n_seen = first.weight, first.weight.shape[1] - n_memory
-    features, number = weight[:, :n_features], weight[:, n_features:n_seen]
-    memory = weight[:, n_seen:]
-    return [first._replace(weight=torch.cat([features, memory, number], 1)), *others]
+        return self.choices.weights(actions).flatten(-2)

@@ -1,14 +1,8 @@
-"""UtilityNetworks: the networks of offline value decomposition, and the loop that trains them.
+"""UtilityNetworks: the networks of offline value decomposition (`offline_algos.vdn`, `qmix`)."""
 
-The maths is in `offline_algos.vdn` and `offline_algos.qmix`, which take these functions as methods:
-
-    update, policy = regularised_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
-"""
-
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,27 +16,21 @@ from swarmdata.learn.choices.behavior_heads import (
     head_size,
 )
 from swarmdata.learn.choices.choices import Choices
+from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.team_memory import TeamMemory
-from swarmdata.learn.networks.descent import Descent
-from swarmdata.learn.networks.network_inputs import information
-from swarmdata.learn.networks.normalizer import Normalizer
-from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP
+from swarmdata.learn.memory.segments import (
+    learned_rows,
+    learned_steps,
+    remembered,
+    remembered_next,
+    take,
+)
+from swarmdata.learn.networks.network_inputs import Normalizer, information
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.team_networks import Parameters, Team
-from swarmdata.learn.objectives.value_losses import behavior_loss, conservative_gap, huber_error
-from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
-from swarmdata.learn.training.actor_critic import Loss
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
-
-LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
-"""`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the value of
-the data's actions, and both leave what the data return, values are overestimated."""
-
-GREEDY_EVERY = 10
-"""Updates between two measurements of `greedy_q`, which nothing learns from."""
 
 N_CRITICS = 2
 """Utility networks, and mixers, of a seed."""
@@ -55,7 +43,7 @@ UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM, MEMORY_STREAM = 0, 1, 2, 3
 class DecompositionConfig(MemorySettings):
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
-    regulariser: Regulariser = "bc"  # the best on average in cards/studies/v0/coop_nav
+    regulariser: Regulariser = "bc"
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions
     n_bins: int = 9  # of a continuous column; odd, so that standing still is one
@@ -78,6 +66,59 @@ class DecompositionConfig(MemorySettings):
         return Rule(self.regulariser, self.temperature, self.threshold, self.behavior_head)
 
 
+class TeamMemory:
+    """Gated units of K seeds: one that all robots of a seed share, or one for each robot.
+
+    Args:
+        setup: sizes and seeds.
+        settings: of the memory.
+        stream: separates the draws of different networks of one seed.
+        parameters: whether robots share one unit, which sees their number.
+    """
+
+    def __init__(
+        self, setup: Setup, settings: MemorySettings, stream: int, parameters: Parameters
+    ) -> None:
+        is_shared, n_agents = parameters == "shared", setup.sizes.n_agents
+        self.parameters, self.window = parameters, settings.window
+        self.n_rows = 1 if is_shared else n_agents  # networks of one seed
+        n_inputs = setup.sizes.observation + (n_agents if is_shared else 0)
+        shape = GatedShape(n_inputs, settings.memory_size)
+        self.network = StackedGates(shape, setup.n_seeds * self.n_rows, setup.device)
+        initialize(self.network, setup.seeds, stream)
+
+    def along(
+        self, batch: Batch, normalize: Callable[[Tensor], Tensor], slow: StackedGates
+    ) -> tuple[Batch, Tensor, Tensor, Tensor]:
+        """Returns transitions to learn from, and normalized observations with memories.
+
+        Args:
+            batch: windows [K, B, L, ...].
+            normalize: makes observations as recorded comparable.
+            slow: target copies of the units.
+
+        Returns:
+            Transitions, fields [K, R, ...]; what is seen, [K, R, N, O + M]; what is seen one step
+            later, and what the target copies see then, both without a gradient.
+        """
+        rows = learned_rows(batch.mask, self.window)
+        steps, features = learned_steps(batch, rows), normalize(batch.observations)
+        memory = take(remembered(self.network, features, batch.mask, self.parameters), rows)
+        seen = torch.cat([take(features, rows), memory], -1)
+        with torch.no_grad():
+            after = normalize(steps.next_observations)
+            kept = take(remembered(slow, features, batch.mask, self.parameters), rows)
+            later, slow_later = (
+                torch.cat([after, remembered_next(network, after, now, self.parameters)], -1)
+                for network, now in ((self.network, memory), (slow, kept))
+            )
+        return steps, seen, later, slow_later
+
+    def extract(self, index: int) -> list[Layer]:
+        """Returns a copy of the units of seed number `index`, float64, on the CPU."""
+        return self.network.extract(index * self.n_rows, torch.float64, self.n_rows)
+
+
 class UtilityNetworks:
     """K seeds of two utility networks, their targets, and a behavior head where it is needed.
 
@@ -97,7 +138,7 @@ class UtilityNetworks:
         sizes, seeds, device = setup.sizes, setup.seeds, setup.device
         self.choices = Choices.of(sizes, config.n_bins, device)
         self.normalizer = Normalizer(setup.statistics, device, clip_target=config.clip_target)
-        self._sizes, self._statistics = sizes, setup.statistics
+        self.sizes, self.statistics = sizes, setup.statistics
         self.memory: TeamMemory | None = None
         n_features = sizes.observation
         if config.has_memory:
@@ -139,6 +180,15 @@ class UtilityNetworks:
         after = self.normalizer.observations(batch.next_observations)
         return Seen(batch, features, after, after)
 
+    def evaluate(self, seen: "Seen") -> "Evaluated":
+        """Returns what the networks give for a batch."""
+        return Evaluated(
+            self.choices.weights(seen.batch.actions),
+            self.utilities(seen.features),
+            self.log_probs(seen.features),
+            self.information(seen.batch.states, seen.features),
+        )
+
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
         """Returns both networks' utilities of every choice, [K, J, B, N, D, C].
 
@@ -156,7 +206,7 @@ class UtilityNetworks:
             states: as recorded, [K, B, S].
             features: what the networks see; of it, the observations, which come first, are taken.
         """
-        observations = features[..., : self._sizes.observation]
+        observations = features[..., : self.sizes.observation]
         return information(self.normalizer.states(states), observations)
 
     def log_probs(self, features: Tensor) -> Tensor | None:
@@ -177,35 +227,13 @@ class UtilityNetworks:
         """
         return self.rule.act(utilities.mean(1), log_probs, self.choices)
 
-    def regulariser_loss(self, batch: "Evaluated") -> Loss:
-        """Returns L_b with `bc` and `bcq`, L_cql with `cql`, and zeros with `none`."""
-        config, weights = self.config, batch.weights
-        if batch.log_probs is not None:
-            loss = behavior_loss(batch.log_probs, weights, config.behavior_head)  # [K]
-            return Loss(loss, {"behavior_loss": loss})
-        if config.regulariser == "cql":
-            gap = conservative_gap(batch.utilities, weights, self.choices.exists)  # [K]
-            return Loss(config.cql_weight * gap, {"conservative_gap": gap})
-        return Loss(weights.new_zeros(len(weights)), {})
+    def state_dict(self) -> dict[str, Tensor]:
+        """Parameters, targets and Adam's moments, as copies."""
+        return {f"networks.{k}": v for k, v in self.descent.state_dict().items()}
 
-    def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
-        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
-        n_rows = N_CRITICS * self.team.n_rows
-        behavior: list[Layer] = [] if self.behavior is None else self.behavior.extract(index)
-        chooser = ChoicePolicy(
-            layers=self.team.network.extract(index * n_rows, torch.float64, n_rows),
-            behavior=behavior,
-            observation_mean=torch.tensor(self._statistics.observation_mean, dtype=torch.float64),
-            observation_std=torch.tensor(self._statistics.observation_std, dtype=torch.float64),
-            choices=self.choices.to_cpu(),
-            ranges=self._sizes.choices,
-            rule=self.rule,
-            frame=self._sizes.frame,
-            parameters=self.config.parameters,
-        )
-        if self.memory is None:
-            return chooser
-        return RecurrentChoicePolicy(self.memory.extract(index), chooser)
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
+        self.descent.load_state_dict({k.removeprefix("networks."): v for k, v in state.items()})
 
 
 class Seen(NamedTuple):
@@ -224,76 +252,6 @@ class Evaluated(NamedTuple):
     utilities: Tensor  # [K, J, B, N, D, C]
     log_probs: Tensor | None  # of the behavior head
     information: Tensor  # x, normalized, [K, B, S + N O]
-
-
-class Decomposition(Protocol):
-    """What `regularised_update` needs of an algorithm."""
-
-    n_updates: int
-    networks: UtilityNetworks
-
-    def targets(self, seen: Seen) -> Tensor:
-        """Returns y, [K, B]."""
-        ...
-
-    def value(self, utilities: Tensor, weights: Tensor, x: Tensor) -> Tensor:
-        """Returns Q of joint actions, [K, J, B], with x as in `Evaluated.information`."""
-        ...
-
-
-def regularised_loss(self: Decomposition, batch: Evaluated, y: Tensor) -> Loss:
-    """Returns L_td with L_b or L_cql of the regulariser, [K]; y, [K, B], is a constant."""
-    q = self.value(batch.utilities, batch.weights, batch.information)  # [K, J, B]
-    td_loss = huber_error(q, y)  # [K]
-    near_data = self.networks.regulariser_loss(batch)
-    reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
-    return Loss(td_loss + near_data.total, reported | near_data.reported)
-
-
-def regularised_update(self: Decomposition, batch: Batch) -> dict[str, Tensor]:
-    """One step on tensors [K, B, ...], windows with a memory; returns losses [K].
-
-    Losses that the regulariser does not have are left out.
-    """
-    networks, config = self.networks, self.networks.config
-    seen = networks.see(batch)
-    y = self.targets(seen)  # [K, B]
-    batch, features = seen.batch, seen.features
-    evaluated = Evaluated(
-        networks.choices.weights(batch.actions),
-        networks.utilities(features),
-        networks.log_probs(features),
-        networks.information(batch.states, features),
-    )
-    total, reported = regularised_loss(self, evaluated, y)
-    if self.n_updates % GREEDY_EVERY == 0:
-        with torch.no_grad():
-            greedy = networks.act(evaluated.utilities, evaluated.log_probs)
-            values = self.value(evaluated.utilities, greedy, evaluated.information)
-        reported["greedy_q"] = values.mean((1, 2))
-    scale = cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
-    networks.descent.step(total, scale)
-    networks.descent.follow(config.tau)
-    self.n_updates += 1
-    return {name: loss.detach() for name, loss in reported.items()}
-
-
-def policy_of(self: Decomposition, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
-    """The greedy policy of seed number `index`, as it is now."""
-    return self.networks.policy(index)
-
-
-def state_of(self: Decomposition) -> dict[str, Any]:
-    """Parameters, targets, Adam's moments and the number of updates, as copies."""
-    state = self.networks.descent.state_dict()
-    named = {f"networks.{name}": value for name, value in state.items()}
-    return {"n_updates": torch.tensor(self.n_updates), **named}
-
-
-def restore_state(self: Decomposition, state: Mapping[str, Any]) -> None:
-    """Restores what `state_dict` returned."""
-    self.n_updates = int(state["n_updates"])
-    self.networks.descent.load_state_dict(part(state, "networks"))
 
 
 def by_critic(values: Tensor) -> Tensor:

@@ -13,11 +13,11 @@ from torch import Tensor, nn
 from swarmdata.errors import PolicyFitError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.behavior_heads import behavior_log_probs
-from swarmdata.learn.choices.bins import BinPolicy, by_dimension, greedy, mean_utilities, to_actions
+from swarmdata.learn.choices.bins import by_dimension, greedy, mean_utilities, to_actions
 from swarmdata.learn.memory.gated_networks import next_memory, read
 from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.learn.networks.team_networks import answer, by_network, from_rows, to_rows
-from swarmdata.learn.policies.choice_policy import ChoicePolicy
+from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.perception.frames import HEARING_RANGE, NOT_SENT, Frame

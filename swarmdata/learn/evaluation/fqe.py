@@ -21,10 +21,9 @@ Deviations:
 - Common random numbers: the critics of all K policies start from the same parameters and see the
   same batches, so that what differs between their values is due to the policies.
 
-What to expect. Near the data the values are close. Far from them they are too high: on version 0 of
-`coop_nav-medium-mini`, MADDPG+BC with hardly any imitation was valued above its clone and scored
-far below it. A critic is asked there for actions that no recorded one resembles, and nothing in
-its loss holds it down. `validation.imitation_error` tells such policies.
+What to expect. Near the data the values are close. Far from them they are too high: a critic is
+asked there for actions that no recorded one resembles, and nothing in its loss holds it down.
+`imitation_error` tells such policies.
 
 Importance sampling is not offered. Its weights pi(a|o) / beta(a|o) need a policy with a density
 where the data are; that of a deterministic policy is zero at every recorded action but its own.
@@ -33,6 +32,7 @@ where the data are; that of a deterministic policy is zero at every recorded act
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -41,12 +41,12 @@ from tqdm import tqdm
 
 from swarmdata.errors import DivergedError, SchemaError
 from swarmdata.learn.evaluation.transitions import Transitions, actions_of
-from swarmdata.learn.networks.critics import JointCritics
+from swarmdata.learn.networks.critics import Critics
 from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.objectives.td_targets import td_target
+from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.training.training_data import Data
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.types import Double, Int
+from swarmdata.types import Batch, Double, Int
 
 N_CURVE_POINTS = 10
 """Of the curve of values while they are fitted."""
@@ -68,7 +68,7 @@ class FQEConfig:
     n_fits: int = 1  # critics of each policy, which begin with parameters of their own
     discount: float = 0.99
     learning_rate: float = 1e-3
-    tau: float = 0.2  # settled in 800 updates on version 0 of coop_nav-expert-mini
+    tau: float = 0.2
     max_grad_norm: float = 10.0
     seed: int = 0
 
@@ -153,8 +153,9 @@ class FittedQ:
         self.train, self.scale, self.config, self.n_updates = train, scale, config, 0
         self.bound = attainable(train.data, config.discount)
         seeds = [config.seed] * len(train.answers)  # common random numbers
-        self.critics = JointCritics(
-            train.data.sizes, seeds, config.hidden,
+        sizes = train.data.sizes
+        self.critics = Critics(
+            sizes.information + sizes.n_agents * sizes.action, seeds, config.hidden,
             learning_rate=config.learning_rate, max_norm=config.max_grad_norm,
             n_critics=config.n_fits, device=train.answers.device,
         )  # fmt: skip
@@ -257,3 +258,71 @@ def draws(n_rows: int, config: FQEConfig, update: int) -> Int:
     numbers = np.arange(config.batch_size, dtype=np.uint64) + np.uint64(update * config.batch_size)
     picks = uniform(derive(config.seed, numbers)) * n_rows
     return np.minimum(picks, n_rows - 1).astype(np.int64)  # the product may round up to n_rows
+
+
+N_BATCHES, BATCH_SIZE = 32, 256
+"""Held-out transitions on which a TD error is measured."""
+
+
+@runtime_checkable
+class HasTDError(Protocol):
+    """An algorithm with critics that can be measured on data; the others have no such error."""
+
+    def td_error(self, batch: Batch) -> Tensor:
+        """Returns the mean over critics and rows of (Q - y)^2 in scaled rewards, [K]."""
+        ...
+
+
+def imitation_error(split: Answered) -> Double:
+    """Returns what behavior cloning minimizes: mean |pi(o_i) - a_i|^2 / A, [K]."""
+    return _mean(_errors(split), torch.ones_like(split.data.returns, dtype=torch.float64))
+
+
+def weighted_imitation_error(split: Answered) -> Double:
+    """Returns the imitation error with more weight on what went well, [K].
+
+    The weight of a step is exp((G - mean G) / std G) with its return-to-go G, the weight of
+    exponentially weighted imitation (Wang et al. 2018, "Exponentially Weighted Imitation Learning
+    for Batched Historical Data", eq. 4, beta = 1) with the mean in place of a value function.
+    """
+    returns = split.data.returns.double()
+    spread = returns.std(correction=0)
+    weights = torch.exp((returns - returns.mean()) / torch.where(spread > 0, spread, 1.0))
+    return _mean(_errors(split), weights)
+
+
+def _errors(split: Answered) -> Tensor:
+    """Squared errors of the policies' actions, mean over robots and components, [K, n]."""
+    data = split.data
+    return (split.answers[:, data.rows] - data.actions).square().mean((2, 3)).double()
+
+
+def _mean(errors: Tensor, weights: Tensor) -> Double:
+    result: Double = ((errors * weights).sum(1) / weights.sum()).cpu().numpy()
+    return result
+
+
+@torch.no_grad()
+def td_errors(
+    algorithm: object, dataset: Data, n_seeds: int, scale: float, device: torch.device | str
+) -> Double | None:
+    """Returns the root mean square of Q - y of an algorithm's own critics, [K], if it has any.
+
+    In units of rewards, but still of the algorithm's own discount and target: comparable between
+    seeds and settings of one algorithm at best.
+
+    Args:
+        algorithm: trained; noise in its targets is drawn from its generators.
+        dataset: what to measure on, usually the validation split.
+        n_seeds: policies of the algorithm, K.
+        scale: what the algorithm divides rewards by.
+        device: where the algorithm is.
+    """
+    if not isinstance(algorithm, HasTDError):
+        return None
+    sampler = dataset.sampler(BATCH_SIZE, seed=0)
+    total = np.zeros(n_seeds)
+    for _ in range(N_BATCHES):
+        index = np.broadcast_to(sampler.draw(), (n_seeds, BATCH_SIZE))
+        total += algorithm.td_error(sampler.gather(index).to_torch(device)).cpu().numpy()
+    return scale * np.sqrt(total / N_BATCHES)

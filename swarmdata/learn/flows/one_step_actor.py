@@ -1,22 +1,63 @@
-"""OneStepActor: each robot maps its own observation and noise to an action, in one step."""
+"""OneStepActor: each robot maps its own observations and noise to an action, in one step."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
+from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS, GatedShape, StackedGates
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.segments import (
+    learned_rows,
+    learned_steps,
+    remembered,
+    remembered_next,
+    take,
+)
 from swarmdata.learn.networks.actor import ACTOR_STREAM
 from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.policies.flow_policy import (
-    FlowPolicy,
-    Noise,
-    Redraw,
-    known_noise,
-    noise_size,
-)
-from swarmdata.learn.training.setup import Setup
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.types import Batch
+
+Noise = Literal["team", "own"]
+"""What a robot knows of the team's noise: its own and that of all, or its own alone."""
+
+Redraw = Literal["episode", "step"]
+"""When noise is drawn anew: at the start of every episode, or in every step."""
+
+
+def noise_size(noise: Noise, n_agents: int, action_size: int) -> int:
+    """Returns how many numbers of noise a robot's network sees."""
+    return action_size * (1 if noise == "own" else 1 + n_agents)
+
+
+def known_noise(values: Tensor, noise: Noise) -> Tensor:
+    """Returns what each robot knows of the team's noise, [..., N, `noise_size`].
+
+    Args:
+        values: the noise of all robots, [..., N, A].
+        noise: how much of it they know; of `team` a robot sees its own first.
+    """
+    if noise == "own":
+        return values
+    n_agents = values.shape[-2]
+    team = values.flatten(-2)[..., None, :].expand(*values.shape[:-2], n_agents, -1)
+    return torch.cat([values, team], -1)
+
+
+@dataclass(frozen=True)
+class FlowSettings(MemorySettings):
+    """Settings of a joint flow and of the one-step actors that copy it."""
+
+    flow_hidden: tuple[int, ...] = (128, 128)
+    n_flow_steps: int = 10  # of Euler's method; Park et al. 2025
+    flow_learning_rate: float = 3e-3
+    noise: Noise = "team"
+    redraw: Redraw = "step"
+    noise_scale: float = 1.0  # when acting; 1 samples the distribution of the data
+    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
 
 class StudentView(NamedTuple):
@@ -27,62 +68,67 @@ class StudentView(NamedTuple):
 
 
 class OneStepActor:
-    """Students of a `JointFlow`: mu(o_i, i, z) of K seeds, shared by all agents.
+    """Students of a `JointFlow`: mu(o_i, i, z), or mu(h_i, i, z) with a memory h_i, of K seeds.
+
+    A robot's memory is that of a gated recurrent unit which sees its normalized observations and
+    its number, as in `memory.recurrent_actor`; it is empty when an episode begins. Noise does not
+    enter it: it is new in every step, and what it did is seen in the robot's motion.
 
     Args:
         setup: sizes, seeds, the moments of observations, and where the parameters are.
+        config: of the noise, whose scale and redrawing count only when policies act; of the memory.
         hidden: sizes of the hidden layers.
-        noise: what a robot knows of the team's noise, see `FlowPolicy`.
-        redraw: when it is drawn anew in an episode; training is the same for both.
-        scale: of the noise when policies act; in training it is 1.
     """
 
-    def __init__(
-        self,
-        setup: Setup,
-        hidden: tuple[int, ...],
-        *,
-        noise: Noise,
-        redraw: Redraw,
-        scale: float,
-    ) -> None:
-        sizes, statistics = setup.sizes, setup.statistics
-        self.sizes, self.noise, self.redraw, self.scale = sizes, noise, redraw, scale
-        n_inputs = sizes.observation + noise_size(noise, sizes.n_agents, sizes.action)
-        shape = MLPShape(n_inputs + sizes.n_agents, hidden, sizes.action)
-        self.network = StackedMLP(shape, setup.n_seeds, setup.device)
+    def __init__(self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...]) -> None:
+        self.sizes, self.config, statistics = setup.sizes, config, setup.statistics
+        n_seen = self.sizes.observation + self.sizes.n_agents
+        n_inputs = n_seen + noise_size(config.noise, self.sizes.n_agents, self.sizes.action)
+        self.network: StackedMLP | StackedGates
+        if config.has_memory:
+            reader = MLPShape(n_inputs + config.memory_size, hidden, self.sizes.action)
+            shape = GatedShape(n_seen, config.memory_size, reader)
+            self.network = StackedGates(shape, setup.n_seeds, setup.device)
+        else:
+            perceptron = MLPShape(n_inputs, hidden, self.sizes.action)
+            self.network = StackedMLP(perceptron, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
         mean, std = statistics.observation_mean, statistics.observation_std
-        self._standard = Standardization(mean, std, setup.device)
+        self.standard = Standardization(mean, std, setup.device)
 
     def see(self, batch: Batch) -> StudentView:
-        """Returns transitions [K, B, ...], and what the actors see of them."""
-        return StudentView(batch, self._standard(batch.observations))
+        """Returns the transitions to learn from, and what the actors see of them.
 
+        Args:
+            batch: transitions [K, B, ...]; with a memory windows [K, B, L, ...], of which the
+                result has B times the steps of a segment.
+        """
+        features = self.standard(batch.observations)
+        if not isinstance(self.network, StackedGates):
+            return StudentView(batch, features)
+        rows = learned_rows(batch.mask, self.config.window)
+        memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
+        return StudentView(
+            learned_steps(batch, rows), torch.cat([take(features, rows), memory], -1)
+        )
+
+    @torch.no_grad()
     def see_next(self, view: StudentView) -> Tensor:
-        """Returns what the actors see one step later, [K, B, N, O]."""
-        return self._standard(view.batch.next_observations)
+        """Returns what the actors see one step later, without a gradient, [K, B, N, F]."""
+        after = self.standard(view.batch.next_observations)
+        if not isinstance(self.network, StackedGates):
+            return after
+        memory = view.features[..., self.sizes.observation :]
+        return torch.cat([after, remembered_next(self.network, after, memory, "shared")], -1)
 
     def __call__(self, features: Tensor, noise: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], in (-1, 1).
 
         Args:
-            features: what the actors see, [K, B, N, O].
+            features: what the actors see, [K, B, N, F].
             noise: z of the whole team, standard normal, [K, B, N, A].
         """
-        known = torch.cat([features, known_noise(noise, self.noise)], -1)
-        outputs = self.network(with_agent_id(known).flatten(1, 2))
+        known = torch.cat([features, known_noise(noise, self.config.noise)], -1)
+        first = N_GATE_LAYERS if isinstance(self.network, StackedGates) else 0
+        outputs = mlp(self.network.layers[first:], with_agent_id(known).flatten(1, 2))
         return outputs.tanh().view_as(noise)
-
-    def policy(self, index: int) -> FlowPolicy:
-        """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
-        return FlowPolicy(
-            layers=self.network.extract(index, torch.float64),
-            observation_mean=self._standard.mean,
-            observation_std=self._standard.std,
-            n_agents=self.sizes.n_agents,
-            noise=self.noise,
-            redraw=self.redraw,
-            noise_scale=self.scale,
-            frame=self.sizes.frame,
-        )

@@ -8,7 +8,6 @@ empty when an episode begins.
 
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
@@ -18,9 +17,8 @@ from swarmdata.learn.memory.segments import learned_rows, learned_steps, remembe
 from swarmdata.learn.networks.actor import ACTOR_STREAM, PolicyNetwork, StackedActor
 from swarmdata.learn.networks.network_inputs import Standardization
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.team_networks import by_network, from_rows, to_rows
-from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
-from swarmdata.learn.training.setup import Setup
 from swarmdata.types import Batch
 
 
@@ -42,9 +40,9 @@ class RecurrentActor:
         shape = GatedShape.reading(perceptron, settings.memory_size)
         self.network = StackedGates(shape, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
-        self.squash, self.window, self._frame = squash, settings.window, sizes.frame
+        self.squash, self.window, self.sizes = squash, settings.window, sizes
         mean, std = statistics.observation_mean, statistics.observation_std
-        self._standard = Standardization(mean, std, setup.device)
+        self.standard = Standardization(mean, std, setup.device)
 
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, fields [K, R, ...], and the actions there.
@@ -53,22 +51,12 @@ class RecurrentActor:
             batch: windows [K, B, L, ...]; R is B times the steps of a segment.
         """
         rows = learned_rows(batch.mask, self.window)
-        features = self._standard(batch.observations)
+        features = self.standard(batch.observations)
         memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
         seen = to_rows(take(features, rows), "shared")
         outputs = self.network.read(seen, by_network(memory, "shared"))
         actions = from_rows(outputs.tanh() if self.squash else outputs, memory.shape, "shared")
         return learned_steps(batch, rows), actions
-
-    def policy(self, index: int) -> RecurrentPolicy:
-        """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
-        return RecurrentPolicy(
-            layers=self.network.extract(index, torch.float64),
-            observation_mean=self._standard.mean,
-            observation_std=self._standard.std,
-            squash=self.squash,
-            frame=self._frame,
-        )
 
 
 def make_actor(

@@ -1,22 +1,18 @@
 """The deterministic policies of K seeds, each shared by all agents, and their slow copies."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
 
 import torch
 from torch import Tensor
 
+from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
-from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.set_networks import SetShape, StackedSets
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import move_target
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.learn.training.exploration import normal_like
 from swarmdata.perception.feature_slots import slots_of
 from swarmdata.types import Batch
 
@@ -59,22 +55,22 @@ class StackedActor:
         mean, std = statistics.observation_mean, statistics.observation_std
         if policy_network == "deep_sets":
             slots = slots_of(sizes.features, sizes.frame)
-            self._field_moments = slots.moments(mean, std)
-            mean, std = slots.normalizing(*self._field_moments)
+            self.field_moments = slots.moments(mean, std)
+            mean, std = slots.normalizing(*self.field_moments)
             self.network = StackedSets(SetShape(slots, hidden, sizes.action), len(seeds), device)
         else:
             shape = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
             self.network = StackedMLP(shape, len(seeds), device)
         initialize(self.network, seeds, ACTOR_STREAM)
-        self.squash, self._frame, self._features = squash, sizes.frame, sizes.features
-        self._standard = Standardization(mean, std, device)
+        self.squash, self.sizes = squash, sizes
+        self.standard = Standardization(mean, std, device)
 
     def inputs(self, observations: Tensor) -> Tensor:
         """Returns the network's input rows of observations [K, B, N, O].
 
         Those of a perceptron are [K, B N, O + N], those of a network over sets [K, B N, O].
         """
-        standard = self._standard(observations)
+        standard = self.standard(observations)
         is_numbered = isinstance(self.network, StackedMLP)
         return (with_agent_id(standard) if is_numbered else standard).flatten(1, 2)
 
@@ -95,31 +91,6 @@ class StackedActor:
         """Returns a batch of transitions, and the actions there, [K, B, N, A]."""
         return batch, self(batch.observations)
 
-    def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """Returns the policy of seed number `index`, a copy of its parameters as they are now."""
-        if isinstance(self.network, StackedSets):
-            return self._set_policy(index, self.network.shape)
-        return TorchPolicy(
-            layers=self.network.extract(index, torch.float64),
-            observation_mean=self._standard.mean,
-            observation_std=self._standard.std,
-            squash=self.squash,
-            frame=self._frame,
-        )
-
-    def _set_policy(self, index: int, shape: SetShape) -> SetPolicy:
-        mean, std = self._field_moments
-        return SetPolicy(
-            layers=self.network.extract(index, torch.float64),
-            field_mean=torch.from_numpy(mean),
-            field_std=torch.from_numpy(std),
-            squash=self.squash,
-            slots=shape.slots,
-            hidden=shape.hidden,
-            frame=self._frame,
-            anchor="world" if self._frame is None else self._frame.anchor_of(self._features),
-        )
-
 
 class DelayedActor:
     """Squashed policies of K seeds, their slow copies for targets, and their optimizer.
@@ -136,45 +107,28 @@ class DelayedActor:
     """
 
     def __init__(
-        self,
-        online: StackedActor,
-        n_seeds: int,
-        *,
-        learning_rate: float,
-        max_norm: float | None,
+        self, online: StackedActor, n_seeds: int, *, learning_rate: float, max_norm: float | None
     ) -> None:
-        self.online, self.target = online, online.network.clone()
-        self.optimizer = StackedAdam(online.network, n_seeds, learning_rate, max_norm)
+        self.online = online
+        self._descent = Descent(
+            {"actor": online.network}, n_seeds, learning_rate, max_norm, followed=("actor",)
+        )
+        self.target = self._descent.targets["actor"]
+        self.step, self.descend = self._descent.step, self._descent.descend
+        self.follow = self._descent.follow
+        self.state_dict = self._descent.state_dict
+        self.load_state_dict = self._descent.load_state_dict
 
     def __call__(self, observations: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], of observations [K, B, N, O] as recorded."""
         return self.online(observations)
 
     def smoothed(
-        self,
-        observations: Tensor,
-        generators: Sequence[torch.Generator],
-        deviation: float,
-        largest: float,
+        self, noise: Tensor, observations: Tensor, deviation: float, largest: float
     ) -> Tensor:
         """Returns the slow copies' actions with clipped noise, [K, B, N, A], in [-1, 1].
 
         Target policy smoothing (Fujimoto et al. 2018, eq. 14).
-
-        Args:
-            observations: as recorded, [K, B, N, O].
-            generators: of the noise, one per seed, [K].
-            deviation: of the Gaussian noise before it is clipped.
-            largest: noise is clipped to [-largest, largest].
-        """
-        size = self.target.shape.outputs
-        shape = observations[..., :1].expand(*observations.shape[:-1], size)
-        return self.smoothed_by(normal_like(generators, shape), observations, deviation, largest)
-
-    def smoothed_by(
-        self, noise: Tensor, observations: Tensor, deviation: float, largest: float
-    ) -> Tensor:
-        """As `smoothed`, a pure function: the noise was drawn before.
 
         Args:
             noise: standard normal, [K, B, N, A].
@@ -185,33 +139,86 @@ class DelayedActor:
         actions = self.online(observations, self.target)
         return (actions + (noise * deviation).clamp(-largest, largest)).clamp(-1, 1)
 
-    def step(self, loss: Tensor, scale: float = 1.0) -> None:
-        """Moves the policies down the sum over seeds of a loss [K].
+
+DENSITY_STREAM = 5
+"""Stream of a seed's initial parameters, beside those of actors, critics and mixers."""
+
+LOG_STD_RANGE = (-3.0, 1.0)
+"""Of the network's output."""
+
+
+class BehaviorDensity:
+    """beta(a_i | o_i) = N(tanh m(o_i, i), s(o_i, i)^2), with a deviation that depends on both.
+
+    It sees what the actors see, by a network of the same kind. Where the data's robots act alike, s
+    is small and leaving the data costs much; where they differ, it costs little. An error of equal
+    weight everywhere, as in TD3+BC, knows no difference.
+
+    Args:
+        actor: whose inputs and kind of network the density shares.
+        seeds: of the initial parameters, [K].
+        floor: least deviation; without one, a certain density forbids every improvement.
+        learning_rate: of Adam.
+        max_norm: largest norm of one seed's gradient; None does not clip.
+    """
+
+    def __init__(
+        self,
+        actor: StackedActor,
+        seeds: Sequence[int],
+        *,
+        floor: float,
+        learning_rate: float,
+        max_norm: float | None,
+    ) -> None:
+        self._actor, self._floor = actor, floor
+        self.network = _doubled(actor.network)
+        initialize(self.network, seeds, DENSITY_STREAM)
+        self._descent = Descent({"density": self.network}, len(seeds), learning_rate, max_norm)
+        self.descend = self._descent.descend
+        self.state_dict = self._descent.state_dict
+        self.load_state_dict = self._descent.load_state_dict
+
+    def gradient(self, observations: Tensor, actions: Tensor) -> Tensor:
+        """Fills the gradient; returns the negative log-likelihood, the mean over rows, [K].
+
+        Each row is weighted by its own variance: by likelihood alone, the mean would learn little
+        where the deviation is large (beta-NLL with beta = 1; Seitzer et al. 2022, "On the pitfalls
+        of heteroscedastic uncertainty estimation with probabilistic neural networks").
 
         Args:
-            loss: one value per seed.
-            scale: factor on the learning rate.
+            observations: as recorded, [K, B, N, O].
+            actions: of the data, [K, B, N, A].
         """
-        self.optimizer.step(loss, scale)
+        mean, log_std = self._outputs(self.network(self._actor.inputs(observations)), actions)
+        losses = 0.5 * ((actions - mean) / log_std.exp()).square() + log_std  # [K, B, N, A]
+        weighted = (losses * (2 * log_std.detach()).exp()).sum(3).mean((1, 2))  # [K]
+        self.network.backward(weighted.sum())
+        return losses.detach().sum(3).mean((1, 2))
 
-    def follow(self, rate: float) -> None:
-        """Moves the slow copies by `rate` of the way to the policies (Polyak averaging)."""
-        move_target(self.target, self.online.network, rate)
+    @torch.no_grad()
+    def moments(self, observations: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns mean and deviation, at least the floor, of each action, both [K, B, N, A].
 
-    def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """Returns the policy of seed number `index`, as it is now."""
-        return self.online.policy(index)
+        Args:
+            observations: as recorded, [K, B, N, O].
+            actions: of the right shape, [K, B, N, A].
+        """
+        outputs = self.network(self._actor.inputs(observations))
+        mean, log_std = self._outputs(outputs, actions)
+        return mean, log_std.exp().clamp(min=self._floor)
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """Parameters, slow copies and Adam's moments, as copies."""
-        return {
-            "actor": self.online.network.flat.clone(),
-            "target_actor": self.target.flat.clone(),
-            **{f"actor_adam.{k}": v for k, v in self.optimizer.state_dict().items()},
-        }
+    @staticmethod
+    def _outputs(outputs: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+        mean, log_std = outputs.chunk(2, -1)
+        log_std = log_std.clamp(*LOG_STD_RANGE)
+        return mean.tanh().view(actions.shape), log_std.view(actions.shape)
 
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
-        self.online.network.load(state["actor"])
-        self.target.load(state["target_actor"])
-        self.optimizer.load_state_dict(part(state, "actor_adam"))
+
+def _doubled(network: StackedMLP | StackedSets) -> StackedMLP | StackedSets:
+    """Makes networks of the same kind and sizes with twice as many outputs."""
+    n_outputs, n_networks = 2 * network.shape.outputs, len(network.flat)
+    device = network.flat.device
+    if isinstance(network, StackedSets):
+        return StackedSets(replace(network.shape, outputs=n_outputs), n_networks, device)
+    return StackedMLP(replace(network.shape, outputs=n_outputs), n_networks, device)

@@ -5,21 +5,32 @@ A critic is a network of x = (state, all observations) and the actions of all ag
 with parameters of their own.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Required, TypedDict, Unpack
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, Required, TypedDict, Unpack
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import CRITIC_STREAM
-from swarmdata.learn.networks.optimizer import StackedAdam
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp_of_branches
+from swarmdata.learn.networks.network_inputs import with_agent_id
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.perceptrons import (
+    MLPShape,
+    StackedMLP,
+    initialize,
+    mlp,
+    mlp_of_branches,
+)
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import move_target
-from swarmdata.learn.training.checkpoint import part
 
 JointGradient = Literal["all", "own"]
 """Whose actions the policy gives in its own loss: those of all agents, or of one at a time."""
+
+
+def others_of(joint_gradient: JointGradient, pi: Tensor, actions: Tensor) -> Tensor:
+    """Returns what the others do in a robot's value, [K, B, N, A]: as pi, or as in the data."""
+    return pi if joint_gradient == "all" else actions
 
 
 class CriticOptions(TypedDict, total=False):
@@ -66,8 +77,16 @@ class Critics:
         shape = MLPShape(n_inputs, hidden, n_values, layer_norm=True)
         self.online = StackedMLP(shape, n_critics * len(seeds), device)
         initialize(self.online, seeds, CRITIC_STREAM)
-        self.target = self.online.clone()
-        self.optimizer = StackedAdam(self.online, len(seeds), learning_rate, max_norm)
+        networks = {"critics": self.online}
+        self._descent = Descent(
+            networks, len(seeds), learning_rate, max_norm,
+            followed=networks, moments={"critics": "critic_adam"},
+        )  # fmt: skip
+        self.target: StackedMLP = self._descent.targets["critics"]
+        self.step, self.descend = self._descent.step, self._descent.descend
+        self.follow = self._descent.follow
+        self.state_dict = self._descent.state_dict
+        self.load_state_dict = self._descent.load_state_dict
 
     def q(self, x: Tensor, actions: Tensor) -> Tensor:
         """Returns all critics' values, [K, J, B, V].
@@ -126,39 +145,152 @@ class Critics:
         values = mlp_of_branches(self.online.constants(), shared, branches)[..., 0]
         return values.view(-1, self.n_critics, *values.shape[1:]).amin(1)
 
-    def step(self, loss: Tensor, scale: float = 1.0) -> None:
-        """Moves the critics down the sum over seeds of a loss [K].
 
-        Args:
-            loss: one value per seed.
-            scale: factor on the learning rate.
-        """
-        self.optimizer.step(loss, scale)
-
-    def follow(self, rate: float) -> None:
-        """Moves the slow copies by `rate` of the way to the critics (Polyak averaging)."""
-        move_target(self.target, self.online, rate)
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Parameters, targets and Adam's moments, as copies."""
-        return {
-            "critics": self.online.flat.clone(),
-            "target_critics": self.target.flat.clone(),
-            **{f"critic_adam.{k}": v for k, v in self.optimizer.state_dict().items()},
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
-        self.online.load(state["critics"])
-        self.target.load(state["target_critics"])
-        self.optimizer.load_state_dict(part(state, "critic_adam"))
+Critic = Literal["centralized", "decentralized"]
+"""Whether a robot's critic sees the team, or that robot only."""
 
 
-class JointCritics(Critics):
-    """Critics of x = (state, all observations) and the actions of all agents.
+class InputNormalizer(Protocol):
+    """Moments of states, and observations in units of theirs."""
+
+    @property
+    def state_mean(self) -> Tensor: ...  # [S], or by seed [K, 1, S]
+    @property
+    def state_std(self) -> Tensor: ...  # likewise
+    def observations(self, observations: Tensor) -> Tensor: ...  # [K, B, N, O]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotView:
+    """What critics see of a batch besides actions, and how they see actions.
+
+    Attributes:
+        features: in each robot's frame, its number included, [K, B, N, F].
+        cosines: of the angle from robot i's frame to that of the robot in each slot, [K, B, N, N];
+            None if critics see their own action only, or nothing is turned.
+        sines: likewise.
+    """
+
+    features: Tensor
+    cosines: Tensor | None = None
+    sines: Tensor | None = None
+
+    @property
+    def rows(self) -> Tensor:
+        """The features by network row, [K, B N, F]."""
+        return self.features.flatten(1, 2)
+
+
+class RobotViews:
+    """Makes views of batches for critics of one kind.
 
     Args:
-        sizes: numbers of agents and features.
+        sizes: numbers of robots and features.
+        normalizer: of observations and states.
+        critic: whether critics see the team.
+        device: where batches are.
+
+    Attributes:
+        critic: whether critics see the team.
+    """
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        normalizer: InputNormalizer,
+        critic: Critic,
+        device: torch.device | str,
+    ) -> None:
+        n = sizes.n_agents
+        self._sizes, self._normalizer, self.critic = sizes, normalizer, critic
+        slots = torch.arange(n, device=device)
+        self._order = (slots[:, None] + slots) % n  # [N, N]: the robot in each slot of robot i
+        self._vectors = torch.tensor(sizes.state_vectors, dtype=torch.long, device=device)
+        self._columns = self._state_order(sizes, device)
+        mean, std = normalizer.state_mean.clone(), normalizer.state_std.clone()
+        if sizes.frame is not None:
+            self._axis = sizes.observation - sizes.frame.n_added  # column of the frame's x axis
+            # turned vectors have no preferred direction: no mean, and one deviation for x and y
+            x, y = self._vectors, self._vectors + 1
+            moments = mean.square() + std.square()
+            mean[..., x] = mean[..., y] = 0.0
+            std[..., x] = std[..., y] = ((moments[..., x] + moments[..., y]) / 2).sqrt()
+        self._state_mean, self._state_std = mean, torch.where(std < 1e-3, 1.0, std)
+
+    @property
+    def n_features(self) -> int:
+        """Number of features besides actions, F."""
+        sizes = self._sizes
+        own = sizes.observation + sizes.n_agents
+        return own + (sizes.state if self.critic == "centralized" else 0)
+
+    @property
+    def n_actions(self) -> int:
+        """Numbers that a critic sees of a joint action: A, or N A."""
+        return self._sizes.action * (self._sizes.n_agents if self.critic == "centralized" else 1)
+
+    def view(self, states: Tensor, observations: Tensor) -> RobotView:
+        """Returns the view of a batch.
+
+        Args:
+            states: as recorded, [K, B, S].
+            observations: in the robots' frames, not normalized, [K, B, N, O].
+        """
+        own = with_agent_id(self._normalizer.observations(observations))
+        if self.critic == "decentralized":
+            return RobotView(own)
+        standard = (states - self._state_mean) / self._state_std
+        turned = standard[:, :, None].expand(-1, -1, self._sizes.n_agents, -1)  # [K, B, N, S]
+        cosines = sines = None
+        if self._sizes.frame is not None:
+            ux, uy = observations[..., self._axis], observations[..., self._axis + 1]  # [K, B, N]
+            turned = self._turned(turned, ux[..., None], uy[..., None])
+            wx, wy = ux[:, :, self._order], uy[:, :, self._order]  # of each slot, [K, B, N, N]
+            cosines = ux[..., None] * wx + uy[..., None] * wy
+            sines = ux[..., None] * wy - uy[..., None] * wx
+        columns = self._columns.expand(*turned.shape)
+        return RobotView(torch.cat([own, turned.gather(3, columns)], 3), cosines, sines)
+
+    def actions(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
+        """Returns actions as the critics see them, by network row, [K, B N, A] or [K, B N, N A].
+
+        Args:
+            view: of the batch.
+            own: each robot's action in its own frame, [K, B, N, A].
+            others: the actions that the others take meanwhile, likewise; `own` for a joint action.
+        """
+        if self.critic == "decentralized":
+            return own.flatten(1, 2)
+        slots = torch.cat([own[:, :, :, None], others[:, :, self._order[:, 1:]]], 3)
+        if view.cosines is not None and view.sines is not None:
+            x, y = slots[..., 0], slots[..., 1]  # [K, B, N, N]
+            ahead, left = view.cosines * x - view.sines * y, view.sines * x + view.cosines * y
+            slots = torch.cat([torch.stack([ahead, left], -1), slots[..., 2:]], -1)
+        return slots.flatten(3).flatten(1, 2)
+
+    def _turned(self, states: Tensor, ux: Tensor, uy: Tensor) -> Tensor:
+        x, y = states[..., self._vectors], states[..., self._vectors + 1]
+        turned = states.clone()
+        turned[..., self._vectors] = ux * x + uy * y
+        turned[..., self._vectors + 1] = ux * y - uy * x
+        return turned
+
+    def _state_order(self, sizes: Sizes, device: torch.device | str) -> Tensor:
+        """Column of the state in each place of robot i's view, [N, S]."""
+        n, width = sizes.n_agents, sizes.robot_columns
+        of_robots = self._order[..., None] * width + torch.arange(width, device=device)
+        rest = torch.arange(n * width, sizes.state, device=device).expand(n, -1)
+        return torch.cat([of_robots.flatten(1), rest], 1)
+
+
+class RobotCritics:
+    """Values of joint actions for each robot, [K, J, B, N], with slow copies and an optimizer.
+
+    Args:
+        sizes: numbers of robots and features.
+        normalizer: of observations and states.
+        critic: `centralized` critics see the state and all actions, `decentralized` ones their
+            robot's observation and action.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
         **options: of `Critics`.
@@ -167,10 +299,97 @@ class JointCritics(Critics):
     def __init__(
         self,
         sizes: Sizes,
+        normalizer: InputNormalizer,
+        critic: Critic,
         seeds: Sequence[int],
         hidden: tuple[int, ...],
         **options: Unpack[CriticOptions],
     ) -> None:
-        super().__init__(
-            sizes.information + sizes.n_agents * sizes.action, seeds, hidden, **options
-        )
+        self._views = RobotViews(sizes, normalizer, critic, options.get("device", "cpu"))
+        n_inputs = self._views.n_features + self._views.n_actions
+        self._critics = Critics(n_inputs, seeds, hidden, **options)
+        self.n_critics, self.descend = self._critics.n_critics, self._critics.descend
+        self.online, self.target = self._critics.online, self._critics.target
+        self.step, self.follow = self._critics.step, self._critics.follow
+        self.state_dict = self._critics.state_dict
+        self.load_state_dict = self._critics.load_state_dict
+
+    @property
+    def critic(self) -> Critic:
+        """Whether the critics see the team, or their robot only."""
+        return self._views.critic
+
+    @property
+    def n_features(self) -> int:
+        """Features of a view, F."""
+        return self._views.n_features
+
+    def view(self, states: Tensor, observations: Tensor) -> RobotView:
+        """Returns what the critics see of a batch; arguments as of `RobotViews.view`."""
+        return self._views.view(states, observations)
+
+    def q(self, view: RobotView, actions: Tensor) -> Tensor:
+        """Returns all critics' values of joint actions [K, B, N, A], [K, J, B, N]."""
+        return self._values(self._critics.online, view, actions)
+
+    def target_q(self, view: RobotView, actions: Tensor, others: Tensor | None = None) -> Tensor:
+        """Returns the values that the slow copies give, as `q`.
+
+        Args:
+            view: of the batch.
+            actions: of the robots, [K, B, N, A].
+            others: the actions that each robot's value supposes of the others; None: `actions`.
+        """
+        return self._values(self._critics.target, view, actions, others)
+
+    def first_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
+        """Returns the first critics' values, [K, B, N], with their parameters as constants.
+
+        Args:
+            view: of the batch.
+            own: each robot's action, [K, B, N, A].
+            others: the actions that the others take meanwhile; `own` for a joint action.
+        """
+        seen = self._views.actions(view, own, others)
+        layers = self._critics.online.constants(self.n_critics)
+        return mlp_of_branches(layers, view.rows, seen[:, :, None]).view(own.shape[:3])
+
+    def smallest_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
+        """Returns the smallest of the J values, [K, B, N]; constants and arguments as `first_q`."""
+        seen = self._views.actions(view, own, others)
+        return self._critics.smallest_q(view.rows, seen[:, :, None]).view(own.shape[:3])
+
+    def sampled_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
+        """Returns all critics' values of M actions of each robot, [K, J, B, N, M].
+
+        Args:
+            view: of the batch.
+            own: each robot's actions, of which it takes one, [K, B, M, N, A].
+            others: the actions that the others take meanwhile, likewise; `own` for joint actions.
+        """
+        pairs = zip(own.unbind(2), others.unbind(2), strict=True)
+        seen = torch.stack([self._views.actions(view, *pair) for pair in pairs], 2)
+        shared, varied = (t.repeat_interleave(self.n_critics, 0) for t in (view.rows, seen))
+        values = mlp_of_branches(self._critics.online.layers, shared, varied)  # [K J, B N, M, 1]
+        return values.view(-1, self.n_critics, *own.shape[1:2], *own.shape[3:1:-1])
+
+    def candidate_q(self, view: RobotView, candidates: Tensor, others: Tensor) -> Tensor:
+        """Returns the smallest value of M actions of each robot, [K, B, N, M], as constants.
+
+        Args:
+            view: of the batch.
+            candidates: each robot's actions, of which it takes one, [K, B, N, M, A].
+            others: the actions that the others take meanwhile, [K, B, N, A].
+        """
+        n_candidates = candidates.shape[3]
+        seen = [self._views.actions(view, own, others) for own in candidates.unbind(3)]
+        values = self._critics.smallest_q(view.rows, torch.stack(seen, 2))
+        return values.view(*others.shape[:3], n_candidates)
+
+    def _values(
+        self, network: StackedMLP, view: RobotView, actions: Tensor, others: Tensor | None = None
+    ) -> Tensor:
+        seen = self._views.actions(view, actions, actions if others is None else others)
+        inputs = torch.cat([view.rows, seen], 2)
+        values = mlp(network.layers, inputs.repeat_interleave(self.n_critics, 0))
+        return values.view(-1, self.n_critics, *actions.shape[1:3])

@@ -7,9 +7,8 @@ is one of `learn.networks.mixers` and sees x = (state, all observations), for th
 that `network_inputs.information` gives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -17,10 +16,9 @@ from torch import Tensor
 from swarmdata.learn.networks.actor import CRITIC_STREAM
 from swarmdata.learn.networks.mixers import Mixer
 from swarmdata.learn.networks.network_inputs import information, with_agent_id
-from swarmdata.learn.networks.optimizer import StackedAdam, restore_networks, state_of_networks
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, backward, initialize
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.objectives.td_targets import move_target
 
 MIXER_STREAM, VALUE_STREAM = 2, 3
 """Streams of a seed's initial parameters, beside those of `learn.networks.actor`."""
@@ -63,12 +61,15 @@ class FactoredCritics:
         shape = MLPShape(inputs, hidden, 1, layer_norm=True)
         self.utilities = StackedMLP(shape, n_critics * len(seeds), device)
         initialize(self.utilities, seeds, CRITIC_STREAM)
-        self.target_utilities = self.utilities.clone()
-        self.target_mixer = None if mixer.network is None else mixer.network.clone()
-        self._adams = {
-            name: StackedAdam(network, len(seeds), learning_rate, max_norm)
-            for name, network in self._trained().items()
-        }
+        networks = {"utilities": self.utilities}
+        if mixer.network is not None:
+            networks["mixer"] = mixer.network
+        self._descent = Descent(networks, len(seeds), learning_rate, max_norm, followed=networks)
+        self.target_utilities: StackedMLP = self._descent.targets["utilities"]
+        self.target_mixer: StackedMLP | None = self._descent.targets.get("mixer")
+        self.step, self.follow = self._descent.step, self._descent.follow
+        self.state_dict = self._descent.state_dict
+        self.load_state_dict = self._descent.load_state_dict
 
     def q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
         """Returns all critics' Q_tot, [K, J, B].
@@ -170,41 +171,6 @@ class FactoredCritics:
         """Q_tot of all critics, [K J, B], with parameters as constants."""
         known = self.mixer.network
         return self.mixer(values, x, None if known is None else known.frozen)
-
-    def step(self, loss: Tensor, scale: float = 1.0) -> None:
-        """Moves Q_i and the mixers down the sum over seeds of a loss [K].
-
-        Args:
-            loss: one value per seed.
-            scale: factor on the learning rate.
-        """
-        backward(loss.sum(), list(self._trained().values()))
-        for adam in self._adams.values():
-            adam.descend(scale)
-
-    def follow(self, rate: float) -> None:
-        """Moves the slow copies by `rate` of the way to what is trained (Polyak averaging)."""
-        for name, network in self._trained().items():
-            move_target(self._targets()[name], network, rate)
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Parameters, targets and Adam's moments, as copies."""
-        targets = {f"target_{k}": target.flat.clone() for k, target in self._targets().items()}
-        return state_of_networks(self._adams) | targets
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
-        restore_networks(self._adams, state)
-        for name, target in self._targets().items():
-            target.load(state[f"target_{name}"])
-
-    def _trained(self) -> dict[str, StackedMLP]:
-        mixer = self.mixer.network
-        return {"utilities": self.utilities} | ({} if mixer is None else {"mixer": mixer})
-
-    def _targets(self) -> dict[str, StackedMLP]:
-        mixer = self.target_mixer
-        return {"utilities": self.target_utilities} | ({} if mixer is None else {"mixer": mixer})
 
 
 def _inputs(observations: Tensor, actions: Tensor) -> Tensor:

@@ -1,10 +1,13 @@
-"""Inputs of the networks: normalized features, the agent's number, and noise."""
+"""Inputs of networks: normalized features, the agent's number, noise; rewards in their units."""
 
+import math
 from collections.abc import Sequence
+from typing import Literal
 
 import torch
 from torch import Tensor
 
+from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.numerics.random import derive
 from swarmdata.types import Double
 
@@ -71,6 +74,18 @@ def generators(
     return [torch.Generator(device).manual_seed(seed) for seed in derived]
 
 
+def normal_like(generators: Sequence[torch.Generator], values: Tensor) -> Tensor:
+    """Returns standard normal numbers, [K, ...], each seed's from its own generator."""
+    shape = values.shape[1:]
+    return torch.stack([torch.randn(shape, generator=g, device=g.device) for g in generators])
+
+
+def uniform_like(generators: Sequence[torch.Generator], values: Tensor) -> Tensor:
+    """Returns uniform numbers in [0, 1), [K, ...], each seed's from its own generator."""
+    shape = values.shape[1:]
+    return torch.stack([torch.rand(shape, generator=g, device=g.device) for g in generators])
+
+
 def generator_states(generators: Sequence[torch.Generator]) -> Tensor:
     """Returns the states of some generators for a checkpoint, uint8 [G, bytes]."""
     return torch.stack([generator.get_state() for generator in generators])
@@ -84,3 +99,82 @@ def restore_generators(generators: Sequence[torch.Generator], states: Tensor) ->
     """
     for generator, state in zip(generators, states, strict=True):
         generator.set_state(state.cpu().clone())
+
+
+class Normalizer:
+    """The moments of a dataset on a device, in float32.
+
+    Attributes:
+        reward_scale: 1 / standard deviation of the returns-to-go.
+        max_value: R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing.
+
+    Args:
+        statistics: of the dataset.
+        device: where batches are.
+        clip_target: whether R* bounds values.
+    """
+
+    def __init__(
+        self, statistics: Statistics, device: torch.device | str, *, clip_target: bool = False
+    ) -> None:
+        def on_device(moment: object) -> Tensor:
+            return torch.tensor(moment).to(device, torch.float32)
+
+        self.state_mean = on_device(statistics.state_mean)
+        self.state_std = on_device(statistics.state_std)
+        self.observation_mean = on_device(statistics.observation_mean)
+        self.observation_std = on_device(statistics.observation_std)
+        self.reward_scale = 1 / statistics.return_std
+        self.max_value = statistics.max_return * self.reward_scale if clip_target else math.inf
+
+    def states(self, states: Tensor) -> Tensor:
+        """Returns normalized states, [..., S], of states as recorded."""
+        return standardize(states, self.state_mean, self.state_std)
+
+    def observations(self, observations: Tensor) -> Tensor:
+        """Returns normalized observations, [..., O], of observations as recorded."""
+        return standardize(observations, self.observation_mean, self.observation_std)
+
+    def information(self, states: Tensor, observations: Tensor) -> Tensor:
+        """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""
+        return information(self.states(states), self.observations(observations))
+
+
+Reward = Literal["own", "team"]
+"""Whether a robot's value is of its own rewards, or of the mean over the team."""
+
+
+class RobotRewards:
+    """Makes the scaled rewards that critics of each robot learn from.
+
+    A mean over N robots spreads what one of them caused over all: its share falls with 1 / N, and
+    the rewards of the others are noise. Own rewards are for tasks in which robots are rewarded for
+    what they do themselves.
+
+    Attributes:
+        scale: 1 / standard deviation of the returns-to-go.
+        max_value: R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing.
+        return_range: largest less smallest undiscounted return of an episode, in scaled rewards.
+
+    Args:
+        statistics: of the dataset.
+        reward: whose.
+        clip_target: whether R* bounds values.
+    """
+
+    def __init__(
+        self, statistics: Statistics, reward: Reward, *, clip_target: bool = False
+    ) -> None:
+        is_own = reward == "own"
+        self._is_own = is_own
+        self.scale = 1 / (statistics.own_return_std if is_own else statistics.return_std)
+        largest = statistics.own_max_return if is_own else statistics.max_return
+        self.max_value = largest * self.scale if clip_target else math.inf
+        width = statistics.own_return_range if is_own else statistics.return_range
+        self.return_range = width * self.scale
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Returns scaled rewards, [K, B, N], of rewards as recorded, [K, B, N]."""
+        if not self._is_own:
+            rewards = rewards.mean(-1, keepdim=True).expand_as(rewards)
+        return rewards * self.scale

@@ -1,13 +1,13 @@
-"""Adam for stacked networks: one fused call, gradients clipped seed by seed."""
+"""Adam for stacked networks: one fused call, gradients clipped seed by seed; target copies."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.perceptrons import StackedLayers
-from swarmdata.learn.training.checkpoint import part
+from swarmdata.learn.networks.perceptrons import StackedLayers, backward, move_target
 
 
 class StackedAdam:
@@ -58,18 +58,17 @@ class StackedAdam:
         self._adam.step()
         group["lr"] = learning_rate
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """The moments [R, P] and the number of steps, as copies."""
+    def state_dict(self, prefix: str = "") -> dict[str, Tensor]:
+        """The moments [R, P] and the number of steps, as copies; `prefix` begins their names."""
         state = self._adam.state[self.network.flat] or self._fresh()
-        return {name: value.clone() for name, value in state.items()}
+        return {prefix + name: value.clone() for name, value in state.items()}
 
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Restores what `state_dict` returned."""
+    def load_state_dict(self, state: Mapping[str, Tensor], prefix: str = "") -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
         flat = self.network.flat
-        fresh = self._fresh()
         self._adam.state[flat] = {
-            name: state[name].to(flat.device, value.dtype, copy=True)
-            for name, value in fresh.items()
+            name: state[prefix + name].to(flat.device, value.dtype, copy=True)
+            for name, value in self._fresh().items()
         }
 
     def _fresh(self) -> dict[str, Tensor]:
@@ -79,21 +78,6 @@ class StackedAdam:
             "exp_avg": torch.zeros_like(flat),
             "exp_avg_sq": torch.zeros_like(flat),
         }
-
-
-def state_of_networks(adams: Mapping[str, StackedAdam]) -> dict[str, Tensor]:
-    """Returns parameters and Adam's moments of networks by name, as copies."""
-    state = {name: adam.network.flat.clone() for name, adam in adams.items()}
-    for name, adam in adams.items():
-        state |= {f"{name}_adam.{key}": value for key, value in adam.state_dict().items()}
-    return state
-
-
-def restore_networks(adams: Mapping[str, StackedAdam], state: Mapping[str, Tensor]) -> None:
-    """Restores what `state_of_networks` returned; other entries are left alone."""
-    for name, adam in adams.items():
-        adam.network.load(state[name])
-        adam.load_state_dict(part(state, f"{name}_adam"))
 
 
 def clip_per_seed(gradient: Tensor, n_seeds: int, max_norm: float) -> Tensor:
@@ -133,3 +117,85 @@ def cosine(update: int, n_updates: int, floor: float = 0.0) -> float:
     """
     progress = min(update / n_updates, 1.0)
     return floor + (1 - floor) * 0.5 * (1 + math.cos(math.pi * progress))
+
+
+class Descent:
+    """Adam on several kinds of networks of K seeds, and target copies that follow some of them.
+
+    Args:
+        networks: `StackedLayers` of any kinds, by name; the rows of each are grouped by seed.
+        n_seeds: number of groups, K.
+        learning_rate: Adam's alpha, of all or by name.
+        max_norm: largest norm of one seed's gradient in one kind of network; None does not clip.
+        followed: names of those that have a target copy.
+        moments: how the names of Adam's moments begin in checkpoints, by name of the networks; of
+            others NAME_adam.
+    """
+
+    def __init__(
+        self,
+        networks: Mapping[str, Any],
+        n_seeds: int,
+        learning_rate: float | Mapping[str, float],
+        max_norm: float | None,
+        followed: Collection[str] = (),
+        moments: Mapping[str, str] | None = None,
+    ) -> None:
+        self._moments = moments or {}
+        self.networks = dict(networks)
+        self.targets = {name: self.networks[name].clone() for name in followed}
+        rates = learning_rate
+        self._adams = {
+            name: StackedAdam(
+                network, n_seeds, rates[name] if isinstance(rates, Mapping) else rates, max_norm
+            )
+            for name, network in self.networks.items()
+        }
+
+    def step(self, loss: Tensor, scale: float = 1.0) -> None:
+        """Descends one step on the sum over seeds of a loss, in which every network has a part.
+
+        Args:
+            loss: one value per seed, [K].
+            scale: factor on the learning rate, for schedules.
+        """
+        self.backward(loss)
+        self.descend(scale)
+
+    def step_of(self, name: str, loss: Tensor, scale: float = 1.0) -> None:
+        """Descends one step with one kind of network; arguments as of `step`."""
+        self._adams[name].step(loss, scale)
+
+    def backward(self, loss: Tensor) -> None:
+        """Fills the gradients of all networks with that of the sum over seeds of a loss [K]."""
+        backward(loss.sum(), list(self.networks.values()))
+
+    def descend(self, scale: float = 1.0) -> None:
+        """Descends one step along the gradients that the networks have."""
+        for adam in self._adams.values():
+            adam.descend(scale)
+
+    def follow(self, rate: float) -> None:
+        """Moves the targets by `rate` of their distance to the networks (Polyak averaging)."""
+        for name, target in self.targets.items():
+            move_target(target, self.networks[name], rate)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Parameters, targets and Adam's moments, as copies."""
+        state = {name: network.flat.clone() for name, network in self.networks.items()}
+        for name, target in self.targets.items():
+            state[f"target_{name}"] = target.flat.clone()
+        for name, adam in self._adams.items():
+            state |= adam.state_dict(self._prefix(name))
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
+        for name, adam in self._adams.items():
+            adam.network.load(state[name])
+            adam.load_state_dict(state, self._prefix(name))
+        for name, target in self.targets.items():
+            target.load(state[f"target_{name}"])
+
+    def _prefix(self, name: str) -> str:
+        return self._moments.get(name, f"{name}_adam") + "."

@@ -170,6 +170,11 @@ def backward(loss: Tensor, networks: Sequence[StackedLayers]) -> None:
         buffer.copy_(gradient)
 
 
+def move_target(target: StackedLayers, online: StackedLayers, rate: float) -> None:
+    """Moves the target's parameters by `rate` of their distance to the online ones, in place."""
+    target.flat.lerp_(online.flat, rate)
+
+
 def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """Returns x weight + bias of R networks, [R, B, outputs]; arguments as in `Layer`."""
     return torch.bmm(x, weight).add_(bias)

@@ -14,14 +14,12 @@ no reason to lower its own (as the second critic of og-marl's torch `maddpg_cql`
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.robot_critics import RobotCritics
-from swarmdata.learn.networks.robot_views import RobotView
-from swarmdata.learn.training.exploration import normal_like, uniform_like
+from swarmdata.learn.networks.network_inputs import normal_like, uniform_like
 
 
 class Samples(NamedTuple):
@@ -41,10 +39,15 @@ def uniform_samples(
         actions: of the right shape, [K, B, N, A].
         n_samples: for each row, M.
     """
-    template = _repeated(actions, n_samples)
+    template = repeated(actions, n_samples)
     drawn = 2 * uniform_like(generators, template) - 1
-    width = math.prod(actions.shape[2:])
-    return Samples(drawn, torch.full_like(drawn[..., 0, 0], -width * math.log(2.0)))
+    density = uniform_log_density(math.prod(actions.shape[2:]))
+    return Samples(drawn, torch.full_like(drawn[..., 0, 0], density))
+
+
+def uniform_log_density(width: int) -> float:
+    """Returns log p of `width` numbers drawn evenly from [-1, 1]."""
+    return -width * math.log(2.0)
 
 
 def noisy_samples(
@@ -58,7 +61,7 @@ def noisy_samples(
         n_samples: for each row, M.
         deviation: of the Gaussian noise in each component.
     """
-    centers = _repeated(actions, n_samples)
+    centers = repeated(actions, n_samples)
     noise = normal_like(generators, centers)
     log_density = -0.5 * noise.square() - math.log(deviation * math.sqrt(2 * math.pi))
     return Samples((centers + deviation * noise).clamp(-1, 1), log_density.sum((3, 4)))
@@ -82,12 +85,14 @@ def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Ten
     return temperature * (weighted.logsumexp(-1) - math.log(values.shape[-1]))
 
 
-def cql_gap(log_density: Tensor, values: Tensor, q: Tensor, config: "PenaltyConfig") -> Tensor:
+def cql_gap(
+    log_density: Tensor, values: Tensor, q: Tensor, temperature: float, limit: float
+) -> Tensor:
     """Returns gap_j, the penalty of each critic, as a mean over rows, [K, J].
 
     It is linear in Q, so that nothing else ends it: where all data are alike, values of other
     actions fall without end, and those of the data are dragged along (see `omar`). A row is not
-    penalized further once the data's action is worth `gap_limit` more than the soft maximum, as
+    penalized further once the data's action is worth `limit` more than the soft maximum, as
     the threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq.
     30).
 
@@ -95,49 +100,13 @@ def cql_gap(log_density: Tensor, values: Tensor, q: Tensor, config: "PenaltyConf
         log_density: of the sampled actions, [K, B, M].
         values: what the critics give for them, [K, J, B, M].
         q: what they give for the data's actions, [K, J, B].
-        config: settings of the penalty.
+        temperature: tau of the soft maximum.
+        limit: of what the penalty enforces.
     """
-    gaps = soft_maximum(values, log_density, config.temperature) - q
-    return gaps.clamp(min=-config.gap_limit).mean(2)
+    gaps = soft_maximum(values, log_density, temperature) - q
+    return gaps.clamp(min=-limit).mean(2)
 
 
-class PenaltyConfig(Protocol):
-    """Settings of a sampled penalty."""
-
-    @property
-    def n_samples(self) -> int: ...  # for each row, M
-    @property
-    def temperature(self) -> float: ...  # tau of the soft maximum
-    @property
-    def gap_limit(self) -> float: ...  # of what the penalty enforces
-
-
-def counterfactual_gap(
-    critics: RobotCritics,
-    generators: Sequence[torch.Generator],
-    config: PenaltyConfig,
-    x: RobotView,
-    actions: Tensor,
-    q: Tensor,
-) -> Tensor:
-    """Returns mean_i [tau log integral exp(Q_ji(x, (b, a_-i)) / tau) db - Q_ji(x, a)], [K, J].
-
-    (Shao et al. 2023, equations 5 and 6 with even weights, of each robot's own value.)
-
-    Args:
-        critics: whose values are penalized.
-        generators: of the sampled actions, one per seed, [K].
-        config: settings of the penalty.
-        x: what the critics see.
-        actions: of the data, [K, B, N, A].
-        q: what the critics give for them, [K, J, B, N].
-    """
-    samples = uniform_samples(generators, actions, config.n_samples)
-    others = _repeated(actions, config.n_samples)
-    values = critics.sampled_q(x, samples.actions, others)  # [K, J, B, N, M]
-    even = torch.full_like(values[:, 0], -actions.shape[3] * math.log(2.0))  # of one robot
-    return cql_gap(even.flatten(1, 2), values.flatten(2, 3), q.flatten(2), config)
-
-
-def _repeated(actions: Tensor, n_samples: int) -> Tensor:
+def repeated(actions: Tensor, n_samples: int) -> Tensor:
+    """Returns actions [K, B, N, A] M times in each row, [K, B, M, N, A]."""
     return actions[:, :, None].expand(-1, -1, n_samples, -1, -1)

@@ -1,4 +1,4 @@
-"""The greedy policies of one seed that learned choices offline, with a memory and without."""
+"""The greedy policies of one seed over choices: bins, recorded choices, with a memory or none."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.behavior_heads import Rule, behavior_log_probs
-from swarmdata.learn.choices.bins import by_dimension, mean_utilities, rows_of
+from swarmdata.learn.choices.bins import by_dimension, greedy, mean_utilities, rows_of, to_actions
 from swarmdata.learn.choices.choices import Choices, columns_of
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters, answer
@@ -17,6 +17,48 @@ from swarmdata.learn.policies.torch_policy import Memoryless, standard_features
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.types import Bool, Float, Int, Step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BinPolicy(Memoryless):
+    """Takes the best bin of every dimension; computes in float64, as `TorchPolicy` does.
+
+    Attributes:
+        layers: weights of the utility networks, float64, critic after critic; each has one network
+            if robots share it, else N.
+        observation_mean: subtracted from observations, float64 [O].
+        observation_std: what they are divided by, float64 [O].
+        n_bins: of each dimension, C.
+        frame: in which the robots see and act; None for the world's.
+        parameters: whether the robots share one network.
+    """
+
+    layers: Sequence[Layer]
+    observation_mean: Tensor
+    observation_std: Tensor
+    n_bins: int
+    frame: Frame | None = None
+    parameters: Parameters = "shared"
+    n_critics: int = 1  # whose mean utility decides
+    uses_state: bool = False
+
+    def actions(self, observations: Float) -> Float:
+        """Returns joint actions, float32 [E, N, A], for observations [E, N, O].
+
+        Raises:
+            SchemaError: the observations are not those the policy was trained on.
+        """
+        actions = to_actions(self.choices(observations), self.n_bins, torch.float64)
+        return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
+
+    def choices(self, observations: Float) -> Tensor:
+        """Returns the best choices, whole numbers [E, N, D], for observations [E, N, O]."""
+        framed = observations if self.frame is None else self.frame.inputs(observations)
+        mean, std = self.observation_mean, self.observation_std
+        (first,) = rows_of(self.layers[:1], slice(len(self.layers[0].weight) // self.n_critics))
+        features = standard_features(first, framed, mean, std, self.parameters)
+        utilities = mean_utilities(self.layers, features, self.parameters, self.n_critics)
+        return greedy(by_dimension(utilities, self.n_bins))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

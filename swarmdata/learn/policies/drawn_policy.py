@@ -1,16 +1,23 @@
-"""DrawnPolicy, what the policies share that act by observations and a draw of the seed."""
+"""Policies that act by observations and a draw of the seed: noise of flows, or a latent."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import Tensor
 
+from swarmdata.behavior_policies.noise import counters
+from swarmdata.learn.flows.one_step_actor import Noise, Redraw, known_noise
+from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS
 from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.networks.team_networks import Parameters, answer
+from swarmdata.learn.policies.recurrent_policy import Remembering
 from swarmdata.learn.policies.torch_policy import StepFunction, outputs_of
+from swarmdata.numerics.random import STREAMS, derive, normal
 from swarmdata.perception.frames import Frame, in_world
-from swarmdata.types import Float, Step
+from swarmdata.types import Double, Float, Step
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -49,3 +56,104 @@ class DrawnPolicy(StepFunction):
         )  # fmt: skip
         actions = in_world(self.frame, step.observations, outputs.tanh().numpy())
         return actions.astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LatentPolicy(DrawnPolicy):
+    """A `DrawnPolicy` of latents: in every episode the team takes that of one recorded episode.
+
+    Attributes:
+        latents: of the recorded episodes, float64 [M, D].
+    """
+
+    latents: Tensor
+
+    def draw(self, step: Step) -> Tensor:
+        """Returns the latent of each episode, [E, D]."""
+        bits = derive(step.seeds, STREAMS["policy"])
+        return self.latents[torch.from_numpy((bits % len(self.latents)).astype(np.int64))]
+
+    def drawn_features(self, step: Step) -> Tensor:
+        """Returns the latent of each episode, the same for all robots, [E, N, D]."""
+        return self.draw(step)[:, None].expand(-1, step.observations.shape[1], -1)
+
+
+def drawn_noise(step: Step, n_agents: int, action_size: int, redraw: Redraw) -> Double:
+    """Returns the noise of all robots, standard normal, [E, N, A], a function of episode and time.
+
+    Args:
+        step: of E copies.
+        n_agents: N.
+        action_size: A.
+        redraw: when it is drawn anew.
+    """
+    times = np.zeros_like(step.times) if redraw == "episode" else step.times
+    return normal(counters(step._replace(times=times), "policy", n_agents, action_size))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FlowPolicy(DrawnPolicy):
+    """A `DrawnPolicy` of noise, which robots turn into actions in one step.
+
+    The noise is drawn once for an episode, or anew in every step. With noise `team` every robot
+    computes that of all robots; with `own` they need not agree on anything.
+
+    Attributes:
+        n_agents: N, the robots it was trained for.
+        noise: what a robot knows of the team's noise.
+        redraw: when noise is drawn anew.
+        noise_scale: factor on the noise when acting.
+    """
+
+    n_agents: int
+    noise: Noise
+    redraw: Redraw
+    noise_scale: float = 1.0
+
+    def draw(self, step: Step) -> Double:
+        """Returns the noise of all robots, normal of deviation `noise_scale`, [E, N, A]."""
+        size = self.layers[-1].weight.shape[-1]
+        return self.noise_scale * drawn_noise(step, self.n_agents, size, self.redraw)
+
+    def drawn_features(self, step: Step) -> Tensor:
+        """Returns what each robot knows of the team's noise, float64 [E, N, `noise_size`]."""
+        return known_noise(torch.from_numpy(self.draw(step)), self.noise)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RecurrentFlowPolicy(Remembering):
+    """Robots turn noise into actions, given all normalized observations of an episode so far.
+
+    The noise is that of a `FlowPolicy`.
+
+    Attributes:
+        layers: gates and reader of the actors (`gated_networks`), float64, R = 1.
+        observation_mean: subtracted from observations, float64 [O].
+        observation_std: what they are divided by, float64 [O].
+        n_agents: N, the robots it was trained for.
+        noise: what a robot knows of the team's noise.
+        redraw: when noise is drawn anew.
+        noise_scale: factor on the noise when acting.
+        frame: in which the actors see and act; None for the world's.
+    """
+
+    n_agents: int
+    noise: Noise
+    redraw: Redraw
+    noise_scale: float = 1.0
+    frame: Frame | None = None
+    uses_state: bool = False
+
+    @property
+    def view(self) -> tuple[Frame | None, Parameters]:
+        return self.frame, "shared"
+
+    def draw(self, step: Step) -> Double:
+        """Returns the noise of all robots, normal of deviation `noise_scale`, [E, N, A]."""
+        size = self.layers[-1].weight.shape[-1]
+        return self.noise_scale * drawn_noise(step, self.n_agents, size, self.redraw)
+
+    def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
+        noise = known_noise(torch.from_numpy(self.draw(step)), self.noise)
+        known = torch.cat([features, memory, noise], -1)
+        return answer(self.layers[N_GATE_LAYERS:], known, "shared").tanh()

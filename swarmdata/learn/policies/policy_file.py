@@ -15,17 +15,15 @@ from torch import Tensor
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.behavior_heads import Rule
-from swarmdata.learn.choices.bins import BinPolicy
 from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.networks.perceptrons import Layer
-from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
-from swarmdata.learn.policies.flow_policy import FlowPolicy
-from swarmdata.learn.policies.latent_policy import LatentPolicy
-from swarmdata.learn.policies.recurrent_flow_policy import RecurrentFlowPolicy
+from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy, RecurrentChoicePolicy
+from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, parse_checkpoint, save_checkpoint
+from swarmdata.learn.training.run_files import POLICIES, last_policy_path
 from swarmdata.perception.feature_slots import Slots
 from swarmdata.perception.frames import Frame
 
@@ -95,6 +93,17 @@ def load_policy(path: Path) -> Policy:
         CheckpointError: there is no such file, it is damaged, or it holds no policy.
     """
     return _policy(*load_checkpoint(path), str(path))
+
+
+def last_policy(run: Path, seed: int) -> Policy:
+    """The newest policy of a seed of an online run, or of one of the runs inside a folder.
+
+    Raises:
+        BuildError: there is none.
+    """
+    inside = sorted(run.glob(f"seeds-*/{POLICIES}/seed-{seed}"))
+    folder = inside[0].parent.parent if inside else run
+    return load_policy(last_policy_path(folder, seed))
 
 
 def parse_policy(data: bytes, source: str) -> Policy:

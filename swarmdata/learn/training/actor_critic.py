@@ -1,26 +1,68 @@
-"""The parts of training that actor-critics share: settings, the update loop of TD3, and the state.
+"""What offline algorithms share beside losses: the state, and the two-stage loop of actor-critics.
 
-The losses are in the files of the algorithms. An algorithm takes these functions as its methods:
+An actor that climbs a critic while the critic learns decides what the critic values, and TD3+BC
+holds it to the data by an error that is the same everywhere. So actor-critics can train in two
+stages. In the first, critics learn the value of an actor that their own rule moves; a behavior
+density learns beside them. In the second, the last `extraction_share` of the updates, the density
+stands still, and the actor, which starts where it was, descends one of the extraction losses of
+`objectives.losses`. Critics go on learning, the value of the new actor, so that there are several
+steps of policy improvement; with `frozen_critics` there is one.
 
-    update, policy = delayed_update, policy_of
-    state_dict, load_state_dict = state_of, restore_state
+Nobody in good data hits an obstacle, so critics of such data know that the goal is near and not
+that contacts cost. Their slopes are short on average and long in some places, and there an actor
+that follows them leaves the data. That is why a robot is pulled by at most `slope_limit` slopes.
+
+The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i
+under the density divided by that of the actions, both as means over robots and rows of the first
+batch of the stage. So actions move by about `inverse_temperature` times their variance in the data:
+one setting serves rewards of every scale, and data that are all alike are left less than diverse
+ones.
 """
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
-from swarmdata.learn.extraction.second_stage import ExtractionConfig, SecondStage, Valuer
-from swarmdata.learn.networks.actor import DelayedActor, PolicyNetwork, StackedActor
-from swarmdata.learn.networks.network_inputs import generator_states, restore_generators
-from swarmdata.learn.networks.optimizer import cosine
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.setup import Setup
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.actor import (
+    BehaviorDensity,
+    DelayedActor,
+    PolicyNetwork,
+    StackedActor,
+)
+from swarmdata.learn.networks.critics import (
+    Critic,
+    JointGradient,
+    RobotCritics,
+    RobotView,
+    others_of,
+)
+from swarmdata.learn.networks.network_inputs import (
+    Normalizer,
+    generator_states,
+    normal_like,
+    restore_generators,
+)
+from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import (
+    Loss,
+    anchored_loss,
+    cloning_loss,
+    tilted_loss,
+    weighted_loss,
+)
 from swarmdata.types import Batch
+
+Extraction = Literal["joint", "anchored", "weighted", "tilted"]
+"""`joint`: the actor of the first stage is the policy; the others are losses of a second stage."""
+
+EXTRACTION_LOSSES = ("density_loss", "extraction_loss", "extracted_q")
+"""Names of the losses that a second stage adds."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +78,38 @@ class ActorCriticConfig:
     critic_learning_rate: float = 1e-3  # see `maddpg_bc`
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rates
     discount: float = 0.95  # see `maddpg_bc`
-    tau: float = 0.01  # per update of the targets; 0.005 was too slow for 20,000 updates
+    tau: float = 0.01  # per update of the targets
     max_grad_norm: float | None = 10.0  # per seed, of each kind of network
+
+
+@dataclass(frozen=True)
+class ExtractionConfig:
+    """Settings of the extraction of a policy; one setting for all datasets.
+
+    Raises:
+        SchemaError: a number is outside its range.
+    """
+
+    extraction: Extraction = "joint"
+    extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
+    frozen_critics: bool = False  # whether critics stand still in the second stage
+    inverse_temperature: float = 2.0  # in units of 1 / slope of Q
+    slope_limit: float = 1.5  # of `anchored`: of a robot's pull by Q, in units of the slope of Q
+    density_floor: float = 0.1  # least deviation of the density
+    extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
+    max_extraction_weight: float = 20.0  # of `weighted`; Wang et al. 2020, section 4
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        names = ("inverse_temperature", "slope_limit", "density_floor", "max_extraction_weight")
+        for name in names:
+            if getattr(self, name) <= 0:
+                raise SchemaError(f"{name} is {getattr(self, name)}, expected a number above 0")
+        if not 0 < self.extraction_share < 1 or self.extraction_candidates < 2:
+            raise SchemaError(
+                f"extraction_share is {self.extraction_share} and extraction_candidates "
+                f"{self.extraction_candidates}, expected above 0 and below 1, and at least 2"
+            )
 
 
 @dataclass(frozen=True)
@@ -55,149 +127,214 @@ class TwoStageConfig(DelayedConfig, ExtractionConfig):
     """The settings of TD3, of the warm-up, and of the second stage."""
 
 
+class Part(Protocol):
+    """Something with parameters, and what their optimizers remember."""
+
+    def state_dict(self) -> dict[str, Any]: ...
+    def load_state_dict(self, state: Mapping[str, Any]) -> None: ...
+
+
+class Critics(Part, Protocol):
+    """Networks of values with an optimizer and slow copies."""
+
+    def step(self, loss: Tensor, scale: float = 1.0) -> None: ...
+    def follow(self, rate: float) -> None: ...
+
+
+class OfflineLearner(ABC):
+    """K seeds of an offline algorithm: their updates so far, and their state.
+
+    Attributes:
+        config: settings, with `n_updates` and `final_learning_rate_factor`.
+        generators: of the noise of training, one per seed; empty if there is none.
+    """
+
+    config: Any
+    generators: Sequence[torch.Generator] = ()
+    n_updates = 0
+
+    @property
+    @abstractmethod
+    def parts(self) -> Sequence[Part]:
+        """All that has parameters; entries of their states have different names."""
+
+    @property
+    def scale(self) -> float:
+        """The factor on learning rates now: a cosine over all updates."""
+        config = self.config
+        return cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
+        state: dict[str, Any] = {"n_updates": torch.tensor(self.n_updates)}
+        if self.generators:
+            state["generators"] = generator_states(self.generators)
+        for part in self.parts:
+            state |= part.state_dict()
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned."""
+        self.n_updates = int(state["n_updates"])
+        if self.generators:
+            restore_generators(self.generators, state["generators"])
+        for part in self.parts:
+            part.load_state_dict(state)
+
+
+class Valuer(NamedTuple):
+    """The critics' values of one batch's actions; their parameters are constants."""
+
+    of_policy: Callable[[Tensor], Tensor]
+    """Values [K, B, N] of the policies' actions [K, B, N, A]. The gradient of their sum with
+    respect to robot i's action is what climbs the critics."""
+    of_candidates: Callable[[Tensor], Tensor]
+    """Values [K, B, N, M] of each robot's M actions [K, B, N, M, A] while the others act as in the
+    data. The gradient is not used."""
+
+
+def robot_critics(setup: Setup, config: ActorCriticConfig, critic: Critic) -> RobotCritics:
+    """Makes two critics of each seed with a value for each robot."""
+    return RobotCritics(
+        setup.sizes, Normalizer(setup.statistics, setup.device), critic, setup.seeds,
+        config.critic_hidden, learning_rate=config.critic_learning_rate,
+        max_norm=config.max_grad_norm, device=setup.device,
+    )  # fmt: skip
+
+
+def robot_valuer(
+    critics: RobotCritics, x: RobotView, actions: Tensor, joint_gradient: JointGradient
+) -> Valuer:
+    """Returns the smallest of J values of each robot; `actions` are the data's, [K, B, N, A]."""
+    return Valuer(
+        lambda pi: critics.smallest_q(x, pi, others_of(joint_gradient, pi, actions)),
+        lambda candidates: critics.candidate_q(x, candidates, actions),
+    )
+
+
+class TwoStageActorCritic(OfflineLearner):
+    """Critics, and actors that move less often; the losses are in the files of the algorithms.
+
+    Args:
+        setup: sizes, seeds and the dataset's statistics.
+        config: settings.
+    """
+
+    critics: Critics
+
+    def __init__(self, setup: Setup, config: TwoStageConfig) -> None:
+        self.config = config
+        self.actor = DelayedActor(
+            squashed_actor(setup, config), setup.n_seeds,
+            learning_rate=config.actor_learning_rate, max_norm=config.max_grad_norm,
+        )  # fmt: skip
+        self.generators = setup.generators()
+        self.second_stage = None
+        if config.extraction != "joint":
+            self.second_stage = SecondStage(self.actor, setup, self.generators, config)
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        second = () if self.second_stage is None else (self.second_stage,)
+        return self.actor, self.critics, *second
+
+    @abstractmethod
+    def critic_inputs(self, batch: Batch) -> Any:
+        """Returns what the critics see of a batch besides actions; passed to both losses."""
+
+    @abstractmethod
+    def critic_step(self, batch: Batch, x: Any, scale: float) -> dict[str, Tensor]:
+        """Moves the critics; returns losses, each [K].
+
+        Args:
+            batch: tensors [K, B, ...].
+            x: what the critics see.
+            scale: factor on the learning rate.
+        """
+
+    @abstractmethod
+    def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:
+        """Moves the actors, which clone the data in the warm-up; as `critic_step`."""
+
+    @abstractmethod
+    def valuer(self, batch: Batch, x: Any) -> Valuer:
+        """Returns the critics' values of a batch's actions, for a second stage."""
+
+    def update(self, batch: Batch) -> dict[str, Any]:
+        """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
+
+        Critics move in every update. Actors and targets move in every update of the warm-up, and
+        then in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1). In the second stage,
+        only the actors move.
+        """
+        config, stage = self.config, self.second_stage
+        scale, is_second = scale_and_stage(config, stage, self.n_updates)
+        x = self.critic_inputs(batch)
+        losses: dict[str, Tensor] = {}
+        if not (is_second and config.frozen_critics):
+            losses = self.critic_step(batch, x, scale)
+        self.n_updates += 1
+        is_warmup = self.n_updates <= config.bc_warmup_updates
+        if stage is not None and is_second:
+            losses |= stage.update(batch, self.valuer(batch, x), scale)
+            follows = not config.frozen_critics
+        else:
+            follows = is_warmup or self.n_updates % config.policy_delay == 0
+            if follows:
+                losses |= self.actor_step(batch, x, scale, is_warmup)
+            if follows and stage is not None:
+                losses["density_loss"] = stage.learn_density(batch, scale)
+        if follows:
+            self.actor.follow(config.tau)
+            self.critics.follow(config.tau)
+        return {name: loss.detach() for name, loss in losses.items()}
+
+    def smoothed_actions(self, observations: Tensor) -> Tensor:
+        """Returns pi'(o') + clip(noise, -c, c), [K, B, N, A], in [-1, 1]; draws the noise."""
+        config, size = self.config, self.actor.target.shape.outputs
+        template = observations[..., :1].expand(*observations.shape[:-1], size)
+        noise = normal_like(self.generators, template)
+        return self.actor.smoothed(noise, observations, config.smoothing, config.smoothing_clip)
+
+
+class LossActorCritic(TwoStageActorCritic):
+    """Actor-critics that step down two losses."""
+
+    @abstractmethod
+    def critic_loss(self, batch: Batch, x: Any) -> Loss:
+        """Returns the critics' loss; draws noise."""
+
+    @abstractmethod
+    def actor_loss(self, batch: Batch, x: Any, pi: Tensor, bc_loss: Tensor) -> Loss:
+        """Returns the actors' loss after the warm-up, in which it is `bc_loss` alone."""
+
+    def critic_step(self, batch: Batch, x: Any, scale: float) -> dict[str, Tensor]:
+        """Moves the critics; returns losses, each [K]."""
+        total, reported = self.critic_loss(batch, x)
+        self.critics.step(total, scale)
+        return reported
+
+    def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:
+        """Moves the actors; returns losses, each [K]."""
+        pi = self.actor(batch.observations)  # [K, B, N, A]
+        total = bc_loss = cloning_loss(pi, batch.actions)
+        reported: dict[str, Tensor] = {}
+        if not is_warmup:
+            total, reported = self.actor_loss(batch, x, pi, bc_loss)
+        self.actor.step(total, scale)
+        return {"bc_loss": bc_loss, **reported}
+
+
 def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     """Makes the actors of K seeds, whose outputs pass through tanh."""
-    sizes, seeds, statistics = setup.sizes, setup.seeds, setup.statistics
     return StackedActor(
-        sizes, seeds, config.actor_hidden, statistics,
+        setup.sizes, setup.seeds, config.actor_hidden, setup.statistics,
         squash=True, device=setup.device, policy_network=config.policy_network,
     )  # fmt: skip
 
 
-def delayed_actor(setup: Setup, config: ActorCriticConfig) -> DelayedActor:
-    """Makes the actors of K seeds with their slow copies."""
-    return DelayedActor(
-        squashed_actor(setup, config),
-        setup.n_seeds,
-        learning_rate=config.actor_learning_rate,
-        max_norm=config.max_grad_norm,
-    )
-
-
-def second_stage(
-    setup: Setup,
-    config: TwoStageConfig,
-    actor: DelayedActor,
-    generators: Sequence[torch.Generator],
-) -> SecondStage | None:
-    """Makes what the second stage needs; None if the config has none."""
-    if config.extraction == "joint":
-        return None
-    return SecondStage(
-        actor,
-        setup.seeds,
-        generators,
-        config,
-        config.n_updates,
-        learning_rate=config.actor_learning_rate,
-        max_norm=config.max_grad_norm,
-    )
-
-
-class Loss(NamedTuple):
-    """A loss of K seeds, and the quantities to report beside it."""
-
-    total: Tensor  # [K], what is minimized
-    reported: dict[str, Tensor]  # each [K]
-
-
-class Trained(Protocol):
-    """Networks with an optimizer and slow copies."""
-
-    def step(self, loss: Tensor, scale: float = 1.0) -> None: ...
-    def follow(self, rate: float) -> None: ...
-    def state_dict(self) -> dict[str, Tensor]: ...
-    def load_state_dict(self, state: Mapping[str, Any]) -> None: ...
-
-
-class Actor(Protocol):
-    """Deterministic policies of K seeds."""
-
-    def policy(self, index: int) -> TorchPolicy | SetPolicy: ...
-
-
-class HasActor(Protocol):
-    """An algorithm whose policies are those of its actors."""
-
-    @property
-    def actor(self) -> Actor: ...
-
-
-class ActorCritic(Protocol):
-    """Actors and critics of K seeds, and the noise of their training."""
-
-    n_updates: int
-    actor: DelayedActor
-    generators: list[torch.Generator]  # one per seed, [K]
-
-    @property
-    def second_stage(self) -> SecondStage | None: ...  # None: there is one stage only
-    @property
-    def config(self) -> Any: ...
-    @property
-    def critics(self) -> Trained: ...
-
-
-class DelayedActorCritic(ActorCritic, Protocol):
-    """Losses of critics, and of actors that move less often."""
-
-    @property
-    def config(self) -> DelayedConfig: ...
-
-    def valuer(self, batch: Batch, x: Any) -> Valuer:
-        """Returns the critics' values of a batch's actions, for a second stage."""
-        ...
-
-    def critic_inputs(self, batch: Batch) -> Any:
-        """Returns what the critics see of a batch besides actions; passed to both losses."""
-        ...
-
-    def critic_loss(self, batch: Batch, x: Any) -> Loss:
-        """Returns the critics' loss; draws noise."""
-        ...
-
-    def bc_loss(self, pi: Tensor, actions: Tensor) -> Tensor:
-        """Returns the imitation loss, [K], of the policies' actions [K, B, N, A]."""
-        ...
-
-    def actor_loss(self, batch: Batch, x: Any, pi: Tensor, bc_loss: Tensor) -> Loss:
-        """Returns the actors' loss after the warm-up, in which it is `bc_loss` alone."""
-        ...
-
-
-def delayed_update(self: DelayedActorCritic, batch: Batch) -> dict[str, Any]:
-    """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
-
-    Critics move in every update. Actors and targets move in every update of the warm-up, and then
-    in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1). In the second stage, only the
-    actors move.
-    """
-    config, stage = self.config, self.second_stage
-    scale, is_second = stage_of(config, stage, self.n_updates)
-    x = self.critic_inputs(batch)
-    reported: dict[str, Tensor] = {}
-    if stage is None or not is_second or not stage.has_frozen_critics:
-        total, reported = self.critic_loss(batch, x)
-        self.critics.step(total, scale)
-    self.n_updates += 1
-    is_warmup = self.n_updates <= config.bc_warmup_updates
-    if stage is not None and is_second:
-        reported |= extract(self, stage, batch, self.valuer(batch, x), scale)
-    elif is_warmup or self.n_updates % config.policy_delay == 0:
-        pi = self.actor(batch.observations)  # [K, B, N, A]
-        reported["bc_loss"] = total = self.bc_loss(pi, batch.actions)
-        if not is_warmup:
-            total, reported_of_actor = self.actor_loss(batch, x, pi, total)
-            reported |= reported_of_actor
-        self.actor.step(total, scale)
-        if stage is not None:
-            reported["density_loss"] = stage.learn_density(batch, scale)
-        follow(self)
-    return {name: loss.detach() for name, loss in reported.items()}
-
-
-def stage_of(
-    config: ActorCriticConfig, stage: SecondStage | None, n_updates: int
+def scale_and_stage(
+    config: ActorCriticConfig, stage: "SecondStage | None", n_updates: int
 ) -> tuple[float, bool]:
     """Returns the factor on learning rates after `n_updates`, and whether the second stage runs.
 
@@ -210,51 +347,105 @@ def stage_of(
     return cosine(n_updates - first, config.n_updates - first, floor), True
 
 
-def extract(
-    self: ActorCritic, stage: SecondStage, batch: Batch, valuer: Valuer, scale: float
-) -> dict[str, Tensor]:
-    """One step of the second stage; returns its losses, each [K]."""
-    losses = stage.update(batch, valuer, scale)
-    if not stage.has_frozen_critics:
-        follow(self)
-    return losses
+class SecondStage:
+    """Density, optimizer and temperature of the second stage of K seeds.
 
+    Attributes:
+        begins_at: number of updates before the stage.
+        density: of the data's actions.
 
-def follow(self: ActorCritic) -> None:
-    """Moves the slow copies of actors and critics."""
-    self.actor.follow(self.config.tau)
-    self.critics.follow(self.config.tau)
+    Args:
+        actor: what is extracted into.
+        setup: seeds of the runs, [K].
+        generators: of the draws from the density, one per seed, [K].
+        config: settings.
+    """
 
+    def __init__(
+        self,
+        actor: DelayedActor,
+        setup: Setup,
+        generators: Sequence[torch.Generator],
+        config: TwoStageConfig,
+    ) -> None:
+        self._actor, self._generators, self._config = actor, generators, config
+        self.begins_at = config.n_updates - round(config.n_updates * config.extraction_share)
+        rate, max_norm = config.actor_learning_rate, config.max_grad_norm
+        self.density = BehaviorDensity(
+            actor.online, setup.seeds,
+            floor=config.density_floor, learning_rate=rate, max_norm=max_norm,
+        )  # fmt: skip
+        network = actor.online.network
+        self._adam = StackedAdam(network, setup.n_seeds, rate, max_norm)
+        self._slope = torch.zeros(setup.n_seeds, device=network.flat.device)  # of Q; 0: unknown
 
-def smoothed_actions(self: ActorCritic, observations: Tensor) -> Tensor:
-    """Returns pi'(o') + clip(noise, -c, c), [K, B, N, A], in [-1, 1]; draws the noise."""
-    config = self.config
-    return self.actor.smoothed(
-        observations, self.generators, config.smoothing, config.smoothing_clip
-    )
+    def learn_density(self, batch: Batch, scale: float) -> Tensor:
+        """Moves the density to the data; returns its negative log-likelihood, [K].
 
+        Args:
+            batch: tensors [K, B, ...].
+            scale: factor on the learning rate.
+        """
+        loss = self.density.gradient(batch.observations, batch.actions)
+        self.density.descend(scale)
+        return loss
 
-def policy_of(self: HasActor, index: int) -> TorchPolicy | SetPolicy:
-    """The policy of seed number `index`, as it is now."""
-    return self.actor.policy(index)
+    def update(self, batch: Batch, valuer: Valuer, scale: float) -> dict[str, Tensor]:
+        """Moves the actor; returns losses, each [K].
 
+        Args:
+            batch: tensors [K, B, ...].
+            valuer: of this batch.
+            scale: factor on the learning rate.
+        """
+        moments = self.density.moments(batch.observations, batch.actions)
+        if not self._slope.all():
+            self._slope = self._measure_slope(moments, valuer)
+        pi = self._actor(batch.observations)  # [K, B, N, A]
+        loss, values = self._loss(pi, batch.actions, moments, valuer)
+        self._adam.step(loss, scale)
+        return {"extraction_loss": loss.detach(), "extracted_q": values.mean((1, 2)).detach()}
 
-def state_of(self: ActorCritic) -> dict[str, Any]:
-    """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
-    return {
-        "n_updates": torch.tensor(self.n_updates),
-        "generators": generator_states(self.generators),
-        **self.actor.state_dict(),
-        **self.critics.state_dict(),
-        **({} if self.second_stage is None else self.second_stage.state_dict()),
-    }
+    def _loss(
+        self, pi: Tensor, actions: Tensor, moments: tuple[Tensor, Tensor], valuer: Valuer
+    ) -> tuple[Tensor, Tensor]:
+        """Returns the loss, [K], and the values that it is made of, [K, B, N]."""
+        config, eta = self._config, self._config.inverse_temperature / self._slope
+        if config.extraction == "anchored":
+            values = valuer.of_policy(pi)
+            steepest = config.slope_limit * self._slope
+            return anchored_loss(pi, values, *moments, eta, steepest), values
+        candidates = self._draw(moments)
+        with torch.no_grad():
+            drawn = valuer.of_candidates(candidates)  # [K, B, N, M]
+            taken = valuer.of_candidates(actions[..., None, :])[..., 0]  # [K, B, N]
+        if config.extraction == "tilted":
+            return tilted_loss(pi, candidates, drawn, eta), drawn.mean(3)
+        advantages = taken - drawn.mean(3)
+        largest = config.max_extraction_weight
+        return weighted_loss(pi, actions, advantages, eta, largest), taken
 
+    def _draw(self, moments: tuple[Tensor, Tensor]) -> Tensor:
+        """Returns actions drawn from the density, [K, B, N, M, A]."""
+        mean, deviation = (moment[..., None, :] for moment in moments)
+        shape = (-1, -1, -1, self._config.extraction_candidates, -1)
+        noise = normal_like(self._generators, mean.expand(shape))
+        return (mean + deviation * noise).clamp(-1, 1)
 
-def restore_state(self: ActorCritic, state: Mapping[str, Any]) -> None:
-    """Restores what `state_dict` returned."""
-    self.n_updates = int(state["n_updates"])
-    restore_generators(self.generators, state["generators"])
-    self.actor.load_state_dict(state)
-    self.critics.load_state_dict(state)
-    if self.second_stage is not None:
-        self.second_stage.load_state_dict(state)
+    @torch.no_grad()
+    def _measure_slope(self, moments: tuple[Tensor, Tensor], valuer: Valuer) -> Tensor:
+        """Returns the deviation of Q_i per deviation of actions under the density, [K]."""
+        values = valuer.of_candidates(self._draw(moments))
+        slope: Tensor = values.std(3).mean((1, 2)) / moments[1].mean((1, 2, 3))
+        return slope.clamp(min=1e-6)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Density, Adam's moments and the slope of values, as copies."""
+        adam = self._adam.state_dict("extraction_adam.")
+        return {"extraction_slope": self._slope.clone(), **adam, **self.density.state_dict()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
+        self._slope = state["extraction_slope"].to(self._slope.device, copy=True)
+        self._adam.load_state_dict(state, "extraction_adam.")
+        self.density.load_state_dict(state)

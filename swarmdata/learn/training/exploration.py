@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import normal_like
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,18 +42,6 @@ def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: 
     """
     noise = normal_like(generators, actions)
     return (actions + deviation * noise).clamp(-1, 1)
-
-
-def normal_like(generators: Sequence[torch.Generator], values: Tensor) -> Tensor:
-    """Returns standard normal numbers, [K, ...], each seed's from its own generator."""
-    shape = values.shape[1:]
-    return torch.stack([torch.randn(shape, generator=g, device=g.device) for g in generators])
-
-
-def uniform_like(generators: Sequence[torch.Generator], values: Tensor) -> Tensor:
-    """Returns uniform numbers in [0, 1), [K, ...], each seed's from its own generator."""
-    shape = values.shape[1:]
-    return torch.stack([torch.rand(shape, generator=g, device=g.device) for g in generators])
 
 
 def epsilon_greedy(

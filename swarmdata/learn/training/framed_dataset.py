@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.learn.training.dataset_statistics import step_weights
+from swarmdata.learn.networks.dataset_statistics import step_weights
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec

@@ -11,20 +11,17 @@ from torch import Tensor
 from swarmdata.datasets.action_scaling import choices_of
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm, Policy
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training import checkpoint
-from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run import Count, Description, kept_path
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,
     CONFIG,
     KEPT,
-    POLICIES,
-    last_policy_path,
 )
-from swarmdata.learn.training.setup import Setup
 from swarmdata.perception.frames import Frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
@@ -102,17 +99,6 @@ def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Pol
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
     return load_last(folder, device).policies
-
-
-def last_policy(run: Path, seed: int) -> Policy:
-    """The newest policy of a seed of an online run, or of one of the runs inside a folder.
-
-    Raises:
-        BuildError: there is none.
-    """
-    inside = sorted(run.glob(f"seeds-*/{POLICIES}/seed-{seed}"))
-    folder = inside[0].parent.parent if inside else run
-    return load_policy(last_policy_path(folder, seed))
 
 
 def load_last(

@@ -17,8 +17,8 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
+from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.training.dataset_statistics import Statistics
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run import Run, Table, claimed, versions
 from swarmdata.learn.training.run_files import CURVE, LOSSES

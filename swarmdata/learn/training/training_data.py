@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
-from swarmdata.learn.training.dataset_statistics import Episodes
+from swarmdata.learn.networks.dataset_statistics import Episodes
 from swarmdata.specs.origins import Spec
 from swarmdata.types import Batch, Double, Int
 

@@ -26,9 +26,10 @@ from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.train import read_settings, train, train_online
+from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.run_files import run_hash
-from swarmdata.learn.training.run_folder import last_policy, read_run
+from swarmdata.learn.training.run_folder import read_run
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.perception.frames import find_frame

@@ -15,6 +15,7 @@ from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402
 from swarmdata.learn.networks.team_networks import Team  # noqa: E402
+from swarmdata.learn.policies.choice_policy import BinPolicy  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 
 
@@ -25,25 +26,9 @@ def test_bins_are_even_and_symmetric() -> None:
         bins.bin_values(1)
 
 
-@given(n_bins=st.integers(2, 33))
-def test_the_middle_of_an_odd_number_of_bins_is_exactly_zero(n_bins: int) -> None:
-    values = bins.bin_values(n_bins)
-    assert torch.equal(values, -values.flip(0))
-    assert (values == 0).any() == (n_bins % 2 == 1)
-
-
 def interpolated(utilities: Tensor, actions: Tensor) -> Tensor:
     """Q_i of continuous actions, as value decomposition has it."""
     return (bins.two_hot(actions, utilities.shape[-1]) * utilities).sum(-1).mean(-1)
-
-
-@given(st.integers(2, 17), st.integers(0, 999))
-def test_interpolation_meets_the_chosen_utility_at_every_bin(n_bins: int, seed: int) -> None:
-    generator = torch.Generator().manual_seed(seed)
-    utilities = torch.randn(4, 3, n_bins, generator=generator)
-    choices = torch.randint(n_bins, (4, 3), generator=generator)
-    at_bins = interpolated(utilities, bins.to_actions(choices, n_bins))
-    torch.testing.assert_close(at_bins, bins.chosen(utilities, choices), rtol=0, atol=1e-4)
 
 
 @given(st.integers(2, 17), st.integers(0, 999))
@@ -55,14 +40,6 @@ def test_no_action_beats_the_best_choice(n_bins: int, seed: int) -> None:
     assert (interpolated(utilities, actions) <= best + 1e-5).all()
 
 
-def test_interpolation_by_hand() -> None:
-    utilities = torch.tensor([[0.0, 4.0, 8.0], [1.0, 1.0, 3.0]])  # 2 dimensions, bins -1, 0, 1
-    q = interpolated(utilities, torch.tensor([-0.25, 0.5]))
-    assert q.item() == pytest.approx((3.0 + 2.0) / 2)
-    ends = interpolated(utilities, torch.tensor([-7.0, 7.0]))
-    assert ends.item() == pytest.approx((0.0 + 3.0) / 2)
-
-
 def test_outputs_are_read_dimension_by_dimension() -> None:
     utilities = bins.by_dimension(torch.arange(12.0).view(1, 2, 6), 3)
     assert utilities.shape == (1, 2, 2, 3)
@@ -70,10 +47,10 @@ def test_outputs_are_read_dimension_by_dimension() -> None:
     assert bins.greedy(utilities).tolist() == [[[2, 2], [2, 2]]]
 
 
-def made(parameters: Any = "shared", frame: Frame | None = None) -> bins.BinPolicy:
+def made(parameters: Any = "shared", frame: Frame | None = None) -> BinPolicy:
     size = 4 + (0 if frame is None else 2)
     team = Team(MLPShape(size, (8,), 2 * 5), 3, [7], 0, parameters=parameters, device="cpu")
-    return bins.BinPolicy(
+    return BinPolicy(
         layers=team.extract(0),
         observation_mean=torch.zeros(size, dtype=torch.float64),
         observation_std=torch.ones(size, dtype=torch.float64),
@@ -93,22 +70,6 @@ def test_the_policy_takes_the_best_bins(parameters: str) -> None:
     expected = bins.to_actions(policy.choices(observations), 5)
     np.testing.assert_array_equal(actions, expected.numpy())
     np.testing.assert_array_equal(policy.actions(observations[2:3]), actions[2:3])
-
-
-def test_a_turned_world_turns_the_actions() -> None:
-    """Anchor and action turn together by a right angle; the choices stay."""
-    frame = Frame(anchor=0, vectors=(0, 2), closing=())
-    policy = made(frame=frame)
-    observations = np.random.default_rng(1).normal(size=(5, 3, 4)).astype(np.float32)
-    x, y = observations[..., 0::2], observations[..., 1::2]
-    turned = np.stack([-y, x], -1).reshape(5, 3, 4)
-    size = 1.0 / 64  # the frame's axis is seen too: make the policy blind to it
-    for layer in policy.layers[:1]:
-        layer.weight[:, 4:6] = 0
-    actions, after = policy.actions(observations), policy.actions(turned)
-    np.testing.assert_allclose(after[..., 0], -actions[..., 1], atol=size * 1e-4)
-    np.testing.assert_allclose(after[..., 1], actions[..., 0], atol=size * 1e-4)
-    assert np.abs(after).max() <= 1
 
 
 def test_other_observations_are_refused() -> None:

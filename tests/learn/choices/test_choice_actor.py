@@ -14,6 +14,8 @@ from torch import Tensor  # noqa: E402
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.choices.choice_actor import ChoiceActor  # noqa: E402
 from swarmdata.learn.memory.memory_settings import MemorySettings  # noqa: E402
+from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
+from swarmdata.learn.policies.trained import policy_of  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.testing.sample_batches import (  # noqa: E402
     BATCH,
@@ -88,7 +90,9 @@ def test_policies_take_the_likeliest_choices() -> None:
     _, log_probs = actor.along(batch)
 
     for seed in range(2):
-        np.testing.assert_array_equal(actor.policy(seed).act(step), best(log_probs)[seed].numpy())
+        np.testing.assert_array_equal(
+            policy_of(actor, seed).act(step), best(log_probs)[seed].numpy()
+        )
 
 
 def test_policies_with_a_memory_take_the_likeliest_choices() -> None:
@@ -113,7 +117,7 @@ def test_policies_with_a_memory_take_the_likeliest_choices() -> None:
     expected = best(log_probs).view(2, copies, length, N_AGENTS, 2)
 
     for seed in range(2):
-        policy = actor.policy(seed)
+        policy = policy_of(actor, seed)
         step = sample_step()
         policy.reset(step, np.arange(copies))
         for t in range(length):
@@ -122,7 +126,8 @@ def test_policies_with_a_memory_take_the_likeliest_choices() -> None:
 
 
 def test_a_mask_leaves_the_likeliest_of_what_is_allowed() -> None:
-    policy, step = made().policy(0), sample_step()
+    policy, step = policy_of(made(), 0), sample_step()
+    assert isinstance(policy, ChoicePolicy)
     allowed = np.ones((5, N_AGENTS, 6), np.bool_)
     free = policy.act(step)
     allowed[np.arange(5), 0, free[:, 0, 0].astype(int)] = False

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
-from torch.nn.functional import one_hot  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.choices.choices import (  # noqa: E402
@@ -42,15 +41,6 @@ def test_weights_value_actions_as_interpolation_does(n_bins: int, seed: int) -> 
     # the mean bin is the action itself
     inside = actions.clamp(-1, 1)
     torch.testing.assert_close((weights * choices.values.float()).sum(-1), inside)
-
-
-def test_bins_need_no_padding_and_come_back() -> None:
-    choices = Choices.of(CONTINUOUS, 5)
-    assert choices.exists is None
-    numbers = torch.randint(5, (7, 3, 2))
-    actions = choices.to_actions(one_hot(numbers, 5))
-    assert actions.dtype == torch.float64
-    assert torch.equal(choices.weights(actions.float()).argmax(-1), numbers)
 
 
 def test_recorded_choices_keep_their_numbers() -> None:

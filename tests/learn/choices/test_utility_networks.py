@@ -12,13 +12,17 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.training.setup import Setup  # noqa: E402
 from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import SIZES, actions_of, two_episodes  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    SIZES,
+    actions_of,
+    random_batch,
+    statistics,
+    two_episodes,
+)
 
 DISCRETE = replace(SIZES, choices=((range(3), range(3)), (range(1, 3),)))
 
@@ -31,39 +35,12 @@ def made(
     return_std: float = 1.0,
     **config: Any,
 ) -> VDN | QMIX:
-    statistics = Statistics(
-        observation_mean=np.zeros(3),
-        observation_std=np.ones(3),
-        state_mean=np.zeros(4),
-        state_std=np.ones(4),
-        return_std=return_std,
-        max_return=1.0,
-        own_return_std=return_std,
-        own_max_return=1.0,
-        return_range=10.0,
-        own_return_range=20.0,
-    )
+    moments = statistics(return_std=return_std, max_return=1.0)
     small = {"hidden": (8,), "n_bins": 3, "regulariser": "none", "clip_target": False, **config}
     if is_monotonic:
         mixing = QMIXConfig(**small, mixer_embedding=4, mixer_hidden=4)
-        return QMIX(Setup(sizes, range(n_seeds), statistics), mixing)
-    return VDN(Setup(sizes, range(n_seeds), statistics), VDNConfig(**small))
-
-
-def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
-    g = torch.Generator().manual_seed(0)
-    flags = torch.rand(n_seeds, size, generator=g) < 0.3
-    return Batch(
-        observations=torch.randn(n_seeds, size, 2, 3, generator=g),
-        actions=torch.rand(n_seeds, size, 2, 2, generator=g) * 2 - 1,
-        rewards=torch.randn(n_seeds, size, 2, generator=g),
-        next_observations=torch.randn(n_seeds, size, 2, 3, generator=g),
-        states=torch.randn(n_seeds, size, 4, generator=g),
-        next_states=torch.randn(n_seeds, size, 4, generator=g),
-        terminations=flags,
-        truncations=~flags,
-        mask=torch.ones_like(flags),
-    )
+        return QMIX(Setup(sizes, range(n_seeds), moments), mixing)
+    return VDN(Setup(sizes, range(n_seeds), moments), VDNConfig(**small))
 
 
 def make_constant(network: StackedMLP, *outputs: list[float]) -> None:
@@ -120,30 +97,6 @@ def test_targets_are_at_most_what_data_return() -> None:
     assert (free.targets(free.networks.see(batch)) > bound + 1).any()
 
 
-def test_mixing_raises_no_value_by_lowering_a_robots() -> None:
-    learner = made(is_monotonic=True)
-    assert isinstance(learner, QMIX)
-    values = torch.randn(1, 2, 9, 2, requires_grad=True)
-    (slope,) = torch.autograd.grad(learner.mix(values, torch.randn(1, 9, 4 + 2 * 3)).sum(), values)
-    assert (slope >= 0).all()
-    assert not torch.equal(slope[:, 0], slope[:, 1])  # each network has its own mixer
-
-
-@pytest.mark.parametrize("is_monotonic", [False, True])
-def test_both_networks_differ_and_both_learn(is_monotonic: bool) -> None:
-    learner, batch = made(2, is_monotonic=is_monotonic), random_batch(2)
-    kinds = list(learner.networks.descent.networks.values())
-    assert len(kinds) == 1 + is_monotonic
-    before = [network.flat.clone() for network in kinds]
-    learner.update(batch)
-    for network, old in zip(kinds, before, strict=True):
-        assert len(old) == 4  # seed 0 network 0, seed 0 network 1, seed 1 network 0, ...
-        assert len({tuple(row.tolist()) for row in old}) == 4
-        assert network.gradient.norm(dim=1).min() > 0
-        assert not torch.equal(network.gradient[0], network.gradient[1])
-        assert (network.flat - old).abs().amax(1).min() > 0
-
-
 @pytest.mark.parametrize("head", ["factored", "joint"])
 def test_the_mask_holds_in_the_target_and_when_acting(head: Any) -> None:
     """The data always take the first choice; the last has the highest utility.
@@ -185,19 +138,6 @@ def test_the_conservative_gap_by_hand() -> None:
     losses = learner.update(batch)
     first = np.log(1 + np.e + np.e**2) - 1.5  # the action lies between the bins 0 and 1
     assert losses["conservative_gap"].item() == pytest.approx(first + np.log(3), rel=1e-5)
-
-
-def test_conservatism_lowers_what_the_data_do_not_do() -> None:
-    batch = replace(random_batch(), actions=torch.ones(1, 32, 2, 2))
-    left: dict[str, float] = {}
-    for regulariser in ("none", "cql"):
-        learner = made(regulariser=regulariser, cql_weight=1.0, learning_rate=1e-2)
-        for _ in range(60):
-            losses = learner.update(batch)
-        utilities = learner.networks.utilities(batch.observations).detach().mean((0, 1, 2, 3, 4))
-        left[regulariser] = float(utilities[2] - utilities[0])
-    assert left["cql"] > left["none"] + 0.5
-    assert losses["q"] > -2  # and the data's own value stays
 
 
 def test_losses_show_overestimation() -> None:

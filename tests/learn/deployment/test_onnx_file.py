@@ -105,8 +105,8 @@ def check(policy: Any, dataset: Dataset, path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["actor", "bins"])
 def test_robots_with_networks_of_their_own(kind: str, tiny: Dataset, tmp_path: Path) -> None:
-    from swarmdata.learn.choices.bins import BinPolicy
     from swarmdata.learn.networks.perceptrons import Layer
+    from swarmdata.learn.policies.choice_policy import BinPolicy
     from swarmdata.learn.policies.torch_policy import TorchPolicy
 
     generator = torch.Generator().manual_seed(0)

@@ -14,6 +14,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import DivergedError, SchemaError  # noqa: E402
 from swarmdata.learn.evaluation.fqe import (  # noqa: E402
+    BATCH_SIZE,
     Answered,
     FittedQ,
     FQEConfig,
@@ -21,12 +22,19 @@ from swarmdata.learn.evaluation.fqe import (  # noqa: E402
     attainable,
     draws,
     fitted_q_evaluation,
+    imitation_error,
+    td_errors,
+    weighted_imitation_error,
 )
 from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
-from swarmdata.learn.networks.critics import JointCritics  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.networks.critics import Critics  # noqa: E402
+from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
+from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from tests.learn.chain import Constant, chain  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
+from tests.learn.chain import N_AGENTS, Constant, chain  # noqa: E402
 
 ACTIONS = (0.5, -0.5)
 SMALL: dict[str, Any] = {"hidden": (32,), "batch_size": 64, "discount": 0.5, "learning_rate": 1e-2}
@@ -65,11 +73,6 @@ def test_values_of_a_task_that_ends() -> None:
     np.testing.assert_allclose(made.mean, np.array(ACTIONS) * 2.0, rtol=0.05)
 
 
-def test_without_a_future_the_value_is_the_reward() -> None:
-    made = fit(chain(60, ends=True), discount=0.0)
-    np.testing.assert_allclose(made.mean, ACTIONS, rtol=0.05)
-
-
 def test_a_policy_of_a_stack_gets_the_value_that_it_gets_alone() -> None:
     dataset = chain(20, ends=False)
     changes: dict[str, Any] = {"n_updates": 60, "n_fits": 2}
@@ -79,13 +82,6 @@ def test_a_policy_of_a_stack_gets_the_value_that_it_gets_alone() -> None:
         alone = fit(dataset, (action,), **changes)
         np.testing.assert_allclose(stack.values[k], alone.values[0], atol=1e-4)
         np.testing.assert_allclose(stack.residual[k], alone.residual[0], atol=1e-4)
-
-
-def test_equal_policies_get_equal_values_and_another_seed_gives_others() -> None:
-    dataset = chain(20, ends=False)
-    twice = fit(dataset, (0.5, 0.5), n_updates=30)
-    np.testing.assert_allclose(twice.values[0], twice.values[1], atol=1e-6)
-    assert not np.allclose(twice.values, fit(dataset, (0.5, 0.5), n_updates=30, seed=1).values)
 
 
 def test_the_curve_ends_at_the_values() -> None:
@@ -98,10 +94,10 @@ def test_the_curve_ends_at_the_values() -> None:
 def set_values(monkeypatch: pytest.MonkeyPatch, factor: float) -> None:
     """Makes every critic say factor * (state + 10 * the first robot's action)."""
 
-    def say(self: JointCritics, x: Tensor, actions: Tensor) -> Tensor:
+    def say(self: Critics, x: Tensor, actions: Tensor) -> Tensor:
         return (factor * (x[..., 0] + 10 * actions[..., 0, 0]))[:, None, :, None]
 
-    monkeypatch.setattr(JointCritics, "target_q", say)
+    monkeypatch.setattr(Critics, "target_q", say)
 
 
 def test_targets_are_exact_and_do_not_cross_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,3 +196,67 @@ def test_rewards_that_are_far_too_large_are_an_error(
     )
     with pytest.raises(error, match=message):
         fit(huge, n_updates=40)
+
+
+OTHERS = (0.25, -0.5)
+
+
+def errors(dataset: MemoryDataset) -> Any:
+    """Per policy and transition, mean over robots and components."""
+    recorded = dataset.transitions["actions"].astype(np.float64)
+    return np.stack([np.square(action - recorded).mean((1, 2)) for action in OTHERS])
+
+
+def test_the_imitation_error_is_the_loss_of_cloning() -> None:
+    dataset = chain(5, ends=True)
+    found = imitation_error(asked(dataset, OTHERS))
+    np.testing.assert_allclose(found, errors(dataset).mean(1), rtol=1e-5)
+
+
+def test_what_went_well_weighs_more() -> None:
+    """At discount 0 the return-to-go is the reward itself."""
+    dataset = chain(5, ends=True)
+    rewards = dataset.transitions["rewards"].mean(1, dtype=np.float64)
+    weights = np.exp((rewards - rewards.mean()) / rewards.std())
+    expected = (errors(dataset) * weights).sum(1) / weights.sum()
+    found = weighted_imitation_error(asked(dataset, OTHERS, 0.0))
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_equal_returns_weigh_the_same() -> None:
+    dataset = chain(4, ends=True)
+    for each in dataset:
+        each.rewards[:] = 0.0
+    split = asked(dataset, OTHERS, 0.9)
+    np.testing.assert_allclose(weighted_imitation_error(split), imitation_error(split))
+
+
+class WithCritics:
+    """Says that its first seed is off by 3, its second by 5."""
+
+    def td_error(self, batch: Batch) -> Tensor:
+        assert batch.rewards.shape == (2, BATCH_SIZE, N_AGENTS)
+        assert torch.equal(batch.states[0], batch.states[1])
+        return torch.tensor([9.0, 25.0])
+
+
+def test_td_errors_are_in_units_of_rewards() -> None:
+    found = td_errors(WithCritics(), chain(5, ends=True), 2, 0.5, "cpu")
+    assert found is not None
+    np.testing.assert_allclose(found, [1.5, 2.5])
+    assert td_errors(object(), chain(5, ends=True), 2, 0.5, "cpu") is None
+
+
+def test_the_td_error_of_maddpg_bc_is_its_critics_loss_and_changes_nothing() -> None:
+    dataset = chain(8, ends=False)
+    batch = dataset.sampler(32).gather(np.arange(24)[None]).to_torch()
+    config = MADDPGBCConfig(
+        actor_hidden=(8,), critic_hidden=(8,), smoothing=0.0, max_grad_norm=None
+    )
+    statistics = Statistics.measure(dataset, config.discount)
+    algorithm = MADDPGBC(Setup(Sizes.of(batch), [3], statistics), config)
+    before = algorithm.critics.online.flat.clone()
+    found = algorithm.td_error(batch)
+    assert torch.equal(algorithm.critics.online.flat, before)
+    loss = algorithm.update(batch)["critic_loss"]
+    torch.testing.assert_close(found, loss / 2)  # the loss is the sum over two critics

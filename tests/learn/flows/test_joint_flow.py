@@ -1,6 +1,5 @@
 """Joint flows: the written loss, Euler's method, and that they learn two modes."""
 
-import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
@@ -9,7 +8,6 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.flows.joint_flow import JointFlow  # noqa: E402
-from swarmdata.learn.networks.optimizer import StackedAdam  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
@@ -53,12 +51,6 @@ def test_samples_stay_in_range() -> None:
     assert flow.sample(drawn(K, 50, SIZES.information), drawn(K, 50, 2, 2)).abs().max() == 1
 
 
-def test_the_last_step_ends_where_the_network_says() -> None:
-    flow, x, z = made(n_steps=1), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
-    end = flow.network(torch.cat([x, z.flatten(2), torch.zeros(K, B, 1)], 2)).detach()
-    torch.testing.assert_close(flow.sample(x, z), end.clamp(-1, 1).view(K, B, 2, 2))
-
-
 def test_the_mean_is_what_is_predicted_from_noise_alone() -> None:
     flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
     end = flow.network(torch.cat([x, z.flatten(2), torch.zeros(K, B, 1)], 2)).detach()
@@ -71,22 +63,3 @@ def test_the_mean_is_what_is_predicted_from_noise_alone() -> None:
 def test_a_flow_needs_a_hidden_layer_and_a_step(hidden: tuple[int, ...], n_steps: int) -> None:
     with pytest.raises(SchemaError, match="at least one of each"):
         JointFlow(SIZES, range(K), hidden, n_steps, "cpu")
-
-
-@pytest.mark.learns
-def test_two_modes_stay_two() -> None:
-    """Both robots act at +0.7 or both at -0.7, whatever they see."""
-    flow, rng = JointFlow(SIZES, range(K), (64, 64), 10, "cpu"), np.random.default_rng(0)
-    adam = StackedAdam(flow.network, K, 3e-3)
-    for update in range(600):
-        sides = torch.from_numpy(rng.choice([-0.7, 0.7], (K, 128, 1, 1)).astype(np.float32))
-        a = sides.expand(K, 128, 2, 2)
-        x, z = drawn(K, 128, SIZES.information, seed=update), drawn(K, 128, 2, 2, seed=-update - 1)
-        adam.step(flow.loss(x, a, z, torch.from_numpy(rng.random((K, 128, 1), np.float32))))
-    samples = flow.sample(drawn(K, 500, SIZES.information, seed=9), drawn(K, 500, 2, 2, seed=8))
-    one_mode = (samples - 0.7).abs().amax((2, 3)) < 0.25
-    other = (samples + 0.7).abs().amax((2, 3)) < 0.25
-    assert (one_mode | other).float().mean() > 0.9
-    assert 0.4 < one_mode.float().mean() < 0.6
-    means = flow.mean(drawn(K, 500, SIZES.information, seed=9), drawn(K, 500, 2, 2, seed=8))
-    assert means.mean().abs() < 0.1

@@ -12,7 +12,6 @@ from swarmdata.learn.memory.gated_networks import (  # noqa: E402
     memories,
     next_memory,
 )
-from swarmdata.learn.networks.optimizer import StackedAdam  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize  # noqa: E402
 
 F, M, T, B = 5, 4, 6, 3
@@ -81,42 +80,3 @@ def test_steps_one_by_one_are_a_window() -> None:
         torch.testing.assert_close(memory, whole[:, t])
     rest = memories(network.layers, inputs[:, 4:], starts[:, 4:], whole[:, 3])
     torch.testing.assert_close(rest, whole[:, 4:])
-
-
-def test_stacked_units_are_separate_ones() -> None:
-    both, second = made(), made()
-    second.flat[0] = 0.0
-    inputs, starts = torch.randn(2, T, B, F), torch.zeros(2, T, B, dtype=torch.bool)
-    assert torch.equal(both.remember(inputs, starts)[1], second.remember(inputs, starts)[1])
-
-
-@pytest.mark.parametrize("reader", [False, True])
-def test_one_buffer_holds_all_weights(reader: bool) -> None:
-    network = made(reader=reader)
-    assert sum(part.numel() for layer in network.layers for part in layer[:2] if part is not None)
-    n_weights = sum(w.numel() for layer in network.layers for w in layer if w is not None)
-    assert network.flat.numel() == n_weights == 2 * network.shape.n_parameters
-    assert network.shape.outputs == (2 if reader else M)
-    copy = network.clone()
-    network.flat.zero_()
-    assert copy.flat.abs().sum() > 0
-    assert type(copy) is StackedGates
-
-
-@pytest.mark.learns
-def test_it_learns_to_recall_the_first_input() -> None:
-    """A sign is seen at the first of 6 steps, then noise; without a memory the error stays 1."""
-    network = made(reader=True)
-    adam = StackedAdam(network, 2, 1e-2)
-    generator = torch.Generator().manual_seed(0)
-    starts = torch.zeros(2, T, 64, dtype=torch.bool)
-    for _ in range(300):
-        inputs = torch.randn(2, T, 64, F, generator=generator)
-        inputs[..., 0] = 0.0
-        sign = torch.randint(2, (2, 64), generator=generator) * 2.0 - 1
-        inputs[:, 0, :, 0] = sign
-        memory = network.remember(inputs, starts)[:, -1]
-        answers = network.read(inputs[:, -1], memory)[..., 0]
-        loss = (answers - sign).square().mean(1)
-        adam.step(loss)
-    assert (loss < 0.1).all()

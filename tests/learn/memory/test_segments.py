@@ -18,7 +18,6 @@ from swarmdata.learn.memory.segments import (  # noqa: E402
 from swarmdata.learn.networks.perceptrons import initialize  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.conftest import play  # noqa: E402
-from tests.offline_algos.toys import random_batch  # noqa: E402
 
 BURN_IN, WINDOW = 3, 5
 MISSING = ("log_probs", "episodes")
@@ -90,20 +89,6 @@ def test_memory_begins_with_the_episode(mixture: MemoryDataset, parameters: Any)
     torch.testing.assert_close(early[:, :, 5:], found[:, :, :5])
 
 
-def test_the_next_memory_is_that_of_the_next_step(mixture: MemoryDataset) -> None:
-    sampler = mixture.sampler(16, horizon=WINDOW, burn_in=BURN_IN, seed=0)
-    batch = sampler.gather(sampler.draw()[None]).to_torch()
-    network = gates("shared")
-    memory = remembered(network, batch.observations, batch.mask, "shared")
-    follows = batch.mask[:, :, 1:]
-    later = remembered_next(
-        network, batch.next_observations[:, :, :-1].flatten(1, 2), memory[:, :, :-1].flatten(1, 2),
-        "shared",
-    ).view(1, 16, -1, 2, 6)  # fmt: skip
-    inside = follows & batch.mask[:, :, :-1]
-    torch.testing.assert_close(later[inside], memory[:, :, 1:][inside])
-
-
 def test_every_step_of_the_data_counts_the_same(mixture: MemoryDataset) -> None:
     """Draws of all transitions once: each step is learned from equally often."""
     window = 4  # divides the 12 steps of an episode
@@ -112,16 +97,3 @@ def test_every_step_of_the_data_counts_the_same(mixture: MemoryDataset) -> None:
     steps = learned_steps(batch, learned_rows(batch.mask, window))
     _, counts = steps.observations[0, :, 0, 0].unique(return_counts=True)
     assert counts.tolist() == [window] * 24
-
-
-def test_transitions_keep_what_they_lack() -> None:
-    batch = random_batch(2, 12)
-    windows = type(batch)(
-        **{
-            name: None if name in MISSING else getattr(batch, name).unflatten(1, (2, 6))
-            for name in batch.__dataclass_fields__
-        }
-    )
-    steps = learned_steps(windows, learned_rows(windows.mask, 4))
-    assert steps.log_probs is None
-    assert torch.equal(steps.rewards[:, :4], batch.rewards[:, 2:6])

@@ -4,8 +4,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.learn.networks.actor import StackedActor  # noqa: E402
-from swarmdata.learn.networks.behavior_density import BehaviorDensity  # noqa: E402
+from swarmdata.learn.networks.actor import (  # noqa: E402
+    BehaviorDensity,
+    StackedActor,
+)
 from tests.offline_algos.toys import SIZES, statistics  # noqa: E402
 
 
@@ -23,7 +25,7 @@ def test_mean_and_deviation_are_learned_where_they_differ() -> None:
         deviation = torch.where(is_left, 0.08, 0.3)
         noise = torch.randn(1, 128, 2, 2, generator=generator)
         density.gradient(o, torch.where(is_left, -0.4, 0.4) + deviation * noise)
-        density.optimizer.descend()
+        density.descend()
     o = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]])[None, :, None].expand(1, 2, 2, 3)
     mean, deviation = density.moments(o, torch.zeros(1, 2, 2, 2))
     torch.testing.assert_close(mean[0, :, 0, 0], torch.tensor([-0.4, 0.4]), atol=0.06, rtol=0)

@@ -6,17 +6,15 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.networks.critics import JointCritics  # noqa: E402
-from swarmdata.learn.networks.network_inputs import information  # noqa: E402
+from swarmdata.learn.networks.critics import Critics  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
 
 
-def made(n_seeds: int = 2, n_critics: int = 2, n_values: int = 1) -> JointCritics:
-    return JointCritics(
-        SIZES, range(n_seeds), (8,), learning_rate=1e-2, max_norm=None,
+def made(n_seeds: int = 2, n_critics: int = 2, n_values: int = 1) -> Critics:
+    return Critics(
+        SIZES.information + 3 * 2, range(n_seeds), (8,), learning_rate=1e-2, max_norm=None,
         n_critics=n_critics, n_values=n_values,
     )  # fmt: skip
 
@@ -26,12 +24,6 @@ def inputs(n_seeds: int = 2, size: int = 5) -> tuple[Tensor, Tensor, Tensor]:
     g = torch.Generator().manual_seed(0)
     x = torch.randn(n_seeds, size, 4 + 3 * 2, generator=g)
     return x, *(torch.rand(n_seeds, size, 3, 2, generator=g) for _ in range(2))
-
-
-def test_critics_see_the_state_and_then_every_observation() -> None:
-    states, observations = torch.zeros(1, 5, 4), torch.arange(6.0).view(3, 2).expand(1, 5, 3, 2)
-    x = information(states, observations)
-    assert x[0, 0].tolist() == [0, 0, 0, 0, 0, 1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize(("n_critics", "n_values"), [(1, 1), (2, 1), (2, 3), (4, 1)])
@@ -58,11 +50,6 @@ def test_twins_begin_apart_and_each_follows_its_own_error() -> None:
     assert moved.tolist() == [True, False, True, False]
 
 
-def test_a_seed_begins_alike_in_every_stack() -> None:
-    alone = JointCritics(SIZES, [1], (8,), learning_rate=1e-2, max_norm=None)
-    assert torch.equal(made(2).online.flat[2:], alone.online.flat)
-
-
 def test_first_values_are_those_of_the_first_critics_and_cannot_move_them() -> None:
     critics = made()
     x, pi, _ = inputs()
@@ -74,33 +61,6 @@ def test_first_values_are_those_of_the_first_critics_and_cannot_move_them() -> N
     leaves = [w for layer in critics.online.layers for w in layer if w is not None]
     unused = torch.autograd.grad(critics.first_q(x, pi).sum(), leaves, allow_unused=True)
     assert all(gradient is None for gradient in unused)
-
-
-def test_only_the_slow_copies_follow() -> None:
-    critics = made()
-    start = critics.target.flat.clone()
-    x, actions, _ = inputs()
-    critics.step(critics.q(x, actions).square().mean((1, 2, 3)))
-    assert torch.equal(critics.target.flat, start)
-    online = critics.online.flat.clone()
-    critics.follow(0.25)
-    torch.testing.assert_close(critics.target.flat, 0.75 * start + 0.25 * online)
-    assert torch.equal(critics.online.flat, online)
-    assert not torch.equal(critics.target_q(x, actions), critics.q(x, actions))
-
-
-def test_a_restored_state_goes_on_alike_and_another_shape_is_refused() -> None:
-    critics, other = made(), made()
-    x, actions, _ = inputs()
-    critics.step(critics.q(x, actions).square().mean((1, 2, 3)))
-    critics.follow(0.5)
-    other.load_state_dict(critics.state_dict())
-    for each in (critics, other):
-        each.step(each.q(x, actions).square().mean((1, 2, 3)))
-    assert torch.equal(critics.online.flat, other.online.flat)
-    assert torch.equal(critics.target.flat, other.target.flat)
-    with pytest.raises(CheckpointError, match="another number of seeds"):
-        made(3).load_state_dict(critics.state_dict())
 
 
 @pytest.mark.parametrize("n_values", [1, 3])
@@ -116,14 +76,3 @@ def test_values_of_samples_are_those_of_single_actions(n_values: int) -> None:
         torch.testing.assert_close(first[:, :, sample], expected[:, 0])
     assert got.requires_grad
     assert not first.requires_grad
-
-
-def test_gradients_through_shared_inputs_are_those_of_repeated_ones() -> None:
-    critics = made()
-    g = torch.Generator().manual_seed(1)
-    x, samples = torch.randn(2, 5, 10, generator=g), torch.rand(2, 5, 4, 3, 2, generator=g)
-    critics.online.backward(critics.sampled_q(x, samples).square().sum())
-    shared = critics.online.gradient.clone()
-    repeated = critics.q(x.repeat_interleave(4, 1), samples.flatten(1, 2))
-    critics.online.backward(repeated.square().sum())
-    torch.testing.assert_close(shared, critics.online.gradient, rtol=1e-4, atol=1e-5)

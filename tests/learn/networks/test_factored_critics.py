@@ -10,7 +10,6 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.errors import CheckpointError  # noqa: E402
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics  # noqa: E402
 from swarmdata.learn.networks.mixers import FreeMixer, MeanMixer, MonotonicMixer  # noqa: E402
 from swarmdata.learn.networks.perceptrons import mlp  # noqa: E402
@@ -60,17 +59,6 @@ def test_a_value_by_hand(kind: Any) -> None:
     torch.testing.assert_close(critics.agent_values(o, a)[1, 0, 4], own)
 
 
-def test_twins_begin_apart_in_both_parts_and_both_learn() -> None:
-    critics, (s, o, a) = made(), drawn()
-    assert critics.mixer.network is not None
-    for network in (critics.utilities, critics.mixer.network):
-        assert not torch.equal(network.flat[0], network.flat[1])
-    before = [n.flat.clone() for n in (critics.utilities, critics.mixer.network)]
-    critics.step((critics.q(s, o, a) - 1).square().mean(2).sum(1))
-    for old, network in zip(before, (critics.utilities, critics.mixer.network), strict=True):
-        assert (network.flat - old).abs().amax(1).min() > 0
-
-
 @pytest.mark.parametrize("kind", [FreeMixer, MonotonicMixer])
 def test_policy_values_are_the_first_twins_with_constant_parameters(kind: Any) -> None:
     critics, (s, o, a) = made(kind), drawn()
@@ -109,24 +97,6 @@ def test_free_critics_need_not() -> None:
     assert {-1.0, 1.0} <= signs
 
 
-def test_targets_follow_both_parts() -> None:
-    critics, (s, o, a) = made(), drawn()
-    start = critics.q(s, o, a).detach()
-    critics.step((critics.q(s, o, a) - 1).square().mean(2).sum(1))
-    torch.testing.assert_close(critics.target_q(s, o, a), start)
-    critics.follow(1.0)
-    torch.testing.assert_close(critics.target_q(s, o, a), critics.q(s, o, a))
-
-
-def test_a_seed_of_a_stack_is_what_it_is_alone() -> None:
-    s, o, a = drawn()
-    stacked = made()
-    for index, seed in enumerate(SEEDS):
-        alone = made(seeds=(seed,))
-        rows = slice(index, index + 1)
-        torch.testing.assert_close(alone.q(s[rows], o[rows], a[rows])[0], stacked.q(s, o, a)[index])
-
-
 def test_a_mixer_without_parameters_is_possible() -> None:
     critics = FactoredCritics(SIZES, SEEDS, (8,), MeanMixer(), learning_rate=1e-2, max_norm=1.0)
     s, o, a = drawn()
@@ -135,14 +105,3 @@ def test_a_mixer_without_parameters_is_possible() -> None:
     critics.step(critics.q(s, o, a).square().mean((1, 2)))
     critics.follow(0.5)
     assert not any(name.startswith("mixer") for name in critics.state_dict())
-
-
-def test_a_state_comes_back_and_that_of_other_sizes_is_refused() -> None:
-    critics, (s, o, a) = made(), drawn()
-    critics.step(critics.q(s, o, a).square().mean((1, 2)))
-    other = made(seeds=(1, 2))
-    other.load_state_dict(critics.state_dict())
-    torch.testing.assert_close(other.q(s, o, a), critics.q(s, o, a))
-    torch.testing.assert_close(other.target_q(s, o, a), critics.target_q(s, o, a))
-    with pytest.raises(CheckpointError, match="another number of seeds"):
-        made(seeds=(1, 2, 3)).load_state_dict(critics.state_dict())

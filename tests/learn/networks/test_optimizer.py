@@ -6,8 +6,14 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.networks.optimizer import StackedAdam, clip_per_seed, cosine, linear  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, backward, initialize, mlp  # noqa: E402
+from swarmdata.learn.networks.optimizer import (  # noqa: E402
+    Descent,
+    StackedAdam,
+    clip_per_seed,
+    cosine,
+    linear,
+)
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp  # noqa: E402
 
 SHAPE = MLPShape(3, (8,), 2)
 
@@ -37,24 +43,6 @@ def test_it_equals_plain_adam() -> None:
     torch.testing.assert_close(network.flat[0], expected, rtol=1e-5, atol=1e-6)
 
 
-def test_two_networks_descend_on_one_loss() -> None:
-    """A backward pass through both gives what one pass for each gives."""
-    first, second, x = (
-        network_of([5]),
-        StackedMLP(MLPShape(2, (), 1), 1, "cpu"),
-        torch.randn(1, 9, 3),
-    )
-    initialize(second, [6], 0)
-    first.backward(second(first(x)).square().sum())
-    second.backward(second(first(x)).square().sum())
-    expected = first.gradient.clone(), second.gradient.clone()
-    before = second.flat.clone()
-    backward(second(first(x)).square().sum(), [first, second])
-    torch.testing.assert_close((first.gradient, second.gradient), expected)
-    StackedAdam(second, 1, 0.01).descend()
-    assert (torch.sign(before - second.flat) == torch.sign(second.gradient)).all()
-
-
 def test_the_linear_decay_ends_at_its_floor() -> None:
     assert [linear(p, 0.2) for p in (0.0, 0.5, 1.0, 2.0)] == pytest.approx([1.0, 0.6, 0.2, 0.2])
 
@@ -78,30 +66,48 @@ def test_gradients_are_clipped_seed_by_seed_over_all_rows_of_a_seed() -> None:
     torch.testing.assert_close(gradient, expected)
 
 
-def test_the_optimizer_clips() -> None:
-    network, x = network_of([5, 6]), 100 * torch.randn(2, 9, 3)
-    optimizer = StackedAdam(network, 2, 0.01, max_norm=0.5)
-    optimizer.step(loss_of(network(x)))
-    norms = network.gradient.norm(dim=1)
-    torch.testing.assert_close(norms, torch.tensor([0.5, 0.5]), rtol=1e-4, atol=0)
-
-
-def test_a_restored_state_continues_bit_for_bit() -> None:
-    x = torch.randn(1, 9, 3)
-    one, two = network_of([5]), network_of([5])
-    first, second = (StackedAdam(network, 1, 0.01) for network in (one, two))
-    second.load_state_dict(first.state_dict())  # before the first step
-    for _ in range(3):
-        first.step(loss_of(one(x)))
-    two.load(one.flat)
-    second.load_state_dict(first.state_dict())
-    for optimizer, network in ((first, one), (second, two)):
-        optimizer.step(loss_of(network(x)))
-    assert torch.equal(one.flat, two.flat)
-
-
 def test_the_cosine_falls_from_one_to_its_floor() -> None:
     assert cosine(0, 100) == 1.0
     assert cosine(50, 100, floor=0.2) == pytest.approx(0.6)
     assert cosine(100, 100, floor=0.2) == pytest.approx(0.2)
     assert cosine(500, 100) == pytest.approx(0.0)
+
+
+def descent_of(first_seed: int = 0) -> Descent:
+    networks = {name: StackedMLP(MLPShape(3, (4,), 1), 2, "cpu") for name in ("one", "other")}
+    for stream, network in enumerate(networks.values()):
+        initialize(network, (first_seed, first_seed + 1), stream)
+    return Descent(networks, 2, 0.01, 1.0, followed=("one",))
+
+
+def step(descent: Descent) -> None:
+    x = torch.ones(2, 5, 3)
+    outputs = [network(x) for network in descent.networks.values()]
+    descent.step(sum(out.square().mean((1, 2)) for out in outputs))
+    descent.follow(0.25)
+
+
+def test_all_networks_move_and_targets_follow_theirs() -> None:
+    descent = descent_of()
+    old = {name: network.flat.clone() for name, network in descent.networks.items()}
+    step(descent)
+    for name, network in descent.networks.items():
+        assert not torch.equal(network.flat, old[name]), name
+    assert list(descent.targets) == ["one"]
+    moved = old["one"] + 0.25 * (descent.networks["one"].flat - old["one"])
+    torch.testing.assert_close(descent.targets["one"].flat, moved)
+
+
+def test_a_state_restores_everything() -> None:
+    ours, other = descent_of(), descent_of(7)
+    for _ in range(3):
+        step(ours)
+    saved = ours.state_dict()
+    assert {"one", "other", "target_one", "one_adam.exp_avg"} <= saved.keys()
+    assert "target_other" not in saved
+    other.load_state_dict(saved)
+    for descent in (ours, other):
+        step(descent)
+    theirs = other.state_dict()
+    for name, value in ours.state_dict().items():
+        assert torch.equal(value, theirs[name]), name

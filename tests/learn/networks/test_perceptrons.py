@@ -55,14 +55,6 @@ def test_outputs_and_gradients_equal_those_of_torch_modules(outputs: int, layer_
         torch.testing.assert_close(network.gradient[row], gradients)
 
 
-def test_a_gradient_does_not_accumulate_over_calls() -> None:
-    network, x = made(SHAPE, [1]), torch.randn(1, 3, 5)
-    network.backward(network(x).sum())
-    first = network.gradient.clone()
-    network.backward(network(x).sum())
-    torch.testing.assert_close(network.gradient, first, rtol=0, atol=0)
-
-
 def test_the_gradient_of_one_seed_does_not_reach_another() -> None:
     network, x = made(SHAPE, [1, 2]), torch.randn(2, 3, 5)
     network.backward(network(x)[0].sum())
@@ -106,14 +98,6 @@ def test_frozen_weights_get_no_gradient_and_inputs_do() -> None:
     assert x.grad is not None
     assert x.grad.abs().sum() > 0
     assert all(weight.grad is None for weight in network.layers[0] if weight is not None)
-
-
-def test_a_clone_has_memory_of_its_own() -> None:
-    network = made(SHAPE, [1])
-    copy = network.clone()
-    network.flat.zero_()
-    assert copy.flat.abs().sum() > 0
-    assert copy(torch.randn(1, 2, 5)).abs().sum() > 0
 
 
 def test_parameters_of_other_networks_are_refused() -> None:

@@ -9,13 +9,17 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.networks.normalizer import Normalizer  # noqa: E402
-from swarmdata.learn.networks.robot_critics import RobotCritics  # noqa: E402
-from swarmdata.learn.networks.robot_views import Critic, RobotViews  # noqa: E402
+from swarmdata.learn.networks.critics import (  # noqa: E402
+    Critic,
+    RobotCritics,
+    RobotViews,
+)
+from swarmdata.learn.networks.network_inputs import Normalizer  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.types import Double  # noqa: E402
-from tests.offline_algos.toys import statistics  # noqa: E402
+from tests.offline_algos.toys import SIZES as TOYS  # noqa: E402
+from tests.offline_algos.toys import random_batch, statistics  # noqa: E402
 
 FRAME = Frame(anchor=0, vectors=(0, 2), closing=())
 RAW, N = 5, 3  # two vectors and a number; robots
@@ -140,3 +144,37 @@ def test_values_of_candidates_are_those_of_single_deviations(critic: Critic) -> 
             torch.testing.assert_close(values[..., robot, m], expected)
     torch.testing.assert_close(critics.smallest_q(view, local, local), values[..., 0])
     torch.testing.assert_close(critics.first_q(view, local, local), critics.q(view, local)[:, 0])
+
+
+CRITICS: tuple[Critic, ...] = ("centralized", "decentralized")
+
+
+def toy_critics(critic: Critic) -> RobotCritics:
+    normalizer = Normalizer(statistics(), "cpu")
+    return RobotCritics(TOYS, normalizer, critic, [0, 1], (8,), learning_rate=1e-3, max_norm=None)
+
+
+@pytest.mark.parametrize("critic", CRITICS)
+def test_sampled_values_are_those_of_single_joint_actions(critic: Critic) -> None:
+    critics, batch = toy_critics(critic), random_batch(2, 5)
+    view = critics.view(batch.states, batch.observations)
+    joint = torch.rand(2, 5, 3, 2, 2)
+    values = critics.sampled_q(view, joint, joint)
+    assert values.shape == (2, 2, 5, 2, 3)
+    for sample in range(3):
+        torch.testing.assert_close(values[..., sample], critics.q(view, joint[:, :, sample]))
+
+
+@pytest.mark.parametrize("critic", CRITICS)
+def test_one_robot_leaves_while_the_others_stay(critic: Critic) -> None:
+    critics, batch = toy_critics(critic), random_batch(2, 5)
+    view = critics.view(batch.states, batch.observations)
+    own = torch.rand(2, 5, 1, 2, 2)
+    values = critics.sampled_q(view, own, batch.actions[:, :, None])
+    for robot in range(2):
+        joint = batch.actions.clone()
+        joint[:, :, robot] = own[:, :, 0, robot]
+        alone = critics.q(view, joint)[..., robot]
+        torch.testing.assert_close(values[..., robot, 0], alone)
+        slow = critics.target_q(view, own[:, :, 0], batch.actions)[..., robot]
+        torch.testing.assert_close(slow, alone)  # the slow copies begin alike

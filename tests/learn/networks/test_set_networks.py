@@ -84,14 +84,6 @@ def test_an_empty_set_is_zero_and_kinds_may_be_absent() -> None:
     torch.testing.assert_close(over_sets(shape, network.layers, without), network(inputs))
 
 
-def test_a_seed_answers_the_same_in_any_stack_and_alone() -> None:
-    network, inputs = made(), rows()
-    for index, seed in enumerate((4, 9)):
-        alone = made((seed,))
-        assert torch.equal(alone.flat[0], network.flat[index])
-        torch.testing.assert_close(alone(inputs[index : index + 1])[0], network(inputs)[index])
-
-
 def test_every_layer_learns() -> None:
     network = made()
     network.backward(network(rows(n_rows=200)).square().sum())

@@ -7,8 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape, mlp  # noqa: E402
+from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402
 from swarmdata.learn.networks.team_networks import Team, answer, from_rows, to_rows  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
 from swarmdata.perception.frames import Frame, in_world  # noqa: E402
@@ -58,12 +57,6 @@ def test_a_seed_answers_the_same_in_any_stack_and_alone(parameters: Any) -> None
         torch.testing.assert_close(exact.float(), outputs[index])
 
 
-def test_separate_networks_are_applied_robot_by_robot() -> None:
-    team = made("separate")
-    layers = team.network.extract(5, torch.float32)  # seed 1, robot 2
-    torch.testing.assert_close(team(FEATURES)[1, :, 2], mlp(layers, FEATURES[1:, :, 2])[0])
-
-
 def policy(parameters: Any, frame: Frame | None = None) -> TorchPolicy:
     size = 5 if frame is None else 7
     team = Team(MLPShape(size, (6,), 2), 3, [1], 0, parameters=parameters, device="cpu")
@@ -75,16 +68,6 @@ def policy(parameters: Any, frame: Frame | None = None) -> TorchPolicy:
         frame=frame,
         parameters=parameters,
     )
-
-
-@pytest.mark.parametrize("parameters", ["shared", "separate"])
-def test_policies_act_as_their_networks_answer(parameters: Any) -> None:
-    ours = policy(parameters)
-    observations = FEATURES[0].numpy()
-    expected = answer(ours.layers, FEATURES[0].double() / 2, parameters).tanh()
-    np.testing.assert_allclose(ours.actions(observations), expected.numpy(), atol=1e-6)
-    with pytest.raises(SchemaError, match="expected 5 features of 3 agents"):
-        ours.actions(observations[:, :2])
 
 
 def test_a_policy_of_a_frame_sees_and_acts_in_it() -> None:

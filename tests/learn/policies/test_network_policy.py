@@ -1,5 +1,6 @@
 """Behavior policies from any policy's file keep the contract of policies."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +10,15 @@ pytest.importorskip("torch", reason="policies of algorithms need the torch extra
 
 from swarmdata.behavior_policies.learned import digest_of
 from swarmdata.errors import CheckpointError, SpecError
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.network_policy import NetworkPolicy
 from swarmdata.learn.policies.policy_file import load_policy, save_policy
-from swarmdata.learn.training.dataset_statistics import Statistics
-from swarmdata.learn.training.setup import Setup
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_env, make_task, resolve
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
+from tests.offline_algos.toys import statistics
 
 SPEC = TaskSpec(horizon=20)
 
@@ -27,34 +28,33 @@ def saved(path: Path, name: str, **settings: object) -> str:
     size = len(features_of(make_task(SPEC)))
     n_states = make_env(SPEC, 1).reset(np.zeros(1, np.uint64)).states.shape[1]
     sizes = Sizes(n_agents=SPEC.n_agents, observation=size, action=2, state=n_states)
-    statistics = Statistics(
-        observation_mean=np.zeros(size),
-        observation_std=np.ones(size),
-        state_mean=np.zeros(n_states),
-        state_std=np.ones(n_states),
-        return_std=1.0,
-        max_return=1.0,
-        own_return_std=1.0,
-        own_max_return=1.0,
-        return_range=1.0,
-        own_return_range=1.0,
-    )
+    moments = replace(
+        statistics(),
+        observation_mean=np.zeros(size), observation_std=np.ones(size),
+        state_mean=np.zeros(n_states), state_std=np.ones(n_states),
+    )  # fmt: skip
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(hidden=(16,), **settings)
-    policy = kind(Setup(sizes, (3,), statistics, n_episodes=4), config).policy(0)
+    policy = kind(Setup(sizes, (3,), moments, n_episodes=4), config).policy(0)
     save_policy(path, policy)
     return digest_of(path)
 
 
+GRU = {"memory": "gru", "memory_size": 8}
+FLOW = {"flow_hidden": (16,)}
+
+
 @pytest.mark.parametrize(
-    ("name", "settings"),
+    ("name", "settings", "noise"),
     [
-        ("bc", {"memory": "gru", "memory_size": 8}),
-        ("vdn", {"regulariser": "bc", "memory": "gru", "memory_size": 8}),
-        ("bc_flow", {"flow_hidden": (16,)}),
+        ("bc", GRU, 0.0),
+        ("vdn", {"regulariser": "bc", **GRU}, 0.2),
+        ("bc_flow", FLOW, 0.0),
+        ("bc_flow", {"noise": "own", "redraw": "episode", **FLOW}, 0.2),
+        ("bc_flow", {**FLOW, **GRU}, 0.0),
+        ("bc_latent", {}, 0.0),
     ],
 )
-@pytest.mark.parametrize("noise", [0.0, 0.2])
 def test_policies_of_any_kind_keep_the_contract(
     tmp_path: Path, name: str, settings: dict[str, object], noise: float
 ) -> None:

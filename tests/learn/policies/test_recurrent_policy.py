@@ -1,6 +1,7 @@
 """Policies with a memory act as they were trained, forget at a reset, and keep copies apart."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,16 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import BuildError, SchemaError  # noqa: E402
 from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
-from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
+from swarmdata.learn.policies.drawn_policy import RecurrentFlowPolicy  # noqa: E402
+from swarmdata.learn.policies.policy_file import save_policy  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.testing.policy_contract import check_policy  # noqa: E402
 from swarmdata.types import Float, Step  # noqa: E402
 from tests.learn.policies.recurrent_training import (  # noqa: E402
+    FLOW,
     MEMORY,
     bc,
     mac_flow,
@@ -90,11 +92,6 @@ def test_choices_step_by_step_are_those_of_training(
 
 
 @KINDS
-def test_it_keeps_the_contract_of_policies(train: Train, data: Dataset, frame: Frame) -> None:
-    check_policy(train(data, frame).policy(0), data.task, make_env, n_episodes=4, n_steps=6)
-
-
-@KINDS
 def test_it_remembers_until_it_is_reset(train: Train, data: Dataset) -> None:
     policy = train(data).policy(0)
     step = make_env(data.task, 3).reset(np.arange(3, dtype=np.uint64))
@@ -119,18 +116,6 @@ def test_copies_must_be_reset_first(train: Train, data: Dataset) -> None:
 
 
 @KINDS
-def test_log_probs_are_of_the_last_step_only(train: Train, data: Dataset) -> None:
-    policy = train(data).policy(0)
-    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
-    policy.reset(step, np.arange(2))
-    actions = policy.act(step)
-    assert not policy.log_probs(step, actions).any()
-    assert np.isneginf(policy.log_probs(step, actions * np.float32(0.5))).all()
-    with pytest.raises(SchemaError, match="policy with memory cannot act on a step twice"):
-        policy.log_probs(step._replace(times=step.times), actions)
-
-
-@KINDS
 def test_other_observations_are_refused(train: Train, data: Dataset) -> None:
     policy = train(data).policy(0)
     step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
@@ -140,22 +125,6 @@ def test_other_observations_are_refused(train: Train, data: Dataset) -> None:
         policy.act(other)
 
 
-@KINDS
-def test_a_file_holds_the_policy_without_what_it_remembers(
-    train: Train, data: Dataset, frame: Frame, tmp_path: Path
-) -> None:
-    policy = train(data, frame).policy(0)
-    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
-    policy.reset(step, np.arange(2))
-    first = policy.act(step)
-    save_policy(tmp_path / "policy.safetensors", policy)
-    read = load_policy(tmp_path / "policy.safetensors")
-    assert type(read) is type(policy)
-    read.reset(step, np.arange(2))
-    np.testing.assert_array_equal(read.act(step), first)
-    np.testing.assert_array_equal(read.act(step), policy.act(step))
-
-
 def test_what_needs_a_function_of_the_present_refuses_it(data: Dataset, tmp_path: Path) -> None:
     policy = bc(data).policy(0)
     with pytest.raises(SchemaError, match="RecurrentPolicy has no `actions"):
@@ -163,3 +132,37 @@ def test_what_needs_a_function_of_the_present_refuses_it(data: Dataset, tmp_path
     save_policy(tmp_path / "policy.safetensors", policy)
     with pytest.raises(BuildError, match="without a memory"):
         export(tmp_path / "policy.safetensors", tmp_path / "actor.safetensors", 4)
+
+
+@pytest.mark.parametrize("in_frame", [False, True])
+@pytest.mark.parametrize("settings", [{}, {"noise": "own", "redraw": "episode"}])
+def test_students_of_a_flow_act_step_by_step_as_trained(
+    data: Dataset, frame: Frame, in_frame: bool, settings: dict[str, Any]
+) -> None:
+    used = frame if in_frame else None
+    algorithm, observations = mac_flow(data, used, **settings), np.array(data[0].observations)
+    sampler = framed(data, used).sampler(1, horizon=FLOW["window"], burn_in=8, seed=0)
+    batch = sampler.gather(np.array([[8]])).to_torch()  # steps 0 to 11, of which 8 to 11 count
+    policy = algorithm.policy(0)
+    assert isinstance(policy, RecurrentFlowPolicy)
+    steps = steps_of(observations[:12], make_env(data.task, 1).reset(np.zeros(1, "u8")))
+    for _ in range(2):  # a reset makes every episode the first
+        policy.reset(steps[0], np.arange(1))
+        actions = np.concatenate([policy.act(step) for step in steps])[8:]
+    noise = np.concatenate([policy.draw(step) for step in steps])[8:]
+    assert (noise[0] == noise[1]).all() == ("redraw" in settings)
+    actor = algorithm.copy.actor
+    expected = actor(actor.see(batch).features, torch.from_numpy(noise[None]).float())
+    wanted = expected[0].detach().numpy()
+    if used is not None:
+        wanted = used.to_world(observations[8:12], wanted).astype(np.float32)
+        wanted /= np.maximum(np.linalg.norm(wanted, axis=-1, keepdims=True), 1)
+    np.testing.assert_allclose(actions, wanted, atol=1e-5)
+
+
+def test_noise_is_scaled(data: Dataset) -> None:
+    policy = mac_flow(data).policy(0)
+    assert isinstance(policy, RecurrentFlowPolicy)
+    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
+    quiet = replace(policy, noise_scale=0.25)
+    np.testing.assert_array_equal(quiet.draw(step), 0.25 * policy.draw(step))

@@ -75,16 +75,6 @@ def test_robots_in_another_order_act_alike(runs: Path) -> None:
         np.testing.assert_allclose(turned, actions[:, order], atol=1e-6)
 
 
-def test_more_slots_than_robots_change_nothing(runs: Path) -> None:
-    few, many = (with_models(preset("coop_nav"), f"state-{n}", None) for n in (3, 6))
-    for policy in policies(runs / "bc-deep_sets"):
-        actions = []
-        for spec in (few, many):
-            step = make_env(spec, 4).reset(np.arange(4, dtype=np.uint64))
-            actions.append(policy.fitted(features_of(make_task(spec))).act(step))
-        np.testing.assert_allclose(actions[0], actions[1], atol=1e-6)
-
-
 def test_runs_are_evaluated_in_worlds_that_fit(runs: Path) -> None:
     target = find_target(str(runs / "bc-deep_sets"), "coop_nav-n8", "state-5")
     assert (target.spec.n_agents, target.spec.observation.n_neighbors) == (8, 5)  # type: ignore[union-attr]

@@ -7,7 +7,6 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="learned policies need torch")
 
-from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.perceptrons import Layer  # noqa: E402
 from swarmdata.learn.networks.team_networks import Parameters  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy, outputs_of  # noqa: E402
@@ -47,12 +46,3 @@ def test_folded_networks_answer_as_the_layers_do(
     np.testing.assert_allclose(
         acting.actions(observations), outputs.tanh().numpy(), rtol=0, atol=6e-8
     )
-
-
-@pytest.mark.parametrize("parameters", ["shared", "separate"])
-@pytest.mark.parametrize("shape", [(7, 3, 6), (7, 2, 5)])
-def test_observations_of_another_team_are_refused(
-    parameters: Parameters, shape: tuple[int, ...]
-) -> None:
-    with pytest.raises(SchemaError, match="expected 5 features of 3 agents"):
-        policy(parameters, (4,)).actions(np.zeros(shape, np.float32))

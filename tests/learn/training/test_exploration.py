@@ -12,14 +12,12 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch import Generator, Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.learn.training.exploration import (  # noqa: E402
-    LinearSchedule,
-    epsilon_greedy,
-    gaussian,
+from swarmdata.learn.networks.network_inputs import (  # noqa: E402
+    generators,
     normal_like,
     uniform_like,
 )
+from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy, gaussian  # noqa: E402
 
 
 def test_a_schedule_falls_and_stays() -> None:

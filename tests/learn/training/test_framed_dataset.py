@@ -11,11 +11,13 @@ torch = pytest.importorskip("torch", reason="the trainer needs torch")
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.hub.catalog.catalog import load  # noqa: E402
 from swarmdata.interfaces import Policy  # noqa: E402
+from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
-from swarmdata.learn.policies.flow_policy import FlowPolicy  # noqa: E402
-from swarmdata.learn.policies.latent_policy import LatentPolicy  # noqa: E402
+from swarmdata.learn.policies.drawn_policy import (  # noqa: E402
+    FlowPolicy,
+    LatentPolicy,
+)
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402

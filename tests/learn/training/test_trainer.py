@@ -24,8 +24,10 @@ from swarmdata.errors import (  # noqa: E402
 )
 from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy  # noqa: E402
-from swarmdata.learn.policies.flow_policy import FlowPolicy  # noqa: E402
-from swarmdata.learn.policies.latent_policy import LatentPolicy  # noqa: E402
+from swarmdata.learn.policies.drawn_policy import (  # noqa: E402
+    FlowPolicy,
+    LatentPolicy,
+)
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402

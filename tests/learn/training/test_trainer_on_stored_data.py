@@ -9,7 +9,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.learn.training.dataset_statistics import Statistics  # noqa: E402
+from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.offline_algos.filtered_bc import FilteredBCConfig  # noqa: E402

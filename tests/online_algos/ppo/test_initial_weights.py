@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
 from swarmdata.behavior_policies.learned import Learned
-from swarmdata.errors import BuildError, CheckpointError, SpecError, UnknownNameError
+from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.learn.training.run_files import policy_path
@@ -104,13 +104,6 @@ def test_a_shipped_tier_is_a_start() -> None:
         np.testing.assert_allclose(run.policy(index).act(step), learned.act(step), atol=0.01)
 
 
-def test_a_shipped_tier_starts_a_larger_team() -> None:
-    config = replace(SMALL, hidden=128, start=StartConfig(policies="coop_nav-expert"))
-    run = MAPPO(make_env(FAMILY_SPECS["coop_nav-n8"], config.n_copies), (0,), config)
-    run.prepare()
-    run.update()
-
-
 def test_a_shipped_tier_of_fewer_policies_is_an_error() -> None:
     with pytest.raises(BuildError, match=r"seed 4 .* coop_nav-expert ships 4"):
         made((0, 4), replace(SMALL, start=StartConfig(policies="coop_nav-expert"))).prepare()
@@ -141,18 +134,6 @@ def test_a_teacher_can_do_without_its_memory() -> None:
         forgotten = forgetful.act(step)
         step = env.step(actions)
     assert not np.array_equal(actions, forgotten)
-
-
-def test_an_unknown_teacher_is_an_error() -> None:
-    with pytest.raises(UnknownNameError, match="scripted"):
-        made((0,), replace(SMALL, start=StartConfig(teacher="scriptd"))).prepare()
-
-
-def test_without_a_start_the_weights_are_the_random_ones() -> None:
-    run = made((0, 5))
-    weights = initial_weights(SMALL.start, run.actors, run.worlds, run.generators, run.seeds)
-    for given, own in zip(weights, run.actors.weights, strict=True):
-        np.testing.assert_array_equal(given, own)
 
 
 def test_the_weights_are_returned_and_the_actors_left_alone(tmp_path: Path) -> None:

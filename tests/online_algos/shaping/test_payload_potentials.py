@@ -53,12 +53,6 @@ def test_a_path_is_at_least_as_long_as_the_straight_line(first: int) -> None:
     assert (lengths >= 0.98 * straight(step) - 0.08).all()
 
 
-def test_at_the_goal_the_path_has_no_length() -> None:
-    step = begin()
-    there = moved(step, step.states[:, TX : TX + 2].astype(np.float64))
-    assert (mapped(step).lengths(there) < 0.08).all()
-
-
 def test_behind_an_obstacle_the_path_leads_around_it() -> None:
     """A payload that touches an obstacle which lies between it and its goal."""
     step = begin()

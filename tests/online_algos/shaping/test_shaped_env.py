@@ -7,10 +7,19 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.online_algos.shaping.contact_cost import ContactCost
-from swarmdata.online_algos.shaping.shaped_env import ShapedEnv, ShapingConfig, shape_rewards
-from swarmdata.online_algos.shaping.team_share import TeamShare
+from swarmdata.online_algos.shaping.shaped_env import (
+    ContactCost,
+    PassingSide,
+    ShapedEnv,
+    ShapingConfig,
+    TeamShare,
+    count_oncoming,
+    shape_rewards,
+)
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
@@ -92,11 +101,6 @@ def test_copies_that_are_not_reset_keep_their_shaped_rewards() -> None:
     assert (after[1] == 0).all()
 
 
-def test_a_step_before_the_first_reset_is_refused() -> None:
-    with pytest.raises(SchemaError, match="before the first reset"):
-        ShapedEnv(make_env(SPEC, 1), []).step(np.zeros((1, 4, 2)))
-
-
 def test_a_config_decides_the_terms_and_their_order() -> None:
     config = ShapingConfig(
         keep_left=0.5, payload_path_weight=2.0, behind_payload_weight=1.0,
@@ -126,3 +130,81 @@ def test_a_ramp_has_two_ends(ramp: tuple[float, ...]) -> None:
 def test_a_share_is_a_part() -> None:
     with pytest.raises(SchemaError, match="team_share is 1"):
         replace(NOTHING, team_share=1.5)
+
+
+WEIGHTS = TaskSpec().rules.rewards
+
+
+def touching() -> Step:
+    """Two copies; robot 1 of the first begins to touch a robot."""
+    step = make_env(TaskSpec(), 2).reset(np.arange(2, dtype=np.uint64))
+    events = np.zeros_like(step.events)
+    events[0, 1] = (1, 0, 1, 0)
+    rewards = np.arange(8, dtype=np.float32).reshape(2, 4)
+    return step._replace(events=events, rewards=rewards)
+
+
+@pytest.mark.parametrize(("progress", "part"), [(0.1, 0.0), (0.4, 0.5), (0.6, 1.0), (1.0, 1.0)])
+def test_the_cost_is_a_ramp_times_the_tasks_costs(progress: float, part: float) -> None:
+    step = touching()
+    rewards = ContactCost(WEIGHTS, 4.0, (0.2, 0.6)).apply(step.rewards, step, step, progress)
+    expected = step.rewards.copy()
+    expected[0, 1] -= part * 4.0 * (WEIGHTS.robot_contact + WEIGHTS.robot_collision)
+    np.testing.assert_allclose(rewards, expected, rtol=1e-6)
+    assert rewards.dtype == np.float32
+
+
+Sides = tuple[list[float], list[float]]
+
+
+def meeting_step(offset: float, speed: float, angle: float, gap: float) -> Step:
+    """Robot 0 drives along x, robot 1 comes towards it at an offset; all is turned by an angle."""
+    step = make_env(TaskSpec(), 1).reset(np.zeros(1, np.uint64))
+    robots = np.zeros((4, 8))
+    robots[2:, :2] = [[1.5, 1.5], [-1.5, -1.5]]
+    robots[1, :2] = gap, offset
+    robots[0, 2], robots[1, 2] = speed, -speed
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s], [s, c]])
+    robots[:, :2], robots[:, 2:4] = robots[:, :2] @ turn.T, robots[:, 2:4] @ turn.T
+    return step._replace(states=robots.reshape(1, -1).astype(np.float32))
+
+
+def meeting(offset: float, speed: float = 0.5, angle: float = 0.0, gap: float = 0.8) -> Sides:
+    """How many oncoming robots robots 0 and 1 have on their right and left."""
+    right, left = count_oncoming(meeting_step(offset, speed, angle, gap))
+    assert (right[0, 2:] + left[0, 2:] == 0).all()
+    return list(right[0, :2]), list(left[0, :2])
+
+
+@pytest.mark.parametrize(("offset", "cost"), [(-0.2, 0.5), (0.2, 0.25)])
+def test_each_side_has_its_cost(offset: float, cost: float) -> None:
+    step = meeting_step(offset, 0.5, 0.0, 0.8)
+    rewards = np.ones((1, 4), np.float32)
+    changed = PassingSide(0.5, 0.25).apply(rewards, step, step, 0.0)
+    np.testing.assert_array_equal(changed, [[1 - cost, 1 - cost, 1, 1]])
+    assert changed.dtype == np.float32
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.0, 2.5, -2.0])
+def test_both_have_the_other_on_the_same_side(angle: float) -> None:
+    assert meeting(-0.2, angle=angle) == ([1, 1], [0, 0])
+    assert meeting(0.2, angle=angle) == ([0, 0], [1, 1])
+
+
+def test_robots_that_stand_have_passed_or_are_far_away_do_not_meet() -> None:
+    nobody: Sides = ([0, 0], [0, 0])
+    assert meeting(-0.2, speed=0.05) == nobody
+    assert meeting(-0.2, speed=-0.5) == nobody
+    assert meeting(-0.2, gap=1.2) == nobody
+
+
+@settings(deadline=None)
+@given(st.floats(0, 1))
+def test_shares_keep_the_teams_mean(share: float) -> None:
+    step = make_env(TaskSpec(), 2).reset(np.arange(2, dtype=np.uint64))
+    rewards = np.arange(8, dtype=np.float32).reshape(2, 4)
+    mixed = TeamShare(share).apply(rewards, step, step, 1.0)
+    assert mixed.dtype == np.float32
+    np.testing.assert_allclose(mixed.mean(1), rewards.mean(1), rtol=1e-5)
+    np.testing.assert_allclose(np.ptp(mixed, axis=1), (1 - share) * 3, atol=1e-5)

@@ -1,7 +1,8 @@
-"""Learned deviations: their start, their entropy, and what an actor's gradient does to them."""
+"""Learned deviations and the scale of value targets."""
 
 import math
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
@@ -9,7 +10,7 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from torch.distributions import Normal  # noqa: E402
 
 from swarmdata.learn.networks.optimizer import StackedAdam  # noqa: E402
-from swarmdata.online_algos.ppo.learned_deviation import LearnedDeviation  # noqa: E402
+from swarmdata.online_algos.ppo.networks import LearnedDeviation, ValueScale  # noqa: E402
 
 
 @pytest.mark.parametrize("n_components", [1, 2])
@@ -27,3 +28,14 @@ def test_each_actor_has_its_own() -> None:
     first, second = deviation.std.detach()
     torch.testing.assert_close(first, torch.full((1, 2), 0.5 * math.exp(0.1)))
     torch.testing.assert_close(second, torch.full((1, 2), 0.5))
+
+
+def test_the_scale_of_a_seed_follows_its_targets_only() -> None:
+    scale = ValueScale(2)
+    targets = np.zeros((4, 2, 3, 1), np.float32)
+    targets[:, 1] = np.array([1.0, 5.0, 1.0, 5.0])[:, None, None]
+    for _ in range(3):
+        scale.update(targets)
+    np.testing.assert_allclose(scale.mean, [0.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(scale.std, [0.01, 2.0], atol=1e-9)
+    np.testing.assert_allclose(scale.denormalize(scale.normalize(targets)), targets, atol=1e-6)

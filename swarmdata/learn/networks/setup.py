@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import torch
 
 from swarmdata.errors import SpecError
+from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.network_inputs import generators
 from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.training.dataset_statistics import Statistics
 
 
 def check_device(device: str) -> None:

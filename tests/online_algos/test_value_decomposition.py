@@ -1,8 +1,10 @@
-"""Value decomposition: double Q targets, gradients of both networks, discrete games."""
+"""VDN and QMIX: double Q targets, discrete games, exploration, and their policies."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
@@ -12,10 +14,11 @@ from torch import Tensor  # noqa: E402
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.network_inputs import information  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.online_algos.collection.input_moments import SeedNormalizer  # noqa: E402
 from swarmdata.online_algos.qmix import QMIXConfig, QMIXLearner  # noqa: E402
-from swarmdata.online_algos.vdn import VDNConfig, VDNLearner  # noqa: E402
+from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner, greedy_choices  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import seed_of  # noqa: E402
+from tests.offline_algos.toys import random_batch as toy_batch  # noqa: E402
 
 N_AGENTS, N_BINS, N_DIMENSIONS = 2, 3, 2
 SETTINGS: dict[str, Any] = {
@@ -34,7 +37,7 @@ def made(
     n_seeds: int = 2,
     *,
     n_dimensions: int = N_DIMENSIONS,
-    n_inputs: int = 5,
+    n_inputs: int = 3,
     **changes: Any,
 ) -> VDNLearner | QMIXLearner:
     sizes = Sizes(N_AGENTS, n_inputs, n_dimensions, 4)
@@ -45,24 +48,10 @@ def made(
     return QMIXLearner(sizes, range(n_seeds), mixing)
 
 
-def random_batch(n_seeds: int = 2, size: int = 12) -> Batch:
-    g = torch.Generator().manual_seed(0)
-    shape = (n_seeds, size)
-    flags = torch.rand(shape, generator=g) < 0.3
-    choices = torch.randint(N_BINS, (*shape, N_AGENTS, N_DIMENSIONS), generator=g)
-    return Batch(
-        observations=torch.randn(*shape, N_AGENTS, 5, generator=g),
-        actions=choices.float(),
-        rewards=torch.randn(*shape, N_AGENTS, generator=g),
-        next_observations=torch.randn(*shape, N_AGENTS, 5, generator=g),
-        states=torch.randn(*shape, 4, generator=g),
-        next_states=torch.randn(*shape, 4, generator=g),
-        terminations=flags,
-        truncations=~flags,
-        mask=torch.ones_like(flags),
-        next_actions=choices.float().flip(1),
-        log_probs=torch.zeros(*shape, N_AGENTS),
-    )
+def random_batch() -> Batch:
+    """Transitions whose actions are bins."""
+    batch = toy_batch(2, 12)
+    return replace(batch, actions=((batch.actions + 1) * 1.5).floor())
 
 
 @pytest.mark.parametrize("kind", ["mean", "monotonic"])
@@ -108,54 +97,6 @@ def test_a_step_moves_everything_towards_the_targets(kind: str) -> None:
         assert not torch.equal(network.flat, old[name]), name
 
 
-def test_targets_follow_by_tau() -> None:
-    learner, batch = made("monotonic"), random_batch()
-    old = [target.flat.clone() for target in learner.descent.targets.values()]
-    learner.update(batch)
-    for start, target, network in zip(
-        old, learner.descent.targets.values(), learner.descent.networks.values(), strict=True
-    ):
-        torch.testing.assert_close(target.flat, start + 0.25 * (network.flat - start))
-
-
-def test_truncation_bootstraps_and_termination_does_not() -> None:
-    learner, batch = made(), random_batch()
-    flags = torch.zeros_like(batch.terminations)
-    cut = replace(batch, terminations=flags, truncations=~flags)
-    on = replace(batch, terminations=flags, truncations=flags)
-    over = replace(batch, terminations=~flags, truncations=flags)
-    assert torch.equal(learner.targets(cut), learner.targets(on))
-    torch.testing.assert_close(learner.targets(over), 2.0 * batch.rewards.mean(-1))
-    assert not torch.allclose(learner.targets(over), learner.targets(cut))
-
-
-@pytest.mark.parametrize("kind", ["mean", "monotonic"])
-def test_a_seed_of_a_stack_learns_what_it_learns_alone(kind: str) -> None:
-    stack, batch = made(kind, 2), random_batch(2)
-    alone = made(kind, 1)  # seed 0
-    first = seed_of(batch, 0)
-    for _ in range(20):
-        stack.update(batch)
-        alone.update(first)
-    for ours, theirs in zip(
-        stack.descent.networks.values(), alone.descent.networks.values(), strict=True
-    ):  # fmt: skip
-        torch.testing.assert_close(ours.flat[:1], theirs.flat, rtol=0, atol=2e-5)
-
-
-def test_a_state_restores_everything() -> None:
-    ours, batch = made("monotonic"), random_batch()
-    for _ in range(3):
-        ours.update(batch)
-    saved = ours.descent.state_dict()
-    other = made("monotonic")
-    other.descent.load_state_dict(saved)
-    for learner in (ours, other):
-        learner.update(batch)
-    for name, value in ours.descent.state_dict().items():
-        assert torch.equal(value, other.descent.state_dict()[name]), name
-
-
 def play(payoff: Tensor, kind: str) -> tuple[Tensor, Tensor]:
     """Trains on every cell of a two-robot matrix game; returns Q_tot [C, C] and greedy choices.
 
@@ -198,3 +139,64 @@ def test_a_monotonic_game_is_one_that_only_qmix_can_write_down() -> None:
     assert choices.tolist() == [2, 2]
     additive, _ = play(payoff, "mean")
     assert (additive - payoff).abs().max() > 1.0
+
+
+LOOP: dict[str, Any] = {
+    "n_steps": 400,
+    "n_copies": 4,
+    "rollout_steps": 10,
+    "batch_size": 64,
+    "capacity": 200,
+    "margin": 80,
+    "warmup_transitions": 0,
+    "hidden": (8,),
+    "frame": "world",
+    "n_bins": 3,
+}
+
+
+def loop_of(env: Any, folder: Path, **changes: Any) -> VDN:
+    return VDN(env, [3], VDNConfig(**{**LOOP, **changes}), folder)
+
+
+def test_robots_take_bins_and_the_replay_keeps_them(two_episodes: Any, tmp_path: Path) -> None:
+    run = loop_of(two_episodes, tmp_path)
+    seen = torch.randn(1, 4, 2, 3)
+    actions, kept = run.explore(seen)
+    assert actions.shape == kept.shape == (1, 4, 2, 2)
+    torch.testing.assert_close(actions, bins.bin_values(3)[kept.long()])
+    run.update()
+    choices = run.collector.replay.sample(run.collector.acting, 200).actions
+    assert set(choices.unique().tolist()) == {0.0, 1.0, 2.0}
+
+
+def test_exploration_falls_with_the_frames(two_episodes: Any, tmp_path: Path) -> None:
+    run = loop_of(two_episodes, tmp_path, final_epsilon=0.0, exploration=0.5)
+    seen = torch.randn(1, 4, 2, 3)
+    best = greedy_choices(run.learner.utilities(seen)).float()
+    early = torch.stack([run.explore(seen)[1] for _ in range(200)])
+    run.collector.frames = 200  # half of the training
+    late = torch.stack([run.explore(seen)[1] for _ in range(20)])
+    assert (early != best).float().mean() == pytest.approx(2 / 3, abs=0.05)
+    assert (late == best).all()
+
+
+def test_policies_do_not_explore(two_episodes: Any, tmp_path: Path) -> None:
+    run = loop_of(two_episodes, tmp_path)
+    policy = run.policy(0)
+    seen = np.random.default_rng(0).normal(size=(4, 2, 3)).astype(np.float32)
+    normal = SeedNormalizer(run.collector.moments).observations(torch.from_numpy(seen)[None])
+    best = greedy_choices(run.learner.utilities(normal))[0]
+    np.testing.assert_array_equal(policy.actions(seen), bins.to_actions(best, 3).numpy())
+
+
+def test_the_mixer_sees_what_the_robots_observe() -> None:
+    sizes = Sizes(n_agents=2, observation=3, action=1, state=4)
+    learner = QMIXLearner(sizes, [0], QMIXConfig(hidden=(4,), n_bins=3))
+    with torch.no_grad():  # the robots' own values are blind
+        learner.team.network.flat[...] = 0.0
+    features, states = torch.randn(1, 5, 2, 3), torch.randn(1, 5, 4)
+    choices = torch.zeros(1, 5, 2, 1, dtype=torch.long)
+    value = learner.value(features, states, choices)
+    assert not torch.allclose(learner.value(features + 1, states, choices), value)
+    assert not torch.allclose(learner.value(features, states + 1, choices), value)

@@ -1,1 +1,0 @@
-"""From a behavior density and a critic to a policy."""

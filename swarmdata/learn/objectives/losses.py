@@ -1,0 +1,185 @@
+"""Losses of critics and actors that algorithms share, as pure functions."""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+
+class Loss(NamedTuple):
+    """A loss of K seeds, and the quantities to report beside it."""
+
+    total: Tensor  # [K], what is minimized
+    reported: dict[str, Tensor]  # each [K]
+
+
+def team_reward(rewards: Tensor) -> Tensor:
+    """Returns team rewards, [...]: the mean over agents of rewards [..., N]."""
+    return rewards.mean(-1)
+
+
+def td_target(
+    rewards: Tensor, terminations: Tensor, next_values: Tensor, discount: float
+) -> Tensor:
+    """Returns r + discount * (1 - termination) * V(s').
+
+    A truncation does not stop the bootstrap: the horizon cut the episode, the task went on. It
+    needs `next_values` of the state that was reached, never of the next episode's first state
+    (Pardo et al. 2018, "Time limits in reinforcement learning", section 3).
+
+    Args:
+        rewards: team rewards, [...].
+        terminations: whether the task ended, bool [...].
+        next_values: values of the states reached, [...].
+        discount: factor per step, 0 to 1.
+    """
+    return rewards + discount * (~terminations) * next_values
+
+
+def td_error(q: Tensor, y: Tensor) -> Tensor:
+    """Returns sum_j (Q_j - y)^2, the mean over rows, [K].
+
+    Args:
+        q: values that J critics give, [K, J, B].
+        y: targets, [K, B].
+    """
+    return (q - y[:, None]).square().mean(2).sum(1)
+
+
+def value_size(q: Tensor) -> Tensor:
+    """Returns max(mean |Q|, 1), a constant, [K], of values [K, ...] in scaled rewards.
+
+    It divides values in an actor's loss (Fujimoto & Gu 2021, eq. 5). 1 is one standard deviation of
+    the returns-to-go: returns cross 0, where the paper's quotient explodes.
+    """
+    return q.detach().abs().flatten(1).mean(1).clamp(min=1.0)
+
+
+def expectile_loss(errors: Tensor, expectile: float) -> Tensor:
+    """Returns |tau - 1(u < 0)| u^2 of each error u (Kostrikov et al. 2022, eq. 5).
+
+    What minimizes its mean over u = q - v is the tau-expectile of q: its mean for tau 1/2, and for
+    tau to 1 its maximum.
+
+    Args:
+        errors: u, of any shape.
+        expectile: tau, 0 to 1.
+    """
+    return torch.where(errors < 0, 1 - expectile, expectile) * errors.square()
+
+
+def exponential_weights(exponents: Tensor, largest: float) -> Tensor:
+    """Returns min(exp(z), largest), without a gradient, of exponents z of any shape."""
+    return exponents.detach().clamp(max=math.log(largest)).exp()
+
+
+def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
+    """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
+
+    Args:
+        pi: actions of the policies, [K, B, N, A].
+        actions: of the data, [K, B, N, A].
+    """
+    return (pi - actions).square().mean((1, 2, 3))
+
+
+def weighted_cloning_loss(pi: Tensor, actions: Tensor, weights: Tensor) -> Tensor:
+    """Returns the weighted squared error of the policies' actions, [K].
+
+    It is minus the log-likelihood of a Gaussian of fixed deviation around the policy's action, but
+    for a factor that Adam does not see and a constant.
+
+    Args:
+        pi: actions of the policies, [K, B, N, A].
+        actions: of the data, [K, B, N, A].
+        weights: of the agents' actions, [K, B, N], or [K, B, 1] of all at once.
+    """
+    return (weights * (pi - actions).square().mean(3)).mean((1, 2))
+
+
+def soft_value_loss(exponents: Tensor, values: Tensor, largest: float) -> Tensor:
+    """Returns exp(z) + v elementwise, with the exponential's tangent beyond z = log(largest).
+
+    With z = (q - v), its mean over q is least where the mean of exp(q - v) is 1, so v is the
+    log-mean-exp of q: between the mean and the maximum.
+
+    A z that is cut instead (as in OMIGA's code, at 10) has no gradient where v is far too low, and
+    what is left, + v, lowers it further.
+
+    Args:
+        exponents: z, which must carry the gradient of v, of any shape.
+        values: v, of the same shape.
+        largest: of exp(z) before it becomes a line, above 0.
+    """
+    limit = math.log(largest)
+    below = exponents.clamp(max=limit)
+    return below.exp() + largest * (exponents - below) + values
+
+
+def anchored_loss(
+    pi: Tensor, values: Tensor, mean: Tensor, deviation: Tensor, eta: Tensor, steepest: Tensor
+) -> Tensor:
+    """Returns -(Q_i(pi) + log beta(pi | o_i) / eta), the mean over robots, [K].
+
+    Its gradient is what counts: constants are left out, and Q_i is the plane through 0 with the
+    slope that Q_i has at pi, or with `steepest` where that is less.
+
+    Args:
+        pi: the policies' actions, [K, B, N, A].
+        values: Q_i of them, with their gradient, [K, B, N].
+        mean: of beta, [K, B, N, A].
+        deviation: of beta, [K, B, N, A].
+        eta: inverse temperature, [K].
+        steepest: largest length of the gradient of Q with respect to one robot's action, [K].
+    """
+    held = 0.5 * ((pi - mean) / deviation).square().sum(3)  # [K, B, N]
+    climbed = (bounded_gradient(values, pi, steepest) * pi).sum(3)  # [K, B, N]
+    return (held / eta[:, None, None] - climbed).mean((1, 2))
+
+
+def bounded_gradient(values: Tensor, pi: Tensor, steepest: Tensor) -> Tensor:
+    """Returns the gradient of the sum of values with respect to each robot's action, [K, B, N, A].
+
+    Args:
+        values: with their gradient, [K, B, N].
+        pi: actions that they depend on, [K, B, N, A].
+        steepest: length to which longer gradients are cut, [K].
+    """
+    (gradient,) = torch.autograd.grad(values.sum(), pi)
+    length = gradient.norm(dim=3, keepdim=True)  # [K, B, N, 1]
+    return gradient * (steepest[:, None, None, None] / length).clamp(max=1.0)
+
+
+def weighted_loss(
+    pi: Tensor, actions: Tensor, advantages: Tensor, eta: Tensor, largest: float
+) -> Tensor:
+    """Returns the squared error to the data's actions, weighted by exp(eta advantage), [K].
+
+    Args:
+        pi: the policies' actions, [K, B, N, A].
+        actions: of the data, [K, B, N, A].
+        advantages: Q_i(a_i) - V_i, [K, B, N].
+        eta: inverse temperature, [K].
+        largest: weight.
+    """
+    weights = exponential_weights(eta[:, None, None] * advantages, largest)
+    return (weights * (pi - actions).square().sum(3)).mean((1, 2)) / weights.mean((1, 2))
+
+
+def tilted_mean(candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
+    """Returns sum_m w_m b_m, the mean of the tilted density, [K, B, N, A].
+
+    Args:
+        candidates: b_m, drawn from beta, [K, B, N, M, A].
+        values: Q_i of them, [K, B, N, M].
+        eta: inverse temperature, [K].
+    """
+    weights = (eta[:, None, None, None] * values).softmax(3)
+    return (weights[..., None] * candidates).sum(3)
+
+
+def tilted_loss(pi: Tensor, candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
+    """Returns the squared error to the tilted mean, a constant, [K]; arguments as above."""
+    target = tilted_mean(candidates, values, eta).detach()
+    return (pi - target).square().sum(3).mean((1, 2))

@@ -1,0 +1,47 @@
+"""Episodes made of arrays, without messages, events or obstacles."""
+
+from typing import Any
+
+import numpy as np
+
+from swarmdata.types import Episode, no_messages
+
+
+def made_episode(
+    observations: Any,
+    states: Any,
+    actions: Any,
+    rewards: Any,
+    *,
+    ends: bool,
+    seed: int = 0,
+    policy: int = 0,
+) -> Episode:
+    """Returns an episode whose last step is a termination if it `ends`, else a truncation.
+
+    Args:
+        observations: [T + 1, N, O].
+        states: [T + 1, S].
+        actions: [T, N, A].
+        rewards: [T, N].
+        ends: whether the task ended.
+        seed: of the episode.
+        policy: number of the policy that acted.
+    """
+    length, n_agents = np.shape(rewards)
+    last = np.arange(length) == length - 1
+    return Episode(
+        observations=np.asarray(observations, np.float32),
+        states=np.asarray(states, np.float32),
+        actions=np.asarray(actions, np.float32),
+        log_probs=np.zeros((length, n_agents), np.float32),
+        rewards=np.asarray(rewards, np.float32),
+        terminations=last & ends,
+        truncations=last & (not ends),
+        events=np.zeros((length, n_agents, 4), np.uint8),
+        **no_messages(length + 1, n_agents),
+        layout=np.zeros((0, 8), np.float32),
+        seed=seed,
+        policy=policy,
+        end_reason=0 if ends else 2,
+    )
