@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 import typer
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import swarmdata
 from swarmdata.cli.main import app
@@ -169,7 +169,7 @@ CASES = (
     Case("train-online mappo coop_nav", (f"{RUNS}.train:train_online",)),
     Case("train-online vdn coop_nav --data coop_nav-expert", (f"{RUNS}.train:train_online",)),
     Case("ship coop_nav --out a", ("swarmdata.online_algos.runs.checkpoint_selection:ship",),
-         {"swarmdata.online_algos.runs.checkpoint_selection:seeds_of": list}),
+         {"swarmdata.learn.training.run_files:seeds_of": list}),
     Case("export-policy run a.onnx", ("swarmdata.interop.exported_policies:export_policy",)),
     Case("learning run --out a", (f"{RESULTS}.online_report:write_online_report",)),
     Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),
@@ -288,6 +288,10 @@ CASES = (
 )  # fmt: skip
 
 
+COMMAND_LINE = typer.main.get_command(app)
+"""Made once: it takes longer than most commands up to their boundary."""
+
+
 def commands() -> Iterator[tuple[str, Any]]:
     """Every command of the app by its words."""
 
@@ -298,7 +302,7 @@ def commands() -> Iterator[tuple[str, Any]]:
             else:
                 yield " ".join((*words, name)), command
 
-    return below(typer.main.get_command(app), ())
+    return below(COMMAND_LINE, ())
 
 
 COMMANDS = dict(commands())
@@ -358,7 +362,7 @@ def run_anew(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> t
             patch.setattr(name.replace(":", "."), work or (lambda *a, _v=value, **k: _v))
         for name in case.boundary:
             patch.setattr(name.replace(":", "."), boundary(name))
-        result = CliRunner().invoke(app, [*case.line.split(), *extra])
+        result = CliRunner().invoke(COMMAND_LINE, [*case.line.split(), *extra])
     if result.exception is not None and not isinstance(result.exception, Reached | SystemExit):
         raise result.exception
     code = 0 if isinstance(result.exception, Reached) else result.exit_code

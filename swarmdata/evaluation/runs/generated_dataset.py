@@ -10,7 +10,7 @@ from swarmdata.behavior_policies.tiers import part_size, shipped_recipes
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.runs.behavior_sources import Behavior, behaviors_of, takes_noise
+from swarmdata.evaluation.runs.named_policies import Behavior, behaviors_of, takes_noise
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published

@@ -23,13 +23,12 @@ from swarmdata.learn.training.setup import check_device
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start
-from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
+from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, measure, train_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.replaced_worlds import check_world, is_simulated
 from swarmdata.registry.reward_weights import RewardChoice
-from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.engines.jobs import Handler, Report
@@ -413,7 +412,5 @@ def measure_curve_point(
     policy: Policy, spec: TaskSpec, n_episodes: int = CURVE_EPISODES
 ) -> dict[str, float]:
     """Evaluates a policy for one point of its learning curve: means of `CURVE_METRICS`."""
-    result = evaluate(
-        policy, spec, name="curve", n_episodes=n_episodes, block="validation", progress=False
-    )
-    return {name: float(np.mean(result.metrics[name])) for name in CURVE_METRICS}
+    measured = measure(policy, spec, n_episodes)
+    return {name: measured[name] for name in CURVE_METRICS}

@@ -23,13 +23,11 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.rollouts.function_policy import FunctionPolicy
 from swarmdata.runtime import own_components
 from swarmdata.testing.sample_batches import sample_step
-from tests.support.tiny import make_tiny
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    folder = make_tiny(tmp_path_factory.mktemp("compact") / "coop_nav-tiny-v0")
-    return Dataset.open(folder).split("train")
+def data(tiny: Path) -> Dataset:
+    return Dataset.open(tiny).split("train")
 
 
 @pytest.mark.parametrize("name", sorted(OFFLINE_ALGORITHMS))

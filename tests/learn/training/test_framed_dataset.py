@@ -25,12 +25,11 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task  # noqa:
 from swarmdata.types import Float  # noqa: E402
 from tests.learn.training.test_trainer import config_of  # noqa: E402
 from tests.offline_algos.toys import step_of  # noqa: E402
-from tests.support.tiny import make_tiny  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return load(make_tiny(tmp_path_factory.mktemp("framed") / "coop_nav-tiny-v0"))
+def data(tiny: Path) -> Dataset:
+    return load(tiny)
 
 
 @pytest.fixture(scope="module")
