@@ -112,11 +112,11 @@ def describe_run(
         {
             "algorithm": algorithm,
             "config": json.loads(json.dumps(dataclasses.asdict(config))),  # lists for tuples
-            "spec": spec.model_dump(mode="json"),
-            "own_spec": None if own in (None, spec) else own.model_dump(mode="json"),
+            "spec": spec,
+            "own_spec": None if own == spec else own,
             "seeds": list(seeds),
-            "start": None if start is None else start.source.model_dump(mode="json"),
-            "recorded": None if recorded is None else recorded.model_dump(mode="json"),
+            "start": None if start is None else start.source,
+            "recorded": recorded,
             "versions": versions(),
             **options,
         },

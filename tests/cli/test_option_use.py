@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 import typer
-from click.testing import CliRunner
+from typer.testing import CliRunner
 
 import swarmdata
 from swarmdata.cli.main import app
@@ -362,7 +362,8 @@ def run_anew(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> t
             patch.setattr(name.replace(":", "."), work or (lambda *a, _v=value, **k: _v))
         for name in case.boundary:
             patch.setattr(name.replace(":", "."), boundary(name))
-        result = CliRunner().invoke(COMMAND_LINE, [*case.line.split(), *extra])
+        patch.setattr("typer.testing._get_command", lambda _: COMMAND_LINE)
+        result = CliRunner().invoke(app, [*case.line.split(), *extra])
     if result.exception is not None and not isinstance(result.exception, Reached | SystemExit):
         raise result.exception
     code = 0 if isinstance(result.exception, Reached) else result.exit_code
