@@ -243,7 +243,7 @@ CASES = (
                                       f"{RESULTS}.curve_plots:draw_learning")),
     Case("curves a.csv --out a.png --by task", (f"{RESULTS}.curve_plots:draw_learning",)),
     Case("warm", ("swarmdata.building.kernel_warmup:warm_kernels",)),
-    Case("render idle --out a.gif", (f"{RESULTS}.clips:write_clip",)),
+    Case("render idle --out a.gif", (f"{RESULTS}.clips:draw_target",)),
     Case("references coop_nav", (f"{RESULTS}.target_evaluation:measure_references",),
          idle={"--out": "the boundary ends the command before it writes"}),
     Case("references coop_nav", (f"{REGENERATE}:put_entries",),

@@ -331,14 +331,15 @@ def train_online(
         "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
-    chosen = tuple(seeds)
-    if not chosen or any(not isinstance(k, int | np.integer) or k < 0 for k in chosen):
-        raise SpecError(
-            f"seeds are {chosen!r:.100}, expected whole numbers from 0 on, at least one"
-        )
-    Where(Path(out), tuple(map(int, chosen)), workers, engine, part, progress).train(
-        training, TRAINER
-    )
+    where = Where(Path(out), _checked(seeds), workers, engine, part, progress)
+    where.train(training, TRAINER)
+
+
+def _checked(seeds: Sequence[int]) -> Group:
+    found = tuple(seeds)
+    if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
+        raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
+    return tuple(map(int, found))
 
 
 def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:

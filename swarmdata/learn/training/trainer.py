@@ -119,17 +119,10 @@ def train_seeds(
     dataset, min_return = _select(framed(dataset, frame), config)
     samplers = [_sampler(dataset, config, seed) for seed in seeds]
     description = _describe(
-        dataset,
-        samplers[0],
-        algorithm=algorithm,
-        config=dataclasses.asdict(config),
-        min_return=min_return,
-        frame=frame,
-        seeds=tuple(seeds),
-        device=str(device),
+        dataset, samplers[0], config, schedule, algorithm=algorithm, min_return=min_return,
+        frame=frame, seeds=tuple(seeds), device=str(device),
         versions=versions(is_compiled=compile),
-        **dataclasses.asdict(schedule),
-    )
+    )  # fmt: skip
     context = compiling() if compile else nullcontext()
     with claimed(Path(folder), description, shown=progress) as run:
         statistics = Statistics.measure(dataset, config.discount)
@@ -184,7 +177,9 @@ def _select(dataset: Data, config: Any) -> tuple[Data, float | None]:
     return dataset.filter(min_return=least), least
 
 
-def _describe(dataset: Data, sampler: Sampler, **others: Any) -> OfflineRun:
+def _describe(
+    dataset: Data, sampler: Sampler, config: Any, schedule: Schedule, **others: Any
+) -> OfflineRun:
     sizes = Sizes.of(sampler.gather(np.zeros(1, dtype=np.int64)))
     return OfflineRun(
         dataset=dataset.id,
@@ -198,6 +193,8 @@ def _describe(dataset: Data, sampler: Sampler, **others: Any) -> OfflineRun:
         observation_size=sizes.observation,
         action_size=sizes.action,
         state_size=sizes.state,
+        config=dataclasses.asdict(config),
+        **dataclasses.asdict(schedule),
         **others,
     )
 
