@@ -57,11 +57,12 @@ class OnlineRun(Description):
     CLOCK: ClassVar[str] = "frames"
 
     spec: TaskSpec
-    own_spec: TaskSpec | None = None
+    own_spec: TaskSpec | None = None  # the task as it is, where `spec` differs; None: `spec`
     n_checkpoints: Count = 40
     n_episodes: Count = 128  # validation episodes of each seed and checkpoint
     start: StartSource | None = None  # offline run that it begins with
     recorded: RecordedSource | None = None  # data that are mixed into its batches
+    versions: dict[str, str]
 
     @property
     def n_steps(self) -> int:

@@ -34,6 +34,9 @@ def data(tiny: Path) -> Dataset:
 def test_policies_of_every_algorithm_survive(name: str, data: Dataset, tmp_path: Path) -> None:
     config = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config(n_updates=2, batch_size=16)
     policies = train_seeds(name, data, tmp_path, seeds=(0, 1), config=config, progress=False)
+    about = read_run(tmp_path)
+    assert (about.dataset, about.digest) == (data.id, data.digest)
+    assert (about.n_episodes, about.min_return) == (len(data), None) or name == "filtered_bc"
     before = (tmp_path / CHECKPOINT).stat().st_size
     compact(tmp_path)
     assert is_same(load_run(tmp_path), policies)
