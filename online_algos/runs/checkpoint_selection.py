@@ -47,9 +47,8 @@ N_REPLAY_POLICIES = 5
 """Policies of one seed in medium-replay."""
 
 SELECTION_MARGIN = 0.03
-"""A medium keeps this distance from the ends of the band: two standard errors of its success. The
-first checkpoint that seems to lie in the band seems better than it is: five of `search` with 0.400
-to 0.426 on validation episodes had 0.384 to 0.402 on the reserved ones."""
+"""A medium keeps this distance from the ends of the band, two standard errors of its success: the
+first checkpoint that seems to lie in the band seems better than it is."""
 
 CANDIDATE_MARGIN = 0.05
 """A candidate for medium may miss these ends by this much on few episodes."""

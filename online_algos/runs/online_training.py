@@ -12,7 +12,6 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -27,7 +26,6 @@ from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run import Count, Description, Run, claimed, versions
 from swarmdata.learn.training.run_files import CONFIG, CURVE, REPLAY_FOLDER, SPEED, policy_path
 from swarmdata.learn.training.training_data import Data
-from swarmdata.numerics.random import validation_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
@@ -35,8 +33,7 @@ from swarmdata.online_algos.continuation.offline_start import (
     read_start,
 )
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
-from swarmdata.rollouts.metrics import episode_metrics
-from swarmdata.rollouts.rollout import rollout
+from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -60,11 +57,12 @@ class OnlineRun(Description):
     CLOCK: ClassVar[str] = "frames"
 
     spec: TaskSpec
-    own_spec: TaskSpec | None = None
+    own_spec: TaskSpec | None = None  # the task as it is, where `spec` differs; None: `spec`
     n_checkpoints: Count = 40
     n_episodes: Count = 128  # validation episodes of each seed and checkpoint
     start: StartSource | None = None  # offline run that it begins with
     recorded: RecordedSource | None = None  # data that are mixed into its batches
+    versions: dict[str, str]
 
     @property
     def n_steps(self) -> int:
@@ -115,11 +113,11 @@ def describe_run(
         {
             "algorithm": algorithm,
             "config": json.loads(json.dumps(dataclasses.asdict(config))),  # lists for tuples
-            "spec": spec.model_dump(mode="json"),
-            "own_spec": None if own in (None, spec) else own.model_dump(mode="json"),
+            "spec": spec,
+            "own_spec": None if own == spec else own,
             "seeds": list(seeds),
-            "start": None if start is None else start.source.model_dump(mode="json"),
-            "recorded": None if recorded is None else recorded.model_dump(mode="json"),
+            "start": None if start is None else start.source,
+            "recorded": recorded,
             "versions": versions(),
             **options,
         },
@@ -131,10 +129,10 @@ def measure(
     policy: Policy, spec: TaskSpec, n_episodes: int, n_threads: int = 1
 ) -> dict[str, float]:
     """Returns a policy's mean metrics on the validation seeds."""
-    seeds = validation_seeds(n_episodes)
-    with closing(make_env(spec, min(64, n_episodes), n_threads=n_threads)) as env:
-        rows = [episode_metrics(episode, env.task) for episode in rollout(env, policy, seeds)]
-    return {name: float(np.mean([row[name] for row in rows])) for name in MEASURED_METRICS}
+    result = evaluate(
+        policy, spec, n_episodes=n_episodes, block="validation", n_threads=n_threads, progress=False
+    )
+    return {name: float(np.mean(result.metrics[name])) for name in MEASURED_METRICS}
 
 
 def train_run(

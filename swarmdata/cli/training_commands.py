@@ -229,7 +229,7 @@ def ship(
     from swarmdata.runtime.extras import require_extra
 
     require_extra("torch", "torch", "reading online runs")
-    from swarmdata.online_algos.runs.checkpoint_selection import seeds_of
+    from swarmdata.learn.training.run_files import seeds_of
     from swarmdata.online_algos.runs.checkpoint_selection import ship as ship_seeds
 
     mediums, experts, sided = (seeds_of(runs or []) for runs in (medium, expert, convention))

@@ -219,16 +219,14 @@ def _recorded_target(
 
 def _run_target(folder: Path, task: str | None, models: Models) -> Target:
     require_extra("torch", "torch", f"loading the run {folder}")
-    from swarmdata.evaluation.runs.fitted_policies import fit_policies  # noqa: PLC0415  (torch is an extra)
-    from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained  # noqa: PLC0415
+    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
+        fit_policies,
+        load_policies,
+        read_trained,
+    )
 
     found = read_trained(folder)
-    if found.spec.get("kind") == "recorded":
-        raise SpecError(
-            f"{folder} was trained on a recording of {found.spec['task']}, which this library "
-            "cannot run. Evaluate it with swarmdata.evaluate_parallel and the environment."
-        )
-    trained = TaskSpec.parse(found.spec, str(folder))
+    trained = found.task("Evaluate it with swarmdata.evaluate_parallel and the environment.")
     world = trained
     if task is not None:
         world = with_models(find_spec(task), trained.observation, trained.communication)

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.runs.behavior_sources import Behavior, behaviors_of, takes_noise
+from swarmdata.evaluation.runs.named_policies import Behavior, behaviors_of, takes_noise
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published

@@ -1,19 +1,170 @@
-"""From a name, as `evaluate` takes it, to one policy that acts: `make_policy`."""
+"""From a name to one policy that acts, `make_policy`, or to the behavior policies of a recipe."""
 
+import hashlib
+import inspect
+import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from swarmdata.errors import SpecError
-from swarmdata.evaluation.runs.behavior_sources import of_tier
+from swarmdata.behavior_policies.learned import own_actor
+from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
 from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import run_folders
-from swarmdata.registry.components import POLICIES
+from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, policy_class
 from swarmdata.registry.components import make_policy as make_registered
 from swarmdata.registry.presets import find_spec
+from swarmdata.registry.recipes import FAMILY_SPECS, TRAINED_TIERS, sources
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store.arrays.layout import CHECKPOINTS
+
+EXACT_TOLERANCE = 0.02
+"""Most by which exact inference may change an action, in [-1, 1]; else a network is kept as it is.
+
+Rounding the weights of the shipped experts changes actions by at most 0.004.
+"""
+
+N_COMPARED_EPISODES = 8
+"""Validation episodes on which exact inference is compared with the trained network."""
+
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_+]+")
+
+
+class Behavior(NamedTuple):
+    """A behavior policy of a recipe, and how it came to it."""
+
+    source: PolicySource
+    error: float | None = None  # largest change of an action by exact inference; None: not measured
+
+    def __str__(self) -> str:
+        """One line."""
+        if self.error is not None:
+            return f"{self.source.label}: exact; rounded weights change actions by {self.error:.2g}"
+        if self.source.name == "network":
+            return f"{self.source.label}: not exact; another machine may give other episodes"
+        return f"{self.source.label}: exact"
+
+
+def behaviors_of(
+    name: str, share: float, spec: TaskSpec, noise: float, folder: Path
+) -> tuple[Behavior, ...]:
+    """Returns the behavior policies that a name means, one for each seed of a run.
+
+    Args:
+        name: a registered policy such as `scripted`, a tier such as `expert` of a preset that has
+            its checkpoints, or a run folder of offline or online training.
+        share: of the joint steps, which the policies have in equal parts.
+        spec: the task.
+        noise: standard deviation of the Gaussian noise on the actions; policies that take none,
+            such as `random`, act without.
+        folder: where copies of networks go, into its folder `checkpoints`.
+
+    Raises:
+        UnknownNameError: nothing has that name.
+        PolicyFitError: the task does not provide what a trained policy needs.
+        SpecError: the run was trained on a recording of another environment.
+        MissingExtraError: a run folder needs torch.
+    """
+    if is_folder(name) and run_folders(Path(name)):
+        found = tuple(_copied(Path(name), spec, noise, folder))
+    elif name in POLICIES and name not in CHECKPOINT_POLICIES:
+        std = noise if takes_noise(name, spec) else 0.0
+        found = (Behavior(PolicySource(label=name, name=name, noise=std)),)
+    else:
+        found = tuple(map(Behavior, of_tier(name, spec, noise)))
+    whole = sum(each.source.share for each in found)
+    return tuple(
+        each._replace(
+            source=each.source.model_copy(update={"share": share * each.source.share / whole})
+        )
+        for each in found
+    )
+
+
+def takes_noise(name: str, spec: TaskSpec) -> bool:
+    """Whether the policies that a name means have action noise."""
+    if name not in POLICIES or name in CHECKPOINT_POLICIES:
+        return True
+    return "noise" in inspect.signature(policy_class(name, spec)).parameters
+
+
+def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]:
+    """The policies of a tier of a task of the package.
+
+    Raises:
+        UnknownNameError: the task has no such tier.
+        SpecError: the name is one of a folder that holds no run.
+    """
+    family = next((each for each, known in FAMILY_SPECS.items() if known == spec), None)
+    trained = {tier for tier in TRAINED_TIERS if family is not None and sources(family, tier)}
+    if family is not None and name in trained:
+        return sources(family, name, noise)
+    known = {*POLICIES, *trained} - {*CHECKPOINT_POLICIES}
+    if "/" in name or Path(name).exists():
+        raise SpecError(
+            f"{name} is not a run folder: there is no config.json in it. Expected the folder of a "
+            f"training run, or one of {', '.join(sorted(known))}."
+        )
+    raise UnknownNameError("policy, tier or run folder", name, known)
+
+
+def _copied(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
+    """Copies the newest policies of a run, and yields one behavior policy for each seed."""
+    require_extra("torch", "torch", f"loading the run {run}")
+    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
+        fit_policies,
+        load_policies,
+        read_trained,
+    )
+
+    found = read_trained(run)
+    trained = found.task("Record it in its environment with swarmdata.Recorder.")
+    policies = fit_policies(str(run), load_policies(found), trained, spec)
+    (folder / CHECKPOINTS).mkdir(parents=True, exist_ok=True)
+    stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
+    for provenance, policy in zip(found.provenances, policies, strict=True):
+        label = f"{stem}-{provenance.seed}"
+        yield _copy(policy, label, spec, noise, folder / CHECKPOINTS)
+
+
+def _copy(policy: Policy, label: str, spec: TaskSpec, noise: float, folder: Path) -> Behavior:
+    """Writes a policy for exact inference if it can be, else as it is."""
+    from swarmdata.learn.policies.policy_file import save_policy  # noqa: PLC0415  (torch is an extra)
+
+    fresh = folder / "new.safetensors"
+    error = _exact_copy(policy, spec, fresh)
+    if error is None:
+        save_policy(fresh, policy)
+    sha256 = hashlib.sha256(fresh.read_bytes()).hexdigest()
+    path = fresh.rename(folder / f"{label}-{sha256[:12]}.safetensors")
+    kind = "network" if error is None else "learned"
+    source = PolicySource(label=label, name=kind, checkpoint=path.name, sha256=sha256, noise=noise)
+    return Behavior(source, error)
+
+
+def _exact_copy(policy: Policy, spec: TaskSpec, path: Path) -> float | None:
+    """Writes a policy for exact inference, and returns the largest change of an action.
+
+    None: it cannot be run exactly, or rounding changes it too much.
+    """
+    from swarmdata.online_algos.runs.export_policy import (  # noqa: PLC0415  (torch is an extra)
+        action_error,
+        can_be_exact,
+        export_actor,
+    )
+
+    if not can_be_exact(policy):
+        return None
+    try:
+        export_actor(policy, path, spec.n_agents)
+    except CheckpointError:  # its weights are too large, or a layer is too wide
+        return None
+    error = action_error(policy, own_actor(path, spec), spec, N_COMPARED_EPISODES)
+    return error if error <= EXACT_TOLERANCE else None
 
 
 def make_policy(
@@ -62,20 +213,18 @@ def make_policy(
 def _of_run(folder: Path, spec: TaskSpec | None, seed: int) -> Policy:
     """The newest policy of a training seed; of a recording's run as it is."""
     require_extra("torch", "torch", f"loading the run {folder}")
-    from swarmdata.evaluation.runs.fitted_policies import fit_policies  # noqa: PLC0415  (torch is an extra)
-    from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained  # noqa: PLC0415
+    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
+        fit_policies,
+        load_policies,
+        read_trained,
+    )
 
     found = read_trained(folder)
     seeds = [each.seed for each in found.provenances]
     if seed not in seeds:
         raise SpecError(f"{folder} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
     policy = load_policies(found)[seeds.index(seed)]
-    if found.spec.get("kind") == "recorded":
-        if spec is not None:
-            raise SpecError(
-                f"{folder} was trained on a recording of {found.spec['task']} and acts there only; "
-                "leave the spec out, and evaluate it with swarmdata.evaluate_parallel."
-            )
+    if spec is None:
         return policy
-    trained = TaskSpec.parse(found.spec, str(folder))
-    return fit_policies(str(folder), [policy], trained, trained if spec is None else spec)[0]
+    trained = found.task("Leave the spec out, and evaluate it with swarmdata.evaluate_parallel.")
+    return fit_policies(str(folder), [policy], trained, spec)[0]

@@ -23,12 +23,11 @@ from swarmdata.learn.training.run_files import CURVE_METRICS
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start
-from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
+from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, measure, train_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.reward_weights import RewardChoice
-from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.engines.jobs import Handler, Report
@@ -330,14 +329,15 @@ def train_online(
         "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
-    chosen = tuple(seeds)
-    if not chosen or any(not isinstance(k, int | np.integer) or k < 0 for k in chosen):
-        raise SpecError(
-            f"seeds are {chosen!r:.100}, expected whole numbers from 0 on, at least one"
-        )
-    Where(Path(out), tuple(map(int, chosen)), workers, engine, part, progress).train(
-        training, TRAINER
-    )
+    where = Where(Path(out), _checked(seeds), workers, engine, part, progress)
+    where.train(training, TRAINER)
+
+
+def _checked(seeds: Sequence[int]) -> Group:
+    found = tuple(seeds)
+    if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
+        raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
+    return tuple(map(int, found))
 
 
 def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:
@@ -411,7 +411,5 @@ def measure_curve_point(
     policy: Policy, spec: TaskSpec, n_episodes: int = CURVE_EPISODES
 ) -> dict[str, float]:
     """Evaluates a policy for one point of its learning curve: means of `CURVE_METRICS`."""
-    result = evaluate(
-        policy, spec, name="curve", n_episodes=n_episodes, block="validation", progress=False
-    )
-    return {name: float(np.mean(result.metrics[name])) for name in CURVE_METRICS}
+    measured = measure(policy, spec, n_episodes)
+    return {name: measured[name] for name in CURVE_METRICS}

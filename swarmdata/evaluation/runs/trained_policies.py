@@ -1,12 +1,14 @@
-"""The policies of offline and online run folders, with their provenance."""
+"""The policies of offline and online run folders, with their provenance, for any task."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarmdata.errors import CheckpointError
+from swarmdata.errors import CheckpointError, PolicyFitError, SpecError
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
+from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,
@@ -19,7 +21,11 @@ from swarmdata.learn.training.run_files import (
 )
 from swarmdata.learn.training.run_folder import OfflineRun, load_run, read_run
 from swarmdata.online_algos.runs.online_training import OnlineRun, read_online_run
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import make_task
+from swarmdata.specs.model_choice import check_senses
 from swarmdata.specs.plain_names import without_version
+from swarmdata.specs.task_spec import TaskSpec
 
 
 class Trained(NamedTuple):
@@ -29,6 +35,23 @@ class Trained(NamedTuple):
     spec: dict[str, Any]  # of their training, JSON
     own_spec: dict[str, Any]  # of the task with its own models
     files: list[Path]  # of online policies; or the folders of an offline run
+    folder: Path  # of the whole run
+
+    def task(self, advice: str) -> TaskSpec:
+        """Returns the task of the training.
+
+        Args:
+            advice: what to do with a run on a recording, as a sentence.
+
+        Raises:
+            SpecError: it was trained on a recording of another environment.
+        """
+        if self.spec.get("kind") == "recorded":
+            raise SpecError(
+                f"{self.folder} was trained on a recording of {self.spec['task']}, which this "
+                f"library cannot run. {advice}"
+            )
+        return TaskSpec.parse(self.spec, str(self.folder))
 
 
 def read_trained(folder: Path) -> Trained:
@@ -60,7 +83,8 @@ def read_trained(folder: Path) -> Trained:
     files = list(folders)
     if isinstance(first, OnlineRun):
         files = [last_policy_path(*seed) for seed in seeds_of([folder])]
-    return Trained(found, content["spec"], content["own_spec"] or content["spec"], files)
+    own = content["own_spec"] or content["spec"]
+    return Trained(found, content["spec"], own, files, folder)
 
 
 def _provenance(seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenance:
@@ -89,6 +113,57 @@ def load_policies(trained: Trained) -> list[Policy]:
     if trained.provenances[0].frames is None:
         return [policy for folder in trained.files for policy in load_run(folder)]
     return [load_policy(path) for path in trained.files]
+
+
+def fit_policies(
+    name: str, policies: Sequence[Policy], trained: TaskSpec, offered: TaskSpec
+) -> tuple[Policy, ...]:
+    """Returns the policies of a run for another spec.
+
+    Policies over sets act with other numbers of robots and slots; all others need those of their
+    training.
+
+    Args:
+        name: of the run, for messages.
+        policies: one per seed.
+        trained: spec of their training.
+        offered: spec to act in.
+
+    Raises:
+        PolicyFitError: the robots, their number, the features or the actions do not fit.
+        SpecError: the vector that the policies' frame turns with is not observed.
+    """
+    if offered == trained:
+        return tuple(policies)
+    _check_robots(name, trained, offered)
+    known, seen = (features_of(make_task(spec)) for spec in (trained, offered))
+    fitted: list[Policy] = []
+    for policy in policies:
+        if isinstance(policy, SetPolicy) and trained.action_size == offered.action_size:
+            fitted.append(policy.fitted(seen))
+            continue
+        if trained.n_agents != offered.n_agents and not isinstance(policy, SetPolicy):
+            raise PolicyFitError(
+                f"{name} was trained with {trained.n_agents} robots and cannot act with "
+                f"{offered.n_agents}: its network sees the robot's number. Evaluate it with "
+                f"{trained.n_agents} robots, or train with --set policy_network=deep_sets."
+            )
+        check_senses(name, trained, offered, known, seen)
+        fitted.append(policy)
+    return tuple(fitted)
+
+
+def _check_robots(name: str, trained: TaskSpec, offered: TaskSpec) -> None:
+    """Raises PolicyFitError if actions would mean something else."""
+    known, found = (
+        sorted({f"{robot.dynamics} with {robot.command} commands" for robot in spec.robots})
+        for spec in (trained, offered)
+    )
+    if known != found:
+        raise PolicyFitError(
+            f"{name} was trained on robots that are {' and '.join(known)}, and cannot drive robots "
+            f"that are {' and '.join(found)}. Evaluate it in a task with robots as in its training."
+        )
 
 
 def label_of(name: str, dataset: str) -> str:

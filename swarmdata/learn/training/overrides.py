@@ -5,16 +5,15 @@ Settings that belong together may be a section of a config, a dataclass of their
 """
 
 import dataclasses
-import math
 import types
 from collections.abc import Mapping
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
+from pydantic import ConfigDict, TypeAdapter
+
 from swarmdata.errors import SpecError, UnknownNameError
 
 C = TypeVar("C")
-
-_WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
 def override(config: C, changes: Mapping[str, str]) -> C:
@@ -35,7 +34,8 @@ def override(config: C, changes: Mapping[str, str]) -> C:
     types = setting_types(type(config))
     values: dict[str, Any] = {}
     for name, text in changes.items():
-        _check_name(type(config), name)
+        if name not in types:
+            raise UnknownNameError("setting", name, types)
         try:
             values[name] = _parse(types[name], text.strip())
         except ValueError as error:
@@ -60,23 +60,9 @@ def setting_types(kind: type) -> dict[str, Any]:
     return types
 
 
-def _check_name(kind: type, name: str) -> None:
-    known = setting_types(kind)
-    if name not in known:
-        raise UnknownNameError("setting", name, known)
-
-
 def from_json(kind: type[C], values: Mapping[str, Any]) -> C:
-    """Returns the config that `dataclasses.asdict` wrote as JSON: lists are tuples again.
-
-    Raises:
-        UnknownNameError: there is no such setting; the nearest name is suggested.
-    """
-    changes = _flatten(values)
-    for name in changes:
-        _check_name(kind, name)
-    tuples = {k: tuple(v) if isinstance(v, list) else v for k, v in changes.items()}
-    return _replace(kind(), tuples)
+    """Returns the config that `dataclasses.asdict` wrote as JSON; raises as `override` does."""
+    return override(kind(), as_texts(values))
 
 
 def as_texts(values: Mapping[str, Any]) -> dict[str, str]:
@@ -120,39 +106,12 @@ def _replace(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _parse(kind: Any, text: str) -> Any:
-    origin, arguments = get_origin(kind), get_args(kind)
-    if origin in (Union, types.UnionType):
-        return _parse_union(arguments, text)
-    if origin is Literal:
-        return _choose(arguments, text)
-    if origin is tuple:
-        return tuple(_parse(arguments[0], part.strip()) for part in text.split(",") if part.strip())
-    if kind is bool:
-        return _WORDS[_choose(tuple(_WORDS), text.lower())]
-    if kind is float:
-        return _finite(float(text))
-    if kind in (int, str):
-        return kind(text)
-    raise TypeError(f"config fields of type {kind} cannot be set from text")
-
-
-def _parse_union(arguments: tuple[Any, ...], text: str) -> Any:
-    if types.NoneType in arguments and text.lower() == "none":
+    parts = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    if types.NoneType in parts and text.lower() == "none":
         return None
-    (kind,) = (argument for argument in arguments if argument is not types.NoneType)
-    return _parse(kind, text)
-
-
-def _choose(options: tuple[Any, ...], text: str) -> Any:
-    if text not in options:
-        raise ValueError(text)
-    return text
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError(value)
-    return value
+    is_tuple = any(get_origin(part) is tuple for part in parts)
+    value = [part.strip() for part in text.split(",") if part.strip()] if is_tuple else text
+    return TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False)).validate_python(value)
 
 
 def _describe(kind: Any) -> str:

@@ -29,7 +29,6 @@ from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import Frozen, describe_differences
-from swarmdata.specs.origins import AnySpec
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -42,10 +41,7 @@ class Description(Frozen):
     format_version: Literal[1] = 1
     algorithm: str
     config: dict[str, Any]  # of the algorithm, every default written out
-    spec: AnySpec
-    own_spec: AnySpec | None = None  # of the task, where `spec` has other models; None: `spec`
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
-    versions: dict[str, str]
 
 
 D = TypeVar("D", bound=Description)

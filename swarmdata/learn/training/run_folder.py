@@ -25,6 +25,7 @@ from swarmdata.learn.training.run_files import (
 from swarmdata.perception.frames import Frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
+from swarmdata.specs.origins import AnySpec
 from swarmdata.store.arrays.column_meanings import state_layout
 
 COMPACT = "is_compact"
@@ -41,6 +42,8 @@ class OfflineRun(Description):
     view: str | None = None  # models and reward weights that were changed, JSON
     n_episodes: Count  # of the view that was trained on
     min_return: float | None = None  # least team return in it, if the algorithm chose the best
+    spec: AnySpec
+    own_spec: AnySpec | None = None  # as recorded, where `spec` has other models; None: `spec`
     spec_hash: str
     frame: Frame | None = None  # that the robots see and act in; None: the world's
     n_agents: Count
@@ -51,6 +54,7 @@ class OfflineRun(Description):
     checkpoint_every: Count
     evaluate_every: Count | None
     device: str
+    versions: dict[str, str]
 
     @property
     def sizes(self) -> Sizes:

@@ -118,10 +118,11 @@ def train_seeds(
         _check_compilable(algorithm, kind, config)
     dataset, min_return = _select(framed(dataset, frame), config)
     samplers = [_sampler(dataset, config, seed) for seed in seeds]
-    sizes = Sizes.of(samplers[0].gather(np.zeros(1, dtype=np.int64)))
     description = _describe(
-        algorithm, config, dataset, min_return, frame, sizes, seeds, schedule, device, compile
-    )
+        dataset, samplers[0], config, schedule, algorithm=algorithm, min_return=min_return,
+        frame=frame, seeds=tuple(seeds), device=str(device),
+        versions=versions(is_compiled=compile),
+    )  # fmt: skip
     context = compiling() if compile else nullcontext()
     with claimed(Path(folder), description, shown=progress) as run:
         statistics = Statistics.measure(dataset, config.discount)
@@ -178,37 +179,24 @@ def _select(dataset: Data, config: Any) -> tuple[Data, float | None]:
 
 
 def _describe(
-    algorithm: str,
-    config: Any,
-    dataset: Data,
-    min_return: float | None,
-    frame: Frame | None,
-    sizes: Sizes,
-    seeds: Sequence[int],
-    schedule: Schedule,
-    device: torch.device | str,
-    is_compiled: bool,
+    dataset: Data, sampler: Sampler, config: Any, schedule: Schedule, **others: Any
 ) -> OfflineRun:
+    sizes = Sizes.of(sampler.gather(np.zeros(1, dtype=np.int64)))
     return OfflineRun(
-        algorithm=algorithm,
-        config=dataclasses.asdict(config),
         dataset=dataset.id,
         digest=dataset.digest,
         view=dataset.view,
         n_episodes=len(dataset),
-        min_return=min_return,
         spec=dataset.spec,
         own_spec=None if dataset.own_spec == dataset.spec else dataset.own_spec,
         spec_hash=dataset.spec.hash(),
-        frame=frame,
         n_agents=sizes.n_agents,
         observation_size=sizes.observation,
         action_size=sizes.action,
         state_size=sizes.state,
-        seeds=tuple(seeds),
-        device=str(device),
-        versions=versions(is_compiled=is_compiled),
+        config=dataclasses.asdict(config),
         **dataclasses.asdict(schedule),
+        **others,
     )
 
 

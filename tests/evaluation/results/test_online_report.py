@@ -71,7 +71,7 @@ def test_runs_of_different_tasks_are_not_one_training(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BuildError, match="no online run"):
+    with pytest.raises(BuildError, match="holds no run"):
         read_training(tmp_path)
 
 

@@ -168,22 +168,15 @@ def test_what_cannot_be_made_is_refused_in_one_sentence(
         generate(SPEC, policies, progress=False, **settings)  # type: ignore[arg-type]
 
 
-def test_seeds_follow_from_the_id(tmp_path: Path) -> None:
-    one, other = (
-        generate(SPEC, "idle", id=f"coop_nav-{name}-v0", n_steps=400, progress=False)
-        for name in ("one", "other")
-    )
-    assert not set(one.episodes.seeds.tolist()) & set(other.episodes.seeds.tolist())
-
-
-def test_author_and_license_are_the_authors(tmp_path: Path) -> None:
+def test_author_and_license_are_the_authors_and_seeds_follow_from_the_id(tmp_path: Path) -> None:
     made = {
-        name: generate(
-            SPEC, "random", id="coop_nav-mine-v0", n_steps=200, progress=False,
-            out=tmp_path / name, metadata=metadata,
+        folder: generate(
+            SPEC, "random", id=f"coop_nav-{name}-v0", n_steps=200, progress=False,
+            out=tmp_path / folder, metadata=metadata,
         )
-        for name, metadata in (
-            ("stated", {"author": "A. Turing", "license": "mit"}), ("silent", None)
+        for folder, name, metadata in (
+            ("stated", "mine", {"author": "A. Turing", "license": "mit"}),
+            ("silent", "mine", None), ("other", "other", None),
         )
     }  # fmt: skip
     cards = {name: dataset.card for name, dataset in made.items()}
@@ -191,6 +184,8 @@ def test_author_and_license_are_the_authors(tmp_path: Path) -> None:
     assert "A. Turing" in cards["stated"]
     assert "license: unknown\n" in cards["silent"]
     assert made["stated"].digest == made["silent"].digest
+    seeds = [set(made[name].episodes.seeds.tolist()) for name in ("silent", "other")]
+    assert not seeds[0] & seeds[1]
     again = Recipe.from_file(made["stated"].path / "recipe.json")
     assert again.metadata == {"author": "A. Turing", "license": "mit"}
     assert "metadata" not in made["silent"].recipe.to_json(), "older recipes keep their hashes"

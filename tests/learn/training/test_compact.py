@@ -23,19 +23,20 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.rollouts.function_policy import FunctionPolicy
 from swarmdata.runtime import own_components
 from swarmdata.testing.sample_batches import sample_step
-from tests.support.tiny import make_tiny
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    folder = make_tiny(tmp_path_factory.mktemp("compact") / "coop_nav-tiny-v0")
-    return Dataset.open(folder).split("train")
+def data(tiny: Path) -> Dataset:
+    return Dataset.open(tiny).split("train")
 
 
 @pytest.mark.parametrize("name", sorted(OFFLINE_ALGORITHMS))
 def test_policies_of_every_algorithm_survive(name: str, data: Dataset, tmp_path: Path) -> None:
     config = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config(n_updates=2, batch_size=16)
     policies = train_seeds(name, data, tmp_path, seeds=(0, 1), config=config, progress=False)
+    about = read_run(tmp_path)
+    assert (about.dataset, about.digest) == (data.id, data.digest)
+    assert (about.n_episodes, about.min_return) == (len(data), None) or name == "filtered_bc"
     before = (tmp_path / CHECKPOINT).stat().st_size
     compact(tmp_path)
     assert is_same(load_run(tmp_path), policies)

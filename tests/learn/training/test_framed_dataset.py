@@ -24,15 +24,15 @@ from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Float  # noqa: E402
 from tests.learn.training.test_trainer import config_of  # noqa: E402
 from tests.offline_algos.toys import step_of  # noqa: E402
-from tests.support.tiny import make_tiny  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return load(make_tiny(tmp_path_factory.mktemp("framed") / "coop_nav-tiny-v0"))
+def data(tiny: Path) -> Dataset:
+    return load(tiny)
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +89,15 @@ def test_observations_are_normalized_as_they_are_seen(data: Dataset, frame: Fram
     assert (np.abs(measured.observation_std - spread) < near).all()
     world = Statistics.measure(data, 0.9)
     assert (measured.return_std, measured.max_return) == (world.return_std, world.max_return)
+
+
+def test_statistics_are_those_of_the_same_episodes_in_memory(data: Dataset) -> None:
+    stored = Statistics.measure(data, 0.9)
+    memory = Statistics.measure(MemoryDataset(list(data)), 0.9)
+    np.testing.assert_allclose(stored.state_mean, memory.state_mean)
+    np.testing.assert_allclose(stored.state_std, memory.state_std)
+    np.testing.assert_allclose(stored.observation_std, memory.observation_std, rtol=1e-5)
+    assert stored.max_return == memory.max_return
 
 
 def acted(policy: Policy, observations: Float) -> Float:

@@ -2,7 +2,17 @@
 
 from pathlib import Path
 
-from swarmdata.learn.training.run_files import measured_files, run_folders, run_hash
+import pytest
+
+from swarmdata.errors import BuildError
+from swarmdata.learn.training.run_files import (
+    Seed,
+    last_policy_path,
+    measured_files,
+    run_folders,
+    run_hash,
+    seeds_of,
+)
 
 
 def make_run(folder: Path, **files: str) -> Path:
@@ -44,3 +54,14 @@ def test_a_folder_is_a_run_or_holds_those_of_processes(tmp_path: Path) -> None:
     parts = tuple(make_run(tmp_path / f"seeds-{k}") for k in (0, 1))
     assert run_folders(tmp_path) == parts
     assert run_folders(parts[1]) == (parts[1],)
+
+
+def test_seeds_are_those_of_a_run_or_of_all_processes(tmp_path: Path) -> None:
+    first = make_run(tmp_path / "seeds-0-1", **{"config.json": '{"seeds": [0, 1]}'})
+    second = make_run(tmp_path / "seeds-10", **{"config.json": '{"seeds": [10]}'})
+    assert seeds_of([first]) == [Seed(first, 0), Seed(first, 1)]
+    assert seeds_of([tmp_path]) == [Seed(first, 0), Seed(first, 1), Seed(second, 10)]
+    with pytest.raises(BuildError, match="holds no run"):
+        seeds_of([tmp_path / "nothing"])
+    with pytest.raises(BuildError, match="wait for its first checkpoint"):
+        last_policy_path(first, 0)

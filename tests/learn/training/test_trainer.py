@@ -38,7 +38,6 @@ from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode, no_messages  # noqa: E402
-from tests.offline_algos.toys import step_of  # noqa: E402
 
 SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
@@ -107,25 +106,32 @@ def run(algorithm: str, folder: Path, **options: Any) -> list[Policy]:
     return train_seeds(algorithm, dataset(), folder, **{**settings, **options})
 
 
-STOPS = [
-    pytest.param(algorithm, stop, marks=[] if (k + turn) % 3 == 0 else [pytest.mark.slow])
-    for k, algorithm in enumerate(OFFLINE_ALGORITHMS)
-    for turn, stop in enumerate((3, 10, 27))
-]
-"""Each algorithm is stopped once by default, in turn before, at and after a checkpoint."""
-
-
 def assert_same_files(one: Path, two: Path) -> None:
     for name in (CONFIG, LOSSES, CURVE, CHECKPOINT):
         assert (one / name).read_bytes() == (two / name).read_bytes(), name
 
 
-@pytest.mark.parametrize(("algorithm", "stop"), STOPS)
+MEMORY = {"memory": "gru", "memory_size": 4, "burn_in": 2, "window": 4}
+RESUMED = [
+    pytest.param(algorithm, stop, {}, marks=[] if (k + turn) % 3 == 0 else [pytest.mark.slow])
+    for k, algorithm in enumerate(OFFLINE_ALGORITHMS)
+    for turn, stop in enumerate((3, 10, 27))
+] + [pytest.param(name, 15, MEMORY) for name in ("bc", "filtered_bc", "iql", "vdn", "qmix")]
+"""Each algorithm is stopped once by default, in turn before, at and after a checkpoint."""
+
+
+@pytest.mark.parametrize(("algorithm", "stop", "changes"), RESUMED)
 def test_a_stopped_and_resumed_run_equals_an_unbroken_one(
-    algorithm: str, stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    algorithm: str,
+    stop: int,
+    changes: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    run(algorithm, whole)
+    whole, broken, config = tmp_path / "whole", tmp_path / "broken", config_of(algorithm, **changes)
+    evaluate = size_of_first_layer if not changes else lambda policy: {"norm": 1.0}
+    policies = run(algorithm, whole, config=config, evaluate=evaluate)
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     update = kind.update
 
@@ -134,41 +140,18 @@ def test_a_stopped_and_resumed_run_equals_an_unbroken_one(
             raise KeyboardInterrupt
         return update(self, batch)
 
-    monkeypatch.setattr(kind, "update", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run(algorithm, broken)
-    monkeypatch.undo()
-    run(algorithm, broken)
+    with monkeypatch.context() as patch:
+        patch.setattr(kind, "update", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(algorithm, broken, config=config, evaluate=evaluate)
+    assert "run the same command again" in capsys.readouterr().err
+    run(algorithm, broken, config=config, evaluate=evaluate)
     assert_same_files(whole, broken)
-
-
-@pytest.mark.parametrize("algorithm", ["bc", "filtered_bc", "iql", "vdn", "qmix"])
-def test_policies_with_a_memory_are_resumed_and_loaded(
-    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    memory = {"memory": "gru", "memory_size": 4, "burn_in": 2, "window": 4}
-    config, folders = config_of(algorithm, **memory), (tmp_path / "whole", tmp_path / "broken")
-    whole = run(algorithm, folders[0], config=config, evaluate=None)
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
-    update = kind.update
-
-    def interrupted(self: Any, batch: Any) -> Any:
-        assert batch.mask.shape == (2, 2, 6)  # 8 transitions are 2 segments of 4 steps
-        if self.n_updates == 15:
-            raise KeyboardInterrupt
-        return update(self, batch)
-
-    monkeypatch.setattr(kind, "update", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run(algorithm, folders[1], config=config, evaluate=None)
-    monkeypatch.undo()
-    run(algorithm, folders[1], config=config, evaluate=None)
-    for name in (CONFIG, LOSSES, CHECKPOINT):
-        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name
-    compact(folders[1])
-    for policy, kept in zip(whole, load_run(folders[1]), strict=True):
-        assert is_same(policy, kept)
-        assert type(policy) in (RecurrentPolicy, RecurrentChoicePolicy)
+    if changes:
+        compact(broken)
+        for policy, kept in zip(policies, load_run(broken), strict=True):
+            assert is_same(policy, kept)
+            assert type(policy) in (RecurrentPolicy, RecurrentChoicePolicy)
 
 
 def test_memories_are_not_compiled(tmp_path: Path) -> None:
@@ -183,18 +166,7 @@ def test_a_batch_smaller_than_a_segment_is_refused(tmp_path: Path) -> None:
         run("bc", tmp_path, config=config_of("bc", memory="gru", memory_size=0))
 
 
-def test_ctrl_c_says_how_to_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(self: Any, batch: Any) -> Any:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(resolve("algorithm", OFFLINE_ALGORITHMS, "bc"), "update", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run("bc", tmp_path)
-    assert "Stopped before the end, update 43" in capsys.readouterr().err
-
-
+@pytest.mark.slow
 def test_a_killed_run_is_resumed_exactly(tmp_path: Path) -> None:
     """SIGKILL in the middle, in a process of its own."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
@@ -235,16 +207,6 @@ def test_a_finished_run_is_loaded_not_trained(
     for policies in (run("bc", tmp_path), load_run(tmp_path)):
         for one, two in zip(first, policies, strict=True):
             assert size_of_first_layer(one) == size_of_first_layer(two)
-
-
-@pytest.mark.parametrize("algorithm", OFFLINE_ALGORITHMS)
-def test_a_loaded_policy_acts_like_the_trained_one(algorithm: str, tmp_path: Path) -> None:
-    trained, loaded = run(algorithm, tmp_path), load_run(tmp_path)
-    rng = np.random.default_rng(1)
-    observations = rng.normal(size=(4, 2, 5)).astype(np.float32)
-    for one, two in zip(trained, loaded, strict=True):
-        step = step_of(4)._replace(observations=observations)
-        np.testing.assert_array_equal(one.act(step), two.act(step))
 
 
 def test_checkpoints_of_other_statistics_are_refused_in_one_sentence(tmp_path: Path) -> None:
@@ -330,12 +292,11 @@ def test_the_number_of_threads_is_given_back(tmp_path: Path) -> None:
         torch.set_num_threads(before)
 
 
-@pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc", "vdn"])
 def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
-    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 64: with the update and the loss; what is on the disk is of before."""
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "maddpg_bc")
     update = kind.update
 
     def poisoned(self: Any, batch: Any) -> Any:
@@ -350,11 +311,11 @@ def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
         with pytest.raises(
             DivergedError, match=rf"at 25, of the losses of seed {SEEDS[1]}, .* nan"
         ):
-            run(algorithm, tmp_path / "d")
+            run("maddpg_bc", tmp_path / "d")
     assert load_checkpoint(tmp_path / "d" / CHECKPOINT)[1]["update"] == 20
     assert "nan" not in (tmp_path / "d" / LOSSES).read_text()
-    run(algorithm, tmp_path / "d")
-    run(algorithm, tmp_path / "whole")
+    run("maddpg_bc", tmp_path / "d")
+    run("maddpg_bc", tmp_path / "whole")
     assert_same_files(tmp_path / "d", tmp_path / "whole")
 
 

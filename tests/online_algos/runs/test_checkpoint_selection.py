@@ -12,7 +12,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.learn.training.run_files import Seed, last_policy_path, seeds_of
+from swarmdata.learn.training.run_files import Seed, last_policy_path
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs import checkpoint_selection
 from swarmdata.online_algos.runs.checkpoint_selection import (
@@ -50,14 +50,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def half(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every policy solves half of its episodes."""
     monkeypatch.setattr(checkpoint_selection, "measure", lambda *_: {"success": 0.5})
-
-
-def test_seeds_are_found_in_a_run_and_in_a_folder_of_runs(run: Path) -> None:
-    wanted = [Seed(run, 0), Seed(run, 1)]
-    assert seeds_of([run]) == wanted
-    assert seeds_of([run.parent]) == wanted
-    with pytest.raises(BuildError, match="holds no run"):
-        seeds_of([run.parent.parent / "nothing"])
 
 
 def test_the_medium_is_the_first_checkpoint_in_the_band(

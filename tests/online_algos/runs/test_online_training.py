@@ -1,6 +1,7 @@
 """Online runs: whatever interrupts them, they end as a whole one."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,10 +14,16 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.errors import BuildError, CheckpointError, DivergedError, SpecError, SwarmdataError
+from swarmdata.errors import CheckpointError, DivergedError, SwarmdataError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.learn.training.run_files import last_policy_path, policy_path, read_table
+from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.learn.training.run_files import (
+    CHECKPOINT,
+    last_policy_path,
+    policy_path,
+    read_table,
+)
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo import initial_weights
@@ -31,6 +38,9 @@ from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_steps=320, n_copies=4, rollout_steps=8, hidden=8, minibatch=64)
+REPLAYING = VDNConfig(
+    n_steps=320, n_copies=4, rollout_steps=8, batch_size=4, capacity=64, margin=128, hidden=(8,)
+)
 RUN = describe_run("mappo", SMALL, SPEC, (0, 3), n_checkpoints=4, n_episodes=2)
 SAME = ("config.json", "curve.csv", "checkpoint.safetensors")
 
@@ -44,10 +54,17 @@ def assert_same_run(ours: Path, theirs: Path) -> None:
         assert mine.read_bytes() == other.read_bytes()
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run that nothing interrupted."""
+    return train_run(RUN, tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.mark.parametrize("has_old_checkpoint", [False, True])
 def test_an_interrupted_run_ends_as_an_uninterrupted_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    has_old_checkpoint: bool, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = train_run(RUN, tmp_path / "whole")
+    """Also one whose checkpoint has the form of version 0.2."""
     measure, calls = online_training.measure, []
 
     def interrupt(*args: Any) -> dict[str, float]:
@@ -56,24 +73,31 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
             raise KeyboardInterrupt
         return measure(*args)
 
-    monkeypatch.setattr(online_training, "measure", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        train_run(RUN, tmp_path / "cut")
-    train_run(RUN, tmp_path / "cut")
-    assert_same_run(whole, tmp_path / "cut")
+    with monkeypatch.context() as patch:
+        patch.setattr(online_training, "measure", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train_run(RUN, tmp_path)
+    if has_old_checkpoint:
+        tensors, metadata = load_checkpoint(tmp_path / CHECKPOINT)
+        old = {name.removeprefix("algorithm."): tensor for name, tensor in tensors.items()}
+        save_checkpoint(tmp_path / CHECKPOINT, old, {"frames": metadata["frames"]})
+    train_run(RUN, tmp_path)
+    assert_same_run(whole, tmp_path)
 
 
-def test_threads_do_not_change_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = train_run(RUN, tmp_path / "whole")
+def test_threads_do_not_change_a_run(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     used = []
 
     def note(spec: TaskSpec, n_copies: int, n_threads: int = 1) -> VecEnv:
         used.append(n_threads)
         return make_env(spec, n_copies, n_threads=n_threads)
 
-    monkeypatch.setattr(online_training, "make_env", note)
+    monkeypatch.setattr(online_training, "make_env", note)  # where robots learn
+    monkeypatch.setattr("swarmdata.rollouts.evaluate.make_env", note)  # where they are measured
     assert_same_run(whole, train_run(RUN, tmp_path / "threads", n_threads=2))
-    assert set(used) == {2}
+    assert used == [2] * (1 + 4 * 2)
 
 
 def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
@@ -84,7 +108,7 @@ def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
     )
     config = replace(SMALL, start=StartConfig(teacher="straight", clone_rounds=2))
     run = describe_run("mappo", config, SPEC, RUN.seeds, n_checkpoints=4, n_episodes=2)
-    whole = train_run(run, tmp_path / "whole")
+    undisturbed = train_run(run, tmp_path / "whole")
 
     def interrupt(*args: Any) -> None:
         raise KeyboardInterrupt
@@ -95,12 +119,11 @@ def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
             train_run(run, tmp_path / "cut")
     monkeypatch.setattr(initial_weights, "clone_teacher", interrupt)
     train_run(run, tmp_path / "cut")
-    assert_same_run(whole, tmp_path / "cut")
+    assert_same_run(undisturbed, tmp_path / "cut")
 
 
 PROGRAM = """
 import sys
-from dataclasses import replace
 from pathlib import Path
 from swarmdata.online_algos.runs.online_training import OnlineRun, train_run
 train_run(OnlineRun.from_text(sys.argv[1]), Path(sys.argv[2]))
@@ -108,8 +131,8 @@ train_run(OnlineRun.from_text(sys.argv[1]), Path(sys.argv[2]))
 
 
 @pytest.mark.slow
-def test_a_killed_run_ends_as_a_whole_one(tmp_path: Path) -> None:
-    whole, cut = train_run(RUN, tmp_path / "whole"), tmp_path / "cut"
+def test_a_killed_run_ends_as_a_whole_one(whole: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut"
     for n_checkpoints in (1, 2):
         command = [sys.executable, "-c", PROGRAM, RUN.to_json(), str(cut)]
         process = subprocess.Popen(command)
@@ -122,66 +145,62 @@ def test_a_killed_run_ends_as_a_whole_one(tmp_path: Path) -> None:
     assert_same_run(whole, cut)
 
 
-def test_a_run_folder_holds_what_it_promises(tmp_path: Path) -> None:
-    folder = train_run(RUN, tmp_path / "run")
-    assert OnlineRun.from_file(folder / "config.json") == RUN
-    rows = (folder / "curve.csv").read_text().splitlines()
+def test_a_run_folder_holds_what_it_promises(whole: Path) -> None:
+    assert OnlineRun.from_file(whole / "config.json") == RUN
+    rows = (whole / "curve.csv").read_text().splitlines()
     assert rows[0].startswith("frames,seed,success,clean_success,return")
     assert [row.split(",")[:2] for row in rows[1:3]] == [["96", "0"], ["96", "3"]]
     assert len(rows) == 1 + 4 * 2
-    assert len((folder / "speed.csv").read_text().splitlines()) == 1 + 4
-    events = list((folder / "tensorboard" / "seed-3").glob("events.out.tfevents.*"))
+    assert len((whole / "speed.csv").read_text().splitlines()) == 1 + 4
+    events = list((whole / "tensorboard" / "seed-3").glob("events.out.tfevents.*"))
     assert len(events) == 1
     assert events[0].stat().st_size > 200
     step = make_env(SPEC, 2).reset(evaluation_seeds(2))
-    actions = load_policy(policy_path(folder, 3, 96)).act(step)
+    actions = load_policy(policy_path(whole, 3, 96)).act(step)
     assert actions.shape == (2, 4, 2)
 
 
-def test_another_configuration_does_not_continue_a_run(tmp_path: Path) -> None:
-    train_run(RUN, tmp_path / "run")
-    other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
-    with pytest.raises(CheckpointError, match="differs in: seeds"):
-        train_run(other, tmp_path / "run")
+OTHER = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
 
 
-def test_a_run_that_has_no_checkpoint_yet_keeps_its_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_another_run_does_not_go_on_in_its_folder(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*args: Any) -> None:
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch:
-        patch.setattr(MAPPO, "prepare", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            train_run(RUN, tmp_path)
-    other = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2)
-    with pytest.raises(CheckpointError, match="differs in: seeds"):
-        train_run(other, tmp_path)
+    monkeypatch.setattr(MAPPO, "prepare", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train_run(RUN, tmp_path)
+    for folder in (whole, tmp_path):  # with a checkpoint, and before the first
+        with pytest.raises(CheckpointError, match="differs in: seeds"):
+            train_run(OTHER, folder)
+    shutil.copy(whole / CHECKPOINT, tmp_path / CHECKPOINT)
+    (tmp_path / "config.json").write_text(OTHER.to_json())
+    with pytest.raises(CheckpointError, match="does not belong"):
+        train_run(OTHER, tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"shaping": ShapingConfig(payload_path_weight=1.0)}, "coop_nav has none"),
-        ({"start": StartConfig(teacher="straigt")}, "Did you mean 'straight'"),
-    ],
+WRONG = ("proximty=2",)
+CANNOT_BEGIN: tuple[tuple[str, Any, str], ...] = (
+    ("mappo", replace(SMALL, shaping=ShapingConfig(payload_path_weight=1.0)), "coop_nav has none"),
+    ("mappo", replace(SMALL, start=StartConfig(teacher="straigt")), "Did you mean 'straight'"),
+    ("mappo", replace(SMALL, shaping=ShapingConfig(reward_weights=WRONG)), "proximty"),
+    ("vdn", VDNConfig(n_steps=320, n_copies=4, hidden=(8,), reward_weights=WRONG), "proximty"),
+    ("mappo", replace(SMALL, n_steps=8), "expected at least the 32 of one rollout"),
+    ("vdn", replace(REPLAYING, margin=100), "margin is 100, expected at least 112"),
 )
-def test_a_run_that_cannot_begin_leaves_its_folder_to_others(
-    tmp_path: Path, wrong: dict[str, Any], message: str
+
+
+@pytest.mark.parametrize(("algorithm", "config", "message"), CANNOT_BEGIN)
+def test_a_run_that_cannot_begin_leaves_no_folder(
+    tmp_path: Path, algorithm: str, config: Any, message: str
 ) -> None:
-    config = replace(SMALL, **wrong)
+    """Even where its worlds are made after the folder and the replay in it."""
+    run = describe_run(algorithm, config, SPEC, (0,), n_checkpoints=4, n_episodes=2)
     with pytest.raises(SwarmdataError, match=message):
-        train_run(describe_run("mappo", config, SPEC, (0,)), tmp_path)
-    assert not list(tmp_path.iterdir())
-    run = describe_run("mappo", SMALL, SPEC, (0,), n_checkpoints=1, n_episodes=2)
-    assert train_run(run, tmp_path) == tmp_path
-    assert OnlineRun.from_file(tmp_path / "config.json") == run
-
-
-def test_a_run_without_checkpoints_has_no_policy(tmp_path: Path) -> None:
-    with pytest.raises(BuildError, match="wait for its first checkpoint"):
-        last_policy_path(tmp_path, 0)
+        train_run(run, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_losses_that_are_not_defined_yet_stay_empty(tmp_path: Path) -> None:
@@ -196,45 +215,8 @@ def test_losses_that_are_not_defined_yet_stay_empty(tmp_path: Path) -> None:
         assert row["value"] > 0
 
 
-def test_a_replay_that_could_not_be_resumed_is_refused(tmp_path: Path) -> None:
-    config = VDNConfig(
-        n_steps=320, n_copies=4, rollout_steps=8, batch_size=4, capacity=64, margin=100, hidden=(8,)
-    )
-    run = describe_run("vdn", config, SPEC, (0,), n_checkpoints=4, n_episodes=2)
-    with pytest.raises(SpecError, match="margin is 100, expected at least 112"):
-        train_run(run, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
-def test_a_run_shorter_than_a_rollout_is_refused(tmp_path: Path) -> None:
-    """Such as one whose n_steps is meant to be the length of a rollout."""
-    run = describe_run("mappo", replace(SMALL, n_steps=8), SPEC, (0,))
-    with pytest.raises(SpecError, match="expected at least the 32 of one rollout"):
-        train_run(run, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
-WRONG = ("proximty=2",)
-REFUSED_LATE = {
-    "mappo": replace(SMALL, shaping=ShapingConfig(reward_weights=WRONG)),
-    "vdn": VDNConfig(n_steps=320, n_copies=4, hidden=(8,), reward_weights=WRONG),
-}
-
-
-@pytest.mark.parametrize("algorithm", REFUSED_LATE)
-def test_a_setting_that_is_refused_late_leaves_no_folder(tmp_path: Path, algorithm: str) -> None:
-    """When its worlds are made, after the folder, and the replay in it, have been."""
-    run = describe_run(algorithm, REFUSED_LATE[algorithm], SPEC, (0,), n_checkpoints=1)
-    with pytest.raises(SwarmdataError, match="proximty"):
-        train_run(run, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
 def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> None:
-    config = VDNConfig(
-        n_steps=320, n_copies=4, rollout_steps=8, batch_size=4, capacity=64, margin=128, hidden=(8,)
-    )
-    run = describe_run("vdn", config, SPEC, (0,), n_checkpoints=4, n_episodes=2)
+    run = describe_run("vdn", REPLAYING, SPEC, (0,), n_checkpoints=4, n_episodes=2)
     folder = train_run(run, tmp_path / "run")
     files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     assert "replay" not in {path.parent.name for path in files}
@@ -245,10 +227,9 @@ def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> 
 
 
 def test_an_online_run_that_diverges_stops_and_keeps_its_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 64: with the joint steps; what was saved before goes on to the same end."""
-    whole = train_run(RUN, tmp_path / "whole")
     update = MAPPO.update
 
     def poisoned(self: Any) -> Any:
