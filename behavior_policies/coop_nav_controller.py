@@ -11,18 +11,13 @@ unless another is given.
 
 import numpy as np
 
-from swarmdata.behavior_policies.conventions import (
-    GOAL_CONVENTIONS,
-    LANE_CONVENTIONS,
-    check_convention,
-    lane_targets,
-    order_goals,
-)
+from swarmdata.behavior_policies.conventions import check_convention, lane_targets, order_goals
 from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.envs.coop_nav.unassigned_goals import fill_distances
 from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assign, assignment_work
+from swarmdata.registry.recipes import GOAL_CONVENTIONS, LANE_CONVENTIONS
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Doorway, Lanes, NavigationRules
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of

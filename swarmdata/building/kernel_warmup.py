@@ -15,13 +15,12 @@ import numpy as np
 from numba import config
 from tqdm import tqdm
 
-from swarmdata.behavior_policies.conventions import conventions_of
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.registry.recipes import checkpoints, find_recipe
+from swarmdata.registry.recipes import checkpoints, conventions_of, find_recipe
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.runtime.kernel_progress import PROGRESS

@@ -9,24 +9,14 @@ RewardChoice = Mapping[str, float | str] | str
 """New weights of rewards by name, or the name of a set of them."""
 
 SAFE_FACTORS: dict[str, dict[str, float]] = {
-    "coop_nav": {"proximity": 5.0},
-    "formation": {"proximity": 5.0},
-    "transport": {"proximity": 5.0},
-    "warehouse": {"proximity": 5.0},
-    "intersection": {"proximity": 5.0},
-    "search": {"proximity": 5.0},
+    task: {"proximity": 5.0}
+    for task in ("coop_nav", "formation", "transport", "warehouse", "intersection", "search")
 }
 """Factors on weights that `safe` gives, for each kind of task.
 
 `proximity` is the one term that is felt before a contact, in every step and in proportion to the
 depth: it teaches robots to keep clear. The terms of contacts teach them not to move where a contact
-threatens. On `coop_nav-medium-replay` (`cards/studies/safe`), `maddpg_bc` collides a third as often
-with these factors and solves fewer episodes, clean ones too: .45 with recorded rewards, .32 with
-these. In shorter trials, collisions times 3 left as many clean episodes and a third fewer solved.
-
-The factors of `formation`, `transport` and `warehouse` are those of `coop_nav`. On their minis,
-they changed nothing clearly in 1,500 updates of 2 seeds (`cards/studies/safe-tasks`). Those of
-`intersection` and `search` are the same and were not tried.
+threatens. `cards/studies/safe` and `safe-tasks` measure what they change.
 """
 
 

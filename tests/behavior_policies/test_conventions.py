@@ -7,7 +7,6 @@ import pytest
 
 from swarmdata.behavior_policies.conventions import (
     check_convention,
-    conventions_of,
     lane_targets,
     order_goals,
 )
@@ -16,6 +15,7 @@ from swarmdata.errors import SpecError
 from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset, preset_names
+from swarmdata.registry.recipes import conventions_of
 from swarmdata.specs.rules import Lanes
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X
 from swarmdata.testing.policy_contract import check_policy

@@ -24,7 +24,6 @@ from swarmdata.store.damage import find_damage
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.parts import write_part
 from swarmdata.store.split_rule import assign_splits
-from swarmdata.store.table import table_columns
 from swarmdata.testing.synthetic import SPEC, make_recipe
 from swarmdata.types import END_REASONS, Float, Int
 
@@ -115,12 +114,9 @@ class Generated:
         places: Int = np.arange(self.size.n_episodes) * 7919 % (POOL_ROWS - self.size.length)
         return places
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Shape of the finished array."""
-        if name.startswith("episodes/"):
-            return table_columns(self.table)[name].shape
-        extra = self.size.n_episodes if ALL_FIELDS[name].rows == "states" else 0
-        return (self.size.n_steps + extra, *self.size.row_shapes[name])
+    def row_shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a row of an array over time."""
+        return self.size.row_shapes[name]
 
     def dtype(self, name: str) -> DType:
         """The usual one."""
@@ -128,9 +124,6 @@ class Generated:
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Consecutive rows of the array, an episode at a time."""
-        if name.startswith("episodes/"):
-            yield table_columns(self.table)[name]
-            return
         pool, length = self._pool(name), self.size.length
         rows = length + (ALL_FIELDS[name].rows == "states")
         flags = np.arange(length) == length - 1

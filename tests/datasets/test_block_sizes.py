@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from swarmdata.store.integrity import verification
 
 from swarmdata.audit import content_checks, subject
 from swarmdata.audit.checks import audit
@@ -22,6 +21,7 @@ from swarmdata.interop.convert import source_digest
 from swarmdata.interop.export import export_dataset
 from swarmdata.runtime import mapped_pages
 from swarmdata.runtime.mapped_pages import mapping_of
+from swarmdata.store import damage
 from swarmdata.store.arrays import scratch_arrays
 from swarmdata.store.arrays.scratch_arrays import ScratchMap, new_arrays
 from swarmdata.store.damage import logical_digest
@@ -33,7 +33,7 @@ def tight(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages are given back after each read, and computed arrays are in files."""
     monkeypatch.setattr(mapped_pages, "READ_BYTES", 1)
     monkeypatch.setattr(mapped_pages, "REGION_BYTES", 64)
-    monkeypatch.setattr(verification, "BLOCK_BYTES", 1000)
+    monkeypatch.setattr(damage, "BLOCK_BYTES", 1000)
     monkeypatch.setattr(scratch_arrays, "MEMORY_BYTES", 0)
 
 
