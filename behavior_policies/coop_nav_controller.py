@@ -11,11 +11,7 @@ unless another is given.
 
 import numpy as np
 
-from swarmdata.behavior_policies.conventions import (
-    check_convention,
-    lane_targets,
-    order_goals,
-)
+from swarmdata.behavior_policies.conventions import check_convention, lane_targets, order_goals
 from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.envs.coop_nav.navigation_rules import (

@@ -63,14 +63,14 @@ def _repair(folder: Path, workers: int | None) -> None:
 
 def _compare(folder: Path) -> None:
     """Prints which dataset an undamaged folder holds; exit code 1 if its id names another one."""
-    from swarmdata.hub.catalog.identity import identify, misnamed
+    from swarmdata.hub.catalog.identity import judge, misnamed
     from swarmdata.store import read_manifest
 
     manifest = read_manifest(folder)
     typer.echo(f"{folder}: all files match the manifest, digest {manifest.digest}")
     if (sentence := misnamed(folder, manifest)) is not None:
         typer.echo(f"{sentence}.", err=True)
-    identity = identify(folder, ())
+    identity = judge(manifest)
     typer.echo(identity.sentence, err=not identity.is_as_named)
     if not identity.is_as_named:
         raise typer.Exit(1)

@@ -77,9 +77,7 @@ def pull(
     else:
         remotes = (origin,) if origin is not None else configured_remotes()
         remote, release = find_release(
-            _versioned(dataset),
-            remotes,
-            lambda problem: typer.echo(problem, err=True),
+            _versioned(dataset), remotes, lambda problem: typer.echo(problem, err=True)
         )
     folder = obtain_release(remote, release, out or _cached(release.id))
     manifest = read_manifest(folder)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Dataset(View):
+class Dataset(View[Sampler]):
     """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
 
     Every array is a read-only view of a memory map, except those that `reobserve` and
@@ -261,37 +261,9 @@ class Dataset(View):
         copied = copy_transitions(self.stored.arrays, self.stored.table, self.selection)
         return {**copied, "episodes": np.repeat(np.arange(len(self)), lengths)}
 
-    def sampler(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int = 0,
-    ) -> Sampler:
-        """Returns an endless stream of batches, uniform over the transitions of this view.
-
-        Actions are in [-1, 1], the range in which policies act: bounded continuous actions of a
-        recorded environment are mapped affinely (`action_scaling`), discrete choices stay as they
-        were recorded.
-
-        Args:
-            batch_size: transitions or windows in a batch, B.
-            horizon: steps of masked windows that never cross an episode, or None for single
-                transitions.
-            burn_in: None: a window starts at any step. Else episodes are cut into segments of
-                `horizon` steps from their start on, and a window is a segment with the `burn_in`
-                steps before it; where these are before the episode, `mask` is False. Segments are
-                chosen in proportion to their steps.
-            seed: of the stream.
-
-        Raises:
-            SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
-        """
-        return Sampler(
-            self.stored.arrays, self.stored.table, self.selection, batch_size=batch_size,
-            horizon=horizon, burn_in=burn_in, seed=seed, scale=self._action_scale(), view=self,
-        )  # fmt: skip
+    def _sampler(self, **sizes: Any) -> Sampler:
+        stored, scale = self.stored, self._action_scale()
+        return Sampler(stored.arrays, stored.table, self.selection, scale=scale, view=self, **sizes)
 
     def replay_buffer(
         self, batch_size: int | None = 256, *, slice_length: int | None = None,

@@ -26,7 +26,7 @@ LONGEST_ID = 96
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Mixture(TrainingData):
+class Mixture(TrainingData["MixtureSampler"]):
     """Datasets of one spec, each with the probability that a row of a batch comes from it.
 
     It has what training needs of a `Dataset`: `moments` are those of rows that are drawn so, and
@@ -37,7 +37,7 @@ class Mixture(TrainingData):
         weights: probabilities of the parts, which sum to 1.
     """
 
-    parts: tuple[View, ...]
+    parts: tuple[View[Any], ...]
     weights: tuple[float, ...]
 
     @property
@@ -142,30 +142,8 @@ class Mixture(TrainingData):
             raise SchemaError(f"no episode of {self.id} is left; widen the filter")
         return Mixture(tuple(p for p, _ in kept), _normalized([w for _, w in kept]))
 
-    def sampler(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int = 0,
-    ) -> "MixtureSampler":
-        """Returns an endless stream of batches, each of whose rows is drawn with the weights.
-
-        Args:
-            batch_size: transitions or windows in a batch, B.
-            horizon: steps of masked windows, as `Dataset.sampler` takes it.
-            burn_in: steps before the segments, as `Dataset.sampler` takes it.
-            seed: of the stream.
-
-        Raises:
-            SchemaError: a size is below 1, or continuous actions have no bounds.
-        """
-        samplers = [
-            part.sampler(batch_size, horizon=horizon, burn_in=burn_in, seed=seed)
-            for part in self.parts
-        ]
-        return MixtureSampler(samplers, self.weights)
+    def _sampler(self, **sizes: Any) -> "MixtureSampler":
+        return MixtureSampler([part.sampler(**sizes) for part in self.parts], self.weights)
 
     def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv:
         """Builds copies of the world that was recorded, as `Dataset.make_env` does."""
@@ -260,7 +238,7 @@ class MixtureSampler(BatchStream):
         return shared | own
 
 
-def mix(parts: Sequence[View], weights: Sequence[float] | None = None) -> Mixture:
+def mix(parts: Sequence[View[Any]], weights: Sequence[float] | None = None) -> Mixture:
     """Mixes datasets of one spec.
 
     Args:

@@ -4,7 +4,7 @@ A batch is a pure function of the seed and its number in the stream, so a sample
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, Self
 
@@ -77,9 +77,6 @@ class Rows:
 
 def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int) -> Batch:
     """Returns the transitions at `index`, fields [*index.shape, ...].
-
-    `ndarray.take` per field runs at the memory's random-access speed; overlapped row views, packed
-    rows and numba loops were measured slower or equal.
 
     Args:
         arrays: the stored arrays.
@@ -185,14 +182,8 @@ def _gather(
 class SampledView(Protocol):
     """What a pickled sampler, or a torch `DataLoader`, needs of the dataset that is sampled."""
 
-    def sampler(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int = 0,
-    ) -> "BatchStream": ...
+    @property
+    def sampler(self) -> Callable[..., "BatchStream"]: ...
 
 
 class BatchStream(ABC):

@@ -12,7 +12,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, SupportsIndex, cast, overload
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Generic,
+    Literal,
+    Protocol,
+    Self,
+    SupportsIndex,
+    TypeVar,
+    cast,
+    overload,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +51,9 @@ from swarmdata.types import (
 if TYPE_CHECKING:
     from swarmdata.interfaces import VecEnv
 
+S = TypeVar("S", bound=BatchStream)
+R = TypeVar("R", bound=RowSampler)
+
 TIME_ARRAYS = (*STATE_FIELDS, *STEP_FIELDS, *OPTIONAL_STATE_FIELDS, *OPTIONAL_STEP_FIELDS)
 """The arrays of an `Episode`, those that not every dataset has at the end."""
 
@@ -60,7 +74,7 @@ Choice = Callable[[EpisodeTable, Origin], Bool]
 """Which episodes of a table are wanted, [n]; the origin names their policies."""
 
 
-class TrainingData(ABC):
+class TrainingData(ABC, Generic[S]):
     """Episodes that are trained on; subclasses are frozen dataclasses."""
 
     __slots__ = ()
@@ -71,6 +85,8 @@ class TrainingData(ABC):
         """Moments of observations and rewards, from which algorithms of this library learn."""
 
     @abstractmethod
+    def _sampler(self, **sizes: Any) -> S: ...
+
     def sampler(
         self,
         batch_size: int = 256,
@@ -78,8 +94,30 @@ class TrainingData(ABC):
         horizon: int | None = None,
         burn_in: int | None = None,
         seed: int = 0,
-    ) -> BatchStream:
-        """Returns an endless stream of batches."""
+    ) -> S:
+        """Returns an endless stream of batches.
+
+        They are uniform over the transitions: of a streamed dataset over those of a moving window
+        of blocks, of a mixture each row is drawn with the weights.
+
+        Actions are in [-1, 1], the range in which policies act: bounded continuous actions of a
+        recorded environment are mapped affinely (`action_scaling`), discrete choices stay as they
+        were recorded.
+
+        Args:
+            batch_size: transitions or windows in a batch, B.
+            horizon: steps of masked windows that never cross an episode, or None for single
+                transitions.
+            burn_in: None: a window starts at any step. Else episodes are cut into segments of
+                `horizon` steps from their start on, and a window is a segment with the `burn_in`
+                steps before it; where these are before the episode, `mask` is False. Segments are
+                chosen in proportion to their steps.
+            seed: of the stream.
+
+        Raises:
+            SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
+        """
+        return self._sampler(batch_size=batch_size, horizon=horizon, burn_in=burn_in, seed=seed)
 
     @abstractmethod
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
@@ -155,23 +193,13 @@ class TrainingData(ABC):
         return TorchBatches(self, **sizes)
 
 
-class View(TrainingData):
+class View(TrainingData[R]):
     """Episodes of one dataset, all of them or a selection."""
 
     __slots__ = ()
 
     selection: Int  # stored episodes of this view, [n]
     references: Reference | None  # anchors of the normalized score, if known
-
-    @abstractmethod
-    def sampler(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int = 0,
-    ) -> RowSampler: ...
 
     @property
     @abstractmethod

@@ -156,14 +156,21 @@ def references() -> Mapping[str, TaskReferences]:
     return LazyTable(entries, lambda key: TaskReferences.parse(entries[key], key))
 
 
-@cache
 def references_of(spec_hash: str) -> TaskReferences | None:
     """The references measured on exactly this spec, None if there are none."""
-    return next((entry for entry in references().values() if entry.spec_hash == spec_hash), None)
+    name = _measured_specs().get(spec_hash)
+    return None if name is None else references()[name]
 
 
-def _read(name: str) -> dict[str, object]:
+@cache
+def _measured_specs() -> dict[str, str]:
+    """The tasks of the references by the hash of their spec, of which none is parsed."""
+    return {str(entry["spec_hash"]): name for name, entry in _read("references.json").items()}
+
+
+@cache
+def _read(name: str) -> dict[str, dict[str, object]]:
     # from the package's folder: nothing of the folder with the cards is imported
     text = (files("swarmdata") / "cards" / name).read_text(encoding="utf-8")
-    data: dict[str, object] = json.loads(text)
+    data: dict[str, dict[str, object]] = json.loads(text)
     return data

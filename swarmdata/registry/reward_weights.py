@@ -13,7 +13,7 @@ SAFE_FACTORS: Mapping[str, float] = {"proximity": 5.0}
 
 `proximity` is the one term that is felt before a contact, in every step and in proportion to the
 depth: it teaches robots to keep clear. The terms of contacts teach them not to move where a contact
-threatens. `cards/studies/safe` and `cards/studies/safe-tasks` compare them with recorded weights.
+threatens. `cards/studies/safe` and `safe-tasks` measure what they change.
 """
 
 

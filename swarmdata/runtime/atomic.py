@@ -20,8 +20,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from tqdm import tqdm
-
 from swarmdata.errors import BuildError, DiskFullError, ProgramError, SwarmdataError
 from swarmdata.runtime.locking import Lock, beside
 
@@ -317,6 +315,8 @@ def _remove_if_abandoned(folder: Path) -> None:
         return
     _remove_marked(folder)
     lock.release()
+    from tqdm import tqdm  # noqa: PLC0415  (slow to import, rarely needed)
+
     tqdm.write(f"removed {folder}, which a killed process left", file=sys.stderr)
 
 

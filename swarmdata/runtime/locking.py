@@ -26,8 +26,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tqdm import tqdm
-
 from swarmdata.errors import BuildError
 
 PULSE = 10.0
@@ -164,6 +162,8 @@ class Lock:
                 return False
             if now - told >= REMINDER:
                 told = now
+                from tqdm import tqdm  # noqa: PLC0415  (slow to import, rarely needed)
+
                 tqdm.write(
                     f"{self.subject} is in use by {self.holder()}; waiting for it.", file=sys.stderr
                 )

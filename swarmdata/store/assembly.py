@@ -110,8 +110,8 @@ class Source(Protocol):
         """Arrays that it has."""
         ...
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Shape of the finished array."""
+    def row_shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a row of an array over time."""
         ...
 
     def dtype(self, name: str) -> DType:
@@ -119,7 +119,7 @@ class Source(Protocol):
         ...
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
-        """Consecutive rows of the array; one block per episode for arrays over time."""
+        """Consecutive rows of an array over time, one block per episode, of any of the dtypes."""
         ...
 
 
@@ -140,9 +140,7 @@ def write_dataset(
     """
     if not is_vacant(out):
         return _existing(out, recipe)
-    shards = {
-        name: plan_shard(source.dtype(name), source.shape(name)) for name in sorted(source.names)
-    }
+    shards = {name: _planned(source, name) for name in sorted(source.names)}
     from swarmdata.store.arrays.attributes import attributes_of  # noqa: PLC0415  (numba, for writers only)
 
     described = attributes_of(recipe, {name: shard.shape for name, shard in shards.items()})
@@ -194,34 +192,39 @@ class _Parts:
     names: tuple[str, ...]
     consume: bool
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Shape of the finished array."""
-        if ALL_FIELDS[name].rows == "episodes":
-            return table_columns(self.table)[name].shape
-        first = next(self.blocks(name))
-        extra = len(self.table) if ALL_FIELDS[name].rows == "states" else 0
-        return (int(self.table.lengths.sum()) + extra, *first.shape[1:])
+    def row_shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a row of an array over time."""
+        return next(self.blocks(name)).shape[1:]
 
     def dtype(self, name: str) -> DType:
         """Its dtype; parts of an older version have images as float32."""
-        if not ALL_FIELDS[name].may_be_bytes:
-            return ALL_FIELDS[name].dtype
         folders = (folder for folders in self.parts.values() for folder in folders)
         return common_dtype(name, (part_dtype(folder, name) for folder in folders))
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
-        """Consecutive rows of the array; one block per episode for arrays over time."""
-        if ALL_FIELDS[name].rows == "episodes":
-            yield table_columns(self.table)[name]
-            return
-        dtype = self.dtype(name)
+        """Consecutive rows of an array over time, one block per episode."""
         streams = {
             policy: enumerate(episode_slices(paths, name, consume=self.consume))
             for policy, paths in self.parts.items()
         }
         for policy, episode in self.order:
-            block = next(block for index, block in streams[policy] if index == episode)
-            yield block.astype(dtype, copy=False)
+            yield next(block for index, block in streams[policy] if index == episode)
+
+
+def _planned(source: Source, name: str) -> Shard:
+    """The byte layout of an array: a column of the episode table, or one over time."""
+    table, rows = source.table, ALL_FIELDS[name].rows
+    if rows == "episodes":
+        return plan_shard(ALL_FIELDS[name].dtype, table_columns(table)[name].shape)
+    n_rows = int(table.lengths.sum()) + (len(table) if rows == "states" else 0)
+    return plan_shard(source.dtype(name), (n_rows, *source.row_shape(name)))
+
+
+def _blocks(source: Source, name: str, dtype: DType) -> Iterator[NDArray[Any]]:
+    """The rows of an array in its dtype."""
+    if ALL_FIELDS[name].rows == "episodes":
+        return iter([table_columns(source.table)[name]])
+    return (block.astype(dtype, copy=False) for block in source.blocks(name))
 
 
 def _episode_table(
@@ -314,7 +317,8 @@ def _write(
     entries = {}
     for name, shard in _shown(shards, recipe.id, progress):
         observe = _observer(moments.get(name), train)
-        entries[name] = write_shard(folder, name, shard, observe(source.blocks(name)), logical)
+        blocks = observe(_blocks(source, name, shard.dtype))
+        entries[name] = write_shard(folder, name, shard, blocks, logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
     observation_mean, observation_std = moments["observations"].result()
     (reward_mean,), (reward_std,) = moments["rewards"].result()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import ChecksumError, DatasetError, DatasetNotFoundError, FormatVersionError
 from swarmdata.runtime.mapped_pages import release_pages
-from swarmdata.store.arrays.layout import MANIFEST, Shard, array_files
+from swarmdata.store.arrays.layout import MANIFEST, array_files
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import (
     ArrayEntry,
@@ -125,7 +125,7 @@ def _of_array(target: Path, file: str, name: str, entry: ArrayEntry, cut: str) -
     if not bad:
         return Damage(file, cut or "was changed in the shard index at its end", name)
     first = bad[0]
-    rows = rows_of(shard, first)
+    rows = shard.rows_of(first)
     problem = (
         f"{cut or 'was changed'}: {len(bad)} of {len(chunks)} chunks are bad, the first "
         f"is chunk {first} (rows {rows[0]} to {rows[1]} of {name!r})"
@@ -142,12 +142,6 @@ def _bad_chunks(target: Path, entry: ArrayEntry, chunks: range) -> list[int]:
             for index in chunks
             if xxhash.xxh3_64_hexdigest(stream.read(size)) != entry.checksums[index]
         ]
-
-
-def rows_of(shard: Shard, chunk: int) -> tuple[int, int]:
-    """First and last row of a chunk; the last chunk may be padded."""
-    first = chunk * shard.chunk_rows
-    return first, min(first + shard.chunk_rows, shard.shape[0]) - 1
 
 
 def _contradictions(path: Path, manifest: Manifest) -> list[Damage]:

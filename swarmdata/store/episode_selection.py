@@ -6,6 +6,7 @@ Rows go straight from one file to the other; nothing is unpacked or held in memo
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store.arrays.layout import ALL_FIELDS, DType, common_dtype
 from swarmdata.store.stored_dataset import StoredDataset
-from swarmdata.store.table import EpisodeTable, table_columns
+from swarmdata.store.table import EpisodeTable
 from swarmdata.types import Counts, Int
 
 
@@ -98,24 +99,14 @@ class Selection:
         renewed = {"starts": np.cumsum(lengths) - lengths, "policy_episode": stream}
         return EpisodeTable(**{**joined, **renewed})
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Shape of the finished array."""
-        if ALL_FIELDS[name].rows == "episodes":
-            return table_columns(self.table)[name].shape
-        extra = len(self.table) if ALL_FIELDS[name].rows == "states" else 0
-        inner = self.pieces[0].stored.arrays[name].shape[1:]
-        return (int(self.table.lengths.sum()) + extra, *inner)
+    def row_shape(self, name: str) -> tuple[int, ...]:
+        """Shape of a row of an array over time."""
+        return self.pieces[0].stored.arrays[name].shape[1:]
 
     def dtype(self, name: str) -> DType:
         """Its dtype; images that another version recorded are float32."""
-        dtypes = (str(piece.stored.arrays[name].dtype) for piece in self.pieces)
-        return common_dtype(name, dtypes)
+        return common_dtype(name, (str(each.stored.arrays[name].dtype) for each in self.pieces))
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
-        """Consecutive rows of the array; one block per episode for arrays over time."""
-        if ALL_FIELDS[name].rows == "episodes":
-            yield table_columns(self.table)[name]
-            return
-        dtype = self.dtype(name)
-        for piece in self.pieces:
-            yield from (block.astype(dtype, copy=False) for block in piece.blocks(name))
+        """Consecutive rows of an array over time, one block per episode."""
+        return chain.from_iterable(piece.blocks(name) for piece in self.pieces)

@@ -6,15 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.store.arrays.layout import (
-    FIELDS,
-    GROUP_FILES,
-    MANIFEST,
-    Field,
-    expected_metadata,
-    metadata_file,
-    plan_shard,
-)
+from swarmdata.store.arrays.layout import GROUP_FILES, MANIFEST
 
 MAX_EVIDENCE_BYTES = 64 << 20
 """Larger files are not read to recognise a dataset; a manifest may be as large."""
@@ -28,14 +20,12 @@ _MANIFEST_KEYS = frozenset({"checksum", "format_version", "recipe_hash", "arrays
 def is_dataset(folder: Path) -> bool:
     """Whether a folder is a dataset of swarmdata, whole or damaged.
 
-    One of these must be left of it: a manifest with our keys, a root group with our attributes, or
-    the metadata of most of our arrays, exactly as we write it. Names alone, a `recipe.json`, or
-    foreign arrays are no evidence.
+    One of these must be left of it: a manifest with our keys, or a root group with our attributes.
+    Names alone, a `recipe.json`, or foreign arrays are no evidence.
     """
     return (
         _read_object(folder / MANIFEST).keys() >= _MANIFEST_KEYS
         or root_attributes(folder).keys() >= ROOT_ATTRIBUTES
-        or 2 * sum(_has_array(folder, *item) for item in FIELDS.items()) > len(FIELDS)
     )
 
 
@@ -70,18 +60,6 @@ def root_attributes(folder: Path) -> Mapping[str, Any]:
     """The attributes of a dataset's root group, none where its file is absent or broken."""
     found = _read_object(folder / GROUP_FILES[0]).get("attributes")
     return found if isinstance(found, dict) else {}
-
-
-def _has_array(folder: Path, name: str, field: Field) -> bool:
-    """Whether an array is described exactly as we describe it."""
-    metadata = _read_object(folder / metadata_file(name))
-    shape = metadata.get("shape")
-    if not isinstance(shape, list) or len(shape) != len(field.dimensions):
-        return False
-    if not all(isinstance(size, int) and size >= 0 for size in shape):
-        return False
-    expected = expected_metadata(plan_shard(field.dtype_in(metadata), tuple(shape)))
-    return all(metadata.get(key) == value for key, value in expected.items())
 
 
 def _read_object(path: Path) -> Mapping[str, Any]:

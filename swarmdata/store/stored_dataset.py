@@ -325,26 +325,12 @@ def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, by
             if got != expected:
                 problem = f"{path / file} has {key} {got}, expected {expected}"
                 raise _disagrees(path, manifest, problem)
-    try:
-        root = json.loads(small_files[GROUP_FILES[0]])
-    except (ValueError, RecursionError):
-        root = None
-    found = root.get("attributes") if isinstance(root, dict) else None
-    attributes = found if isinstance(found, dict) else {}
+    attributes = root_attributes(path)
     for key, expected in (("id", manifest.id), ("recipe_hash", manifest.recipe_hash)):
         got = attributes.get(key, expected)
         if got != expected:
             problem = f"{path / GROUP_FILES[0]} says {key} {got!r}, the manifest says {expected!r}"
             raise _disagrees(path, manifest, problem)
-
-
-def check_widths(stored: StoredDataset) -> None:
-    """Compares the widths that `open_store` with `widths=False` does not.
-
-    Raises:
-        ManifestError: naming what contradicts the spec.
-    """
-    check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
 
 
 def check_spec(path: Path, manifest: Manifest, recipe: Origin, *, widths: bool) -> None:
@@ -414,11 +400,8 @@ def _check_chunks(path: Path, manifest: Manifest, raw: Mapping[str, NDArray[np.u
     Raises:
         ChecksumError: naming the file, the first changed chunk and its rows.
     """
-    jobs = [
-        (name, index, checksum)
-        for name, entry in manifest.arrays.items()
-        for index, checksum in enumerate(entry.checksums)
-    ]
+    arrays = manifest.arrays.items()
+    jobs = [(name, k, each) for name, entry in arrays for k, each in enumerate(entry.checksums)]
     n_threads = min(8, os.cpu_count() or 1)
 
     def changed(first: int) -> list[int]:
@@ -439,8 +422,7 @@ def _check_chunks(path: Path, manifest: Manifest, raw: Mapping[str, NDArray[np.u
         name, index, _ = jobs[min(bad)]
         shard, files, *_ = manifest.plan[name]
         file = files[index // shard.shard_chunks]
-        first = index * shard.chunk_rows
-        last = min(first + shard.chunk_rows, shard.shape[0]) - 1
+        first, last = shard.rows_of(index)
         raise ChecksumError(
             f"{path / file} was changed after it was written: chunk {index} of {shard.n_chunks} "
             f"(rows {first} to {last} of {name!r}) does not have the checksum in the manifest. "
@@ -486,7 +468,10 @@ def read_table(
 ) -> EpisodeTable:
     """Copies the episode table into memory and checks that it covers the arrays exactly."""
     names = [name for name in FIELDS if name.startswith("episodes/")]
-    table = EpisodeTable(**{name.split("/")[1]: arrays[name].copy() for name in names})
+    columns = {name.split("/")[1]: arrays[name].copy() for name in names}
+    for column in columns.values():
+        column.setflags(write=False)
+    table = EpisodeTable(**columns)
     ends = np.cumsum(table.lengths)
     problems = {
         "an episode has no steps": bool((table.lengths < 1).any()),

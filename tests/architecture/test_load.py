@@ -27,7 +27,7 @@ PUBLISH = (
 )
 
 USES = {
-    "load": PUBLISH + "import swarmdata; swarmdata.load('coop_nav-own-v0')[0].team_return",
+    "load": PUBLISH + "import swarmdata; next(swarmdata.load('coop_nav-own-v0').sampler())",
     "list": "import swarmdata; assert len(swarmdata.list_datasets()) > 100",
     "list command": "from swarmdata.cli.main import app; app(['list'], standalone_mode=False)",
     "info": "from swarmdata.cli.main import app;"

@@ -23,7 +23,6 @@ from swarmdata.store.arrays.layout import ALL_FIELDS, DType
 from swarmdata.store.assembly import assemble, write_dataset
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.parts import write_part
-from swarmdata.store.table import table_columns
 from swarmdata.types import END_REASONS, Episode
 
 Arrays = dict[str, NDArray[Any]]
@@ -41,18 +40,13 @@ class InMemory:
     def names(self) -> Sequence[str]:
         return tuple(name for name in self.arrays if name in ALL_FIELDS)
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        if ALL_FIELDS[name].rows == "episodes":
-            return table_columns(self.table)[name].shape
-        return self.arrays[name].shape
+    def row_shape(self, name: str) -> tuple[int, ...]:
+        return self.arrays[name].shape[1:]
 
     def dtype(self, name: str) -> DType:
         return ALL_FIELDS[name].dtype
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
-        if ALL_FIELDS[name].rows == "episodes":
-            yield table_columns(self.table)[name]
-            return
         extra = ALL_FIELDS[name].rows == "states"
         yield from np.split(self.arrays[name], np.cumsum(self.table.lengths + extra)[:-1])
 

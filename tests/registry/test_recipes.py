@@ -1,7 +1,7 @@
 """The shipped recipes."""
 
+from collections.abc import Mapping
 from importlib.resources import files
-from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -50,7 +50,7 @@ INDEX = {
 
 
 @pytest.fixture
-def trained(monkeypatch: pytest.MonkeyPatch) -> MappingProxyType[str, Recipe]:
+def trained(monkeypatch: pytest.MonkeyPatch) -> Mapping[str, Recipe]:
     """The recipes there would be with checkpoints for `coop_nav` and `formation-n8`."""
     table = {"coop_nav": INDEX, "formation-n8": {"expert": INDEX["expert"]}}
 
@@ -75,7 +75,7 @@ def test_unknown_id_or_version() -> None:
 
 
 def test_every_tier_has_a_mini_of_the_same_episodes(
-    trained: MappingProxyType[str, Recipe],
+    trained: Mapping[str, Recipe],
 ) -> None:
     names = {f"coop_nav-{name}" for name in TIERS if name != "two-conventions"}
     names |= {f"{family}-{name}" for family in LEARNED_FAMILIES for name in ("random", "scripted")}
@@ -90,7 +90,7 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
 
 
 def test_recipes_are_of_the_spec_of_their_preset(
-    trained: MappingProxyType[str, Recipe],
+    trained: Mapping[str, Recipe],
 ) -> None:
     assert {spec.n_agents for spec in FAMILY_SPECS.values()} == {4, 8}
     for key, recipe in trained.items():
@@ -98,13 +98,13 @@ def test_recipes_are_of_the_spec_of_their_preset(
         assert recipe.spec == FAMILY_SPECS[family]
 
 
-def test_no_two_tiers_share_their_episodes(trained: MappingProxyType[str, Recipe]) -> None:
+def test_no_two_tiers_share_their_episodes(trained: Mapping[str, Recipe]) -> None:
     seeds = {recipe.tier: recipe.seed for recipe in trained.values()}
 
     assert len(set(seeds.values())) == len(seeds) == len(TIERS)
 
 
-def test_mixture_is_half_and_half(trained: MappingProxyType[str, Recipe]) -> None:
+def test_mixture_is_half_and_half(trained: Mapping[str, Recipe]) -> None:
     policies = trained["coop_nav-medium-expert-v1"].policies
     shares = {
         kind: sum(p.share for p in policies if p.label.startswith(kind))
@@ -117,7 +117,7 @@ def test_mixture_is_half_and_half(trained: MappingProxyType[str, Recipe]) -> Non
 
 
 def test_replay_is_in_the_proportion_of_training_with_its_noise(
-    trained: MappingProxyType[str, Recipe],
+    trained: Mapping[str, Recipe],
 ) -> None:
     policies = trained["coop_nav-medium-replay-v1"].policies
     shares = [policy.share for policy in policies]
@@ -135,7 +135,7 @@ def test_replay_without_its_medium_is_an_error(monkeypatch: pytest.MonkeyPatch) 
         sources("coop_nav", "medium-replay")
 
 
-def test_special_tiers_of_coop_nav(trained: MappingProxyType[str, Recipe]) -> None:
+def test_special_tiers_of_coop_nav(trained: Mapping[str, Recipe]) -> None:
     mixed = trained["coop_nav-mixed-conventions-v1"].policies
     (narrow,) = trained["coop_nav-narrow-v1"].policies
 
@@ -155,7 +155,7 @@ def test_half_of_the_teams_follow_each_convention_and_both_are_the_expert(family
     assert sources(family, "medium") == ()
 
 
-def test_evaluated_policies_have_no_noise(trained: MappingProxyType[str, Recipe]) -> None:
+def test_evaluated_policies_have_no_noise(trained: Mapping[str, Recipe]) -> None:
     assert trained
     for tier in TRAINED_TIERS:
         found = sources("coop_nav", tier, 0.0)
@@ -194,11 +194,17 @@ def test_no_file_lies_beside_those_of_the_index() -> None:
 
 
 def test_a_recipe_is_made_when_it_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-    monkeypatch.setattr(recipes, "_recipe", lambda key, *rest: made.append(key) or key)
+    made: list[str] = []
+    build = recipes._recipe
+
+    def recorded(key: str, *rest: Any) -> Recipe:
+        made.append(key)
+        return build(key, *rest)
+
+    monkeypatch.setattr(recipes, "_recipe", recorded)
     table = shipped_recipes.__wrapped__()
     assert len(table) > 100
     assert "coop_nav-medium-v1" in table
-    assert table["coop_nav-medium-v1"] == table["coop_nav-medium-v1"] == "coop_nav-medium-v1"
+    assert table["coop_nav-medium-v1"] is table["coop_nav-medium-v1"]
     assert made == ["coop_nav-medium-v1"]
     assert table.get("coop_nav-mediun-v1") is None

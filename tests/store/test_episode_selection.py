@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.store import open_store
-from swarmdata.store.arrays.layout import ALL_FIELDS
+from swarmdata.store.arrays.layout import TIME_FIELDS
 from swarmdata.store.episode_selection import Piece, Selection
 from swarmdata.testing.synthetic import make_dataset
 
@@ -24,10 +24,10 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def test_the_whole_selection_is_the_dataset(dataset: Dataset) -> None:
     piece = Piece(dataset.stored, dataset.selection, {0: 0, 1: 1})
     source = Selection([piece])
-    for name in source.names:
+    for name in TIME_FIELDS:
         rows = np.concatenate(list(source.blocks(name)))
         np.testing.assert_array_equal(rows, dataset.stored.arrays[name], name)
-        assert source.shape(name) == rows.shape
+        assert source.row_shape(name) == rows.shape[1:]
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -39,11 +39,8 @@ def test_every_piece_gives_its_episodes(dataset: Dataset, data: st.DataObject) -
     chosen = [k for piece in pieces for k in piece]
     assert len(source.table) == len(chosen)
     np.testing.assert_array_equal(source.table.policy, 1 - dataset.episodes.policy[chosen])
-    for name in source.names:
+    for name in TIME_FIELDS:
         blocks = list(source.blocks(name))
-        assert source.shape(name) == np.concatenate(blocks).shape
-        if ALL_FIELDS[name].rows == "episodes":
-            continue
         for block, k in zip(blocks, chosen, strict=True):
             np.testing.assert_array_equal(block, getattr(dataset[k], name))
     ends = np.cumsum(source.table.lengths)

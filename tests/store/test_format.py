@@ -1,8 +1,5 @@
 import hashlib
-import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +17,6 @@ from swarmdata.store.damage import logical_digest
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.manifest import FileEntry
 from swarmdata.store.parts import write_part
-from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import (
     SPEC,
     make_dataset,
@@ -137,28 +133,6 @@ def test_layouts_without_obstacles(tmp_path: Path) -> None:
     assert layouts.shape == (5, 0, 8)
 
 
-def test_contract_suite_accepts_a_good_dataset(tmp_path: Path) -> None:
-    make_dataset(tmp_path / "ds", LENGTHS, n_steps=40)
-    check_dataset(tmp_path / "ds")
-
-
-def test_few_files(tmp_path: Path) -> None:
-    make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
-    files = [path for path in (tmp_path / "ds").rglob("*") if path.is_file()]
-    assert len(files) == 2 * len(FIELDS) + 2 + 2
-
-
-def test_reading_imports_no_zarr(tmp_path: Path) -> None:
-    make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
-    code = (
-        "import sys, swarmdata.datasets.dataset as d;"
-        f"next(d.Dataset.open({str(tmp_path / 'ds')!r}, 'full').sampler());"
-        "print(sorted({'zarr', 'h5py', 'numba', 'torch', 'pymunk'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize("rows", [1, 9_999, 10_000, 10_001, 1_000_000, 1_008_000])
 def test_shards_waste_little(rows: int) -> None:
     shard = plan_shard("float32", (rows, 4, 53))
@@ -177,11 +151,3 @@ def test_moments_agree_with_numpy_in_any_blocks() -> None:
     np.testing.assert_allclose(mean, rows.mean(0, dtype=np.float64), rtol=1e-12)
     np.testing.assert_allclose(std[:2], rows.std(0, dtype=np.float64)[:2], rtol=1e-9)
     assert std[2] == 0.0
-
-
-def test_manifest_is_readable_json(tmp_path: Path) -> None:
-    manifest, _ = make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
-    content = json.loads((tmp_path / "ds" / "manifest.json").read_bytes())
-    assert content["digest"] == manifest.digest
-    assert content["n_steps"] == manifest.n_steps >= 30
-    assert set(content["provenance"]) >= {"numpy", "zarr", "python", "platform"}

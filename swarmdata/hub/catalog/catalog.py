@@ -5,18 +5,18 @@ the package if neither has it, so that everything works without a network.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SpecError
+from swarmdata.errors import DatasetError, SpecError, SwarmdataError
 from swarmdata.hub.catalog.identity import judge, misnamed
-from swarmdata.hub.catalog.request import cached, is_offline, parse_request
+from swarmdata.hub.catalog.request import cached, cached_ids, is_offline, parse_request
 from swarmdata.registry.published import Reference, published, references_of
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
@@ -26,7 +26,7 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import changed_weights
 from swarmdata.store import open_store
 from swarmdata.store.cache import cache_folder
-from swarmdata.store.stored_dataset import Verify, check_widths
+from swarmdata.store.stored_dataset import Verify, check_spec
 
 if TYPE_CHECKING:  # a cached dataset is opened without them
     from swarmdata.datasets.mixture import Mixture
@@ -81,6 +81,40 @@ def _info(recipe: Recipe) -> DatasetInfo:
         score=anchors.score(entry.mean_return) if entry and anchors else None,
         digest=entry.digest if entry else None,
         is_cached=(dataset_folder(recipe) / "manifest.json").exists(),
+    )
+
+
+def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
+    """Returns the datasets in the cache that the package has no recipe of, by id.
+
+    Returns:
+        Them, and for each folder that is no usable dataset one sentence that says why.
+    """
+    place, found, problems = cache_folder() / "datasets", [], []
+    for name in sorted(set(cached_ids(place)) - set(shipped_recipes())):
+        try:
+            found.append(_info_of_folder(place / name))
+        except SwarmdataError as error:
+            problems.append(f"{place / name}: {error}")
+    return found, problems
+
+
+def _info_of_folder(folder: Path) -> DatasetInfo:
+    stored = open_store(folder, "none")
+    manifest, recipe = stored.manifest, stored.recipe
+    if (sentence := misnamed(folder, manifest)) is not None:
+        raise DatasetError(f"{sentence}.")
+    return DatasetInfo(
+        id=manifest.id,
+        task=recipe.spec.task,
+        tier=recipe.tier,
+        n_agents=recipe.spec.n_agents,
+        n_steps=manifest.n_steps,
+        n_episodes=manifest.n_episodes,
+        n_bytes=sum(file.size for file in manifest.files.values()),
+        score=None,
+        digest=manifest.digest,
+        is_cached=True,
     )
 
 
@@ -187,30 +221,25 @@ def load(
         DatasetError: the files cannot be used.
     """
     _check_number(dataset_id, weights, path)
+    shared: dict[str, Any] = {
+        "observation": observation, "communication": communication, "progress": progress,
+    }  # fmt: skip
     if stream:
         _refuse_streamed(verify, rewards=rewards, path=path, workers=workers)
         from swarmdata.hub.catalog.streams import open_streamed  # noqa: PLC0415  (all of streaming)
 
-        open_one = partial(
-            open_streamed,
-            stream=None if stream is True else stream,
-            is_offline=is_offline(offline),
-            observation=observation,
-            communication=communication,
-            progress=progress,
+        wanted = None if stream is True else stream
+        open_one: Callable[[str | Path], Dataset | StreamedDataset] = partial(
+            open_streamed, stream=wanted, is_offline=is_offline(offline), **shared
         )
     else:
-        open_one = partial(
-            _open,
-            path=path,
-            observation=observation,
-            communication=communication,
-            rewards=rewards,
-            verify=verify,
-            offline=offline,
-            workers=workers,
-            progress=progress,
-        )
+        own: dict[str, Any] = {
+            "path": path,
+            "rewards": rewards,
+            "verify": verify,
+            "workers": workers,
+        }
+        open_one = partial(_open, offline=offline, **own, **shared)
     if isinstance(dataset_id, str | Path):
         return open_one(dataset_id)
     from swarmdata.datasets.mixture import mix  # noqa: PLC0415  (most calls mix nothing)
@@ -266,7 +295,7 @@ def _open(
     dataset = Dataset(stored, whole, known_references(stored.recipe.spec), found.source)
     identity = judge(stored.manifest)
     if identity.kind != "published":
-        check_widths(stored)
+        check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
     if not identity.is_as_named:
         kind = RebuiltDifferentlyWarning if identity.kind == "rebuilt" else AnotherDatasetWarning
         warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=3)

@@ -1,24 +1,19 @@
 """Identifies a dataset: the published one, another one under a published name, or unknown.
 
-The digests of arrays and recipe decide; the recipe includes the spec. Commands call `identify`, or
-`judge` where there is only a manifest.
+The digests of arrays and recipe decide; the recipe includes the spec.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.recipes import shipped_recipes
-from swarmdata.store import Manifest, read_manifest
+from swarmdata.store import Manifest
 from swarmdata.store.cache import was_built_here
 
-if TYPE_CHECKING:
-    from swarmdata.store.damage import Damage
-
-Kind = Literal["published", "rebuilt", "another", "unknown", "damaged"]
+Kind = Literal["published", "rebuilt", "another", "unknown"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +24,6 @@ class Identity:
         kind: `published`: arrays and recipe are those published under its id. `rebuilt`: built here
             from the published recipe, with other arrays. `another`: it has the id of a published or
             shipped dataset, and is not that one. `unknown`: nothing is published under its id.
-            `damaged`: its files are not those that were written, so nothing can be said.
         sentence: the verdict in words, with the digests.
     """
 
@@ -40,25 +34,6 @@ class Identity:
     def is_as_named(self) -> bool:
         """Whether the dataset may be the one that its id names."""
         return self.kind in ("published", "unknown")
-
-
-def identify(folder: Path, damage: "Sequence[Damage]") -> Identity:
-    """Identifies the dataset in a folder.
-
-    Args:
-        folder: the dataset's.
-        damage: what was found broken in it, when every byte was read.
-
-    Raises:
-        DatasetError: nothing was found broken, and the manifest cannot be read.
-    """
-    if damage:
-        files = ", ".join(sorted({each.file for each in damage})[:3])
-        more = "" if len(damage) <= 3 else f" and {len(damage) - 3} more"
-        return Identity(
-            "damaged", f"this is a damaged dataset: {files}{more} are not as they were written"
-        )
-    return judge(read_manifest(folder))
 
 
 def misnamed(folder: Path, manifest: Manifest) -> str | None:

@@ -7,7 +7,7 @@ other files, agree with it.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,7 +77,7 @@ def examine(path: Path) -> tuple[Damage, ...]:
 def repair(
     path: Path,
     *,
-    remotes: tuple[str, ...] = (),
+    remotes: Sequence[str] = (),
     workers: int | None = None,
     progress: bool = True,
 ) -> tuple[Repair, ...]:

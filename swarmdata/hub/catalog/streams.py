@@ -12,8 +12,7 @@ from swarmdata.hub.catalog.sources import Remotes, refusal, skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.streaming.open_stream import open_stream
-from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
+from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset, open_stream
 from swarmdata.specs.model_choice import Source
 from swarmdata.store import read_manifest
 

@@ -12,7 +12,6 @@ from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import RangeReader, Release, Remote
 from swarmdata.hub.streaming.chunk_cache import ChunkCache
 from swarmdata.store import Manifest
-from swarmdata.store.damage import rows_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +79,7 @@ class RemoteArrays:
         shard = plan.shard
         file = plan.files[index // shard.shard_chunks]
         begin = index % shard.shard_chunks * shard.chunk_bytes
-        first, last = rows_of(shard, index)
+        first, last = shard.rows_of(index)
         what = f"chunk {index} of {file} (rows {first} to {last} of {name!r})"
         for _ in range(2):
             try:

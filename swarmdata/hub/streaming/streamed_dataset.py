@@ -1,20 +1,33 @@
 """StreamedDataset: a dataset on a remote whose chunks are fetched when they are read."""
 
+import tempfile
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from swarmdata.datasets.normalization import Moments
 from swarmdata.datasets.views import View
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import HubError, SchemaError, SpecError
+from swarmdata.hub.remotes.interface import RangeReader, Release, Remote
+from swarmdata.hub.remotes.pull_dataset import Refusal, fetch_file, fetch_manifest
+from swarmdata.hub.streaming.chunk_cache import ChunkCache
 from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
+from swarmdata.hub.streaming.remote_arrays import RemoteArrays
 from swarmdata.hub.streaming.window_sampler import WindowSampler
 from swarmdata.registry.published import Reference
 from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS
+from swarmdata.store.arrays.layout import RECIPE
 from swarmdata.store.arrays.running_moments import Moments as RunningMoments
+from swarmdata.store.cache import cache_folder
+from swarmdata.store.stored_dataset import check_listing, check_spec, read_origin, read_table
 from swarmdata.types import Double, Int, shortened
+
+STREAMS = "streams"
+"""Folder of chunks in the cache."""
 
 N_MEASURED_BLOCKS = 16
 """Blocks on which the observations of other sensors are measured to normalize them."""
@@ -49,7 +62,7 @@ class Stream:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StreamedDataset(View):
+class StreamedDataset(View[WindowSampler]):
     """Episodes of a dataset on a remote, all of them or a selection.
 
     Its index is in memory: manifest, recipe and episode table. Everything else is fetched in chunks
@@ -127,25 +140,7 @@ class StreamedDataset(View):
         changed = None if spec == self.recipe.spec else spec
         return replace(self, blocks=replace(self.blocks, spec=changed, _last={}))
 
-    def sampler(
-        self,
-        batch_size: int = 256,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int = 0,
-    ) -> WindowSampler:
-        """Returns an endless stream of batches, uniform over a moving window of blocks.
-
-        Args:
-            batch_size: transitions or windows of steps in a batch, B.
-            horizon: as of `Dataset.sampler`.
-            burn_in: as of `Dataset.sampler`.
-            seed: of the stream.
-
-        Raises:
-            SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
-        """
+    def _sampler(self, **sizes: Any) -> WindowSampler:
         if not len(self):
             raise SchemaError("there are no episodes to sample from; widen the filter")
         return WindowSampler(
@@ -153,10 +148,49 @@ class StreamedDataset(View):
             self.selection,
             window=self.stream.window,
             order_seed=self.stream.seed,
-            batch_size=batch_size,
-            horizon=horizon,
-            burn_in=burn_in,
-            seed=seed,
             scale=self._action_scale(),
             view=self,
+            **sizes,
         )
+
+
+def open_stream(
+    remote: Remote, release: Release, stream: Stream, refuse: Refusal
+) -> StreamedDataset:
+    """Opens a release without fetching it.
+
+    Manifest, recipe and episode table are fetched and checked as those of a pulled dataset are.
+
+    Args:
+        remote: where from.
+        release: from `remote.find`.
+        stream: how it is streamed.
+        refuse: returns why a dataset of this manifest is not wanted, None if it is.
+
+    Raises:
+        ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
+        HubError: the remote gives only whole files, could not be asked, or gave what it must not.
+        DatasetError: its parts contradict each other.
+    """
+    if not isinstance(remote, RangeReader):
+        raise HubError(
+            f"{release.address} cannot be streamed: its kind of remote gives whole files only (it "
+            "has no `read_range`). Load it without stream=True."
+        )
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        manifest = fetch_manifest(remote, release, folder, refuse)
+        check_listing(folder, manifest)
+        fetch_file(remote, release, manifest, RECIPE, folder / RECIPE)
+        origin = read_origin(folder, manifest, (folder / RECIPE).read_bytes(), None)
+        check_spec(folder, manifest, origin, widths=True)
+        cache = ChunkCache(cache_folder() / STREAMS, stream.cache_bytes)
+        source = RemoteArrays(remote, release, manifest, cache)
+        columns = {
+            array: source.rows(array, 0, manifest.n_episodes)
+            for array in manifest.arrays
+            if array.startswith("episodes/")
+        }
+        table = read_table(folder, manifest, origin, columns)
+    blocks = EpisodeBlocks(source, table, origin)
+    return StreamedDataset(blocks, np.arange(len(table)), stream, None, release.address)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.types import Double
+from swarmdata.types import Double, Episode
 
 
 class ObservationMoments(Protocol):
@@ -25,6 +25,7 @@ class Episodes(Protocol):
 
     @property
     def moments(self) -> ObservationMoments: ...
+    def __iter__(self) -> Iterator[Episode]: ...
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]: ...  # of each episode
 
 

@@ -11,7 +11,7 @@ from swarmdata.learn.networks.dataset_statistics import step_weights
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec
-from swarmdata.types import Batch, Double, Int
+from swarmdata.types import Batch, Double, Episode, Int
 
 N_MEASURED = 20_000
 """Transitions whose observations are measured to normalize them."""
@@ -62,6 +62,9 @@ class _FramedData:
 
     def step_weights(self) -> Double | None:
         return step_weights(self._data)
+
+    def __iter__(self) -> Iterator[Episode]:
+        return iter(self._data)
 
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
         return self._data.read(*names)

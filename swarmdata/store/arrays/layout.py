@@ -280,6 +280,11 @@ class Shard:
         first = shard * self.shard_chunks
         return range(first, min(first + self.shard_chunks, self.n_chunks))
 
+    def rows_of(self, chunk: int) -> tuple[int, int]:
+        """First and last row of a chunk; the last chunk may be padded."""
+        first = chunk * self.chunk_rows
+        return first, min(first + self.chunk_rows, self.shape[0]) - 1
+
     def data_of(self, shard: int) -> int:
         """Bytes of the chunks in a file."""
         return len(self.chunks_of(shard)) * self.chunk_bytes

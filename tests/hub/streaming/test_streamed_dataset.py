@@ -16,8 +16,7 @@ from swarmdata.errors import ChecksumError, HubError, SchemaError, SpecError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.streaming import episode_blocks, remote_arrays
-from swarmdata.hub.streaming.open_stream import open_stream
-from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
+from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset, open_stream
 from swarmdata.hub.streaming.window_sampler import WindowSampler
 from swarmdata.store.arrays import layout
 from swarmdata.testing.synthetic import RELEASE_CARD, make_dataset, write_release

@@ -9,12 +9,14 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.datasets.mixture import Mixture, Part, mix
+from swarmdata.datasets.mixture import Mixture, mix
+from swarmdata.datasets.views import View
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.runs.provenance import dataset_key
 from swarmdata.evaluation.study.plan import Size
@@ -47,7 +49,7 @@ class DatasetFacts(Frozen):
     n_train_steps: int | None = None  # joint steps to learn from; None: recorded before it was kept
 
     @classmethod
-    def of(cls, dataset: Part | Mixture) -> "DatasetFacts":
+    def of(cls, dataset: View[Any] | Mixture) -> "DatasetFacts":
         """Reads the table of episodes."""
         if isinstance(dataset, Mixture):
             return cls._of_mixture(dataset)
