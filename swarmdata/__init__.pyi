@@ -69,4 +69,5 @@ from swarmdata.types import (
     Step as Step,
 )
 
+__all__: list[str]
 __version__: str

@@ -45,36 +45,6 @@ from swarmdata.cli.shared_options import (
 from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError, printable
 
-SECTIONS = {
-    "First": ("list", "info", "train", "train-online", "evaluate", "report", "render", "generate"),
-    "Data": (
-        "record",
-        "import",
-        "convert",
-        "filter",
-        "combine",
-        "subsample",
-        "audit",
-        "verify",
-        "card",
-    ),
-    "Worlds": ("task", "references"),
-    "Learning": (
-        "algorithms",
-        "study",
-        "study-pages",
-        "sweep",
-        "transfer",
-        "rank",
-        "learning",
-        "curves",
-        "export-policy",
-    ),
-    "Hub": ("pull", "push", "remote", "catalogue"),
-    "Maintenance": ("warm", "registry", "ship"),
-}
-"""Commands in the order of `swarmdata --help`, the common path first."""
-
 
 class _Group(TyperGroup):
     """Turns expected errors into one-line messages, and Ctrl-C into exit code 130."""
@@ -83,11 +53,7 @@ class _Group(TyperGroup):
         """Lists the commands in sections."""
         limit = formatter.width - 6 - max(map(len, self.commands))
         for title, names in SECTIONS.items():
-            rows = [
-                (name, self.commands[name].get_short_help_str(limit))
-                for name in names
-                if name in self.commands
-            ]
+            rows = [(name, self.commands[name].get_short_help_str(limit)) for name in names]
             with formatter.section(title):
                 formatter.write_dl(rows)
 
@@ -152,12 +118,6 @@ app = _App(
     rich_markup_mode=None,
     help="Offline multi-agent RL datasets for multi-robot tasks.",
 )
-app.add_typer(task_app, name="task")
-app.add_typer(registry_commands.registry_app, name="registry")
-app.add_typer(remote_commands.remote_app, name="remote")
-app.add_typer(import_commands.record_app, name="record")
-app.add_typer(catalogue_app, name="catalogue")
-
 CLOSED_PIPE_EXIT_CODE = 128 + 13
 """Exit code of programs that SIGPIPE ends: nothing reads the output any more."""
 
@@ -274,7 +234,6 @@ def _root(
     pass
 
 
-@app.command("list")
 def list_command() -> None:
     """List the published datasets, then others in the cache."""
     from swarmdata.hub.catalog.catalog import list_datasets, own_datasets
@@ -291,7 +250,6 @@ def list_command() -> None:
         typer.echo(f"left out {problem}", err=True)
 
 
-@app.command()
 def info(dataset: IdOrPath) -> None:
     """Show a dataset's folder, digest and recipe.
 
@@ -319,11 +277,6 @@ def info(dataset: IdOrPath) -> None:
     typer.echo(recipe.to_yaml(), nl=False)
 
 
-app.command()(generate_commands.generate)
-app.command()(integrity_commands.verify)
-
-
-@app.command()
 def card(
     context: typer.Context,
     dataset: IdOrPath,
@@ -355,31 +308,6 @@ def card(
         write_card(folder)
 
 
-app.command()(integrity_commands.audit)
-app.command()(registry_commands.warm)
-app.command("filter")(editing_commands.filter_command)
-app.command("combine")(editing_commands.combine_command)
-app.command("subsample")(editing_commands.subsample_command)
-app.command()(remote_commands.push)
-app.command()(remote_commands.pull)
-app.command()(training_commands.train)
-app.command("train-online")(training_commands.train_online)
-app.command()(training_commands.ship)
-app.command()(training_commands.algorithms)
-app.command()(training_commands.learning)
-app.command()(training_commands.export_policy)
-app.command()(result_commands.rank)
-app.command()(convert_commands.convert)
-app.command("import")(import_commands.import_command)
-app.command()(result_commands.evaluate)
-app.command()(result_commands.report)
-app.command()(study_commands.study)
-app.command("study-pages")(study_commands.study_pages)
-app.command()(sweep_commands.sweep)
-app.command()(sweep_commands.transfer)
-
-
-@app.command()
 def curves(
     context: typer.Context,
     files: Annotated[
@@ -410,7 +338,6 @@ def curves(
     typer.echo(out)
 
 
-@app.command()
 def render(
     target: Annotated[
         str, typer.Argument(metavar="TARGET", help="policy, tier, run folder or dataset")
@@ -430,7 +357,6 @@ def render(
     typer.echo(out)
 
 
-@app.command()
 def references(
     tasks: Annotated[
         list[str], typer.Argument(metavar="TASK...", help="presets such as coop_nav, or spec files")
@@ -465,3 +391,59 @@ def _put_or_print(path: Path | None, entries: dict[str, Any]) -> None:
         typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))
     else:
         put_entries(path, entries)
+
+
+SECTIONS: dict[str, dict[str, Any]] = {
+    "First": {
+        "list": list_command,
+        "info": info,
+        "train": training_commands.train,
+        "train-online": training_commands.train_online,
+        "evaluate": result_commands.evaluate,
+        "report": result_commands.report,
+        "render": render,
+        "generate": generate_commands.generate,
+    },
+    "Data": {
+        "record": import_commands.record_app,
+        "import": import_commands.import_command,
+        "convert": convert_commands.convert,
+        "filter": editing_commands.filter_command,
+        "combine": editing_commands.combine_command,
+        "subsample": editing_commands.subsample_command,
+        "audit": integrity_commands.audit,
+        "verify": integrity_commands.verify,
+        "card": card,
+    },
+    "Worlds": {"task": task_app, "references": references},
+    "Learning": {
+        "algorithms": training_commands.algorithms,
+        "study": study_commands.study,
+        "study-pages": study_commands.study_pages,
+        "sweep": sweep_commands.sweep,
+        "transfer": sweep_commands.transfer,
+        "rank": result_commands.rank,
+        "learning": training_commands.learning,
+        "curves": curves,
+        "export-policy": training_commands.export_policy,
+    },
+    "Hub": {
+        "pull": remote_commands.pull,
+        "push": remote_commands.push,
+        "remote": remote_commands.remote_app,
+        "catalogue": catalogue_app,
+    },
+    "Maintenance": {
+        "warm": registry_commands.warm,
+        "registry": registry_commands.registry_app,
+        "ship": training_commands.ship,
+    },
+}
+"""Commands in the order of `swarmdata --help`, the common path first."""
+
+for _commands in SECTIONS.values():
+    for _name, _command in _commands.items():
+        if isinstance(_command, typer.Typer):
+            app.add_typer(_command, name=_name)
+        else:
+            app.command(_name)(_command)

@@ -15,7 +15,7 @@ from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import limits_of
 from swarmdata.store.parts import check_episode
-from swarmdata.types import Episode
+from swarmdata.types import END_REASONS, Bool, Episode, Float, FloatOrByte, no_messages
 
 
 def check_request(path: Path | str, policies: Sequence[str | PolicySource]) -> None:
@@ -79,3 +79,47 @@ def record_batches(
         raise
     finally:
         folder.release()
+
+
+def played_episode(
+    seed: int, observations: FloatOrByte, states: Float, actions: Float, rewards: Float,
+    ended: Bool, *, is_cut: bool, reason: str,
+) -> Episode:  # fmt: skip
+    """One copy's episode; what agents observe and do after they have left becomes zero.
+
+    Args:
+        seed: of the episode.
+        observations: [T + 1, N, O].
+        states: [T + 1, S].
+        actions: [T, N, A].
+        rewards: [T, N].
+        ended: which agents have ended, [T, N]; in the last step all do.
+        is_cut: whether the last step truncates those that are left.
+        reason: why the episode ended.
+    """
+    T, N = ended.shape
+    gone = np.logical_or.accumulate(ended, axis=0)
+    gone[-1] = True
+    acted = np.concatenate([np.ones((1, N), np.bool_), ~gone[:-1]])
+    stops, at_end, nobody = acted & gone, np.arange(T) == T - 1, np.zeros((1, N), np.bool_)
+    cut = stops & (is_cut & at_end)[:, None]
+    seen = np.concatenate([acted, nobody])
+    seen[1:] |= acted  # an agent also observes the state in which it stops acting
+    return Episode(
+        observations=np.where(seen[..., None], observations, observations.dtype.type(0)),
+        states=states,
+        actions=np.where(acted[..., None], actions, np.float32(0)),
+        log_probs=np.zeros((T, 0), np.float32),
+        rewards=np.where(acted, rewards, 0).astype(np.float32),
+        terminations=at_end & (not is_cut),
+        truncations=at_end & is_cut,
+        events=np.zeros((T, N, 0), np.uint8),
+        **no_messages(T + 1, N),
+        layout=np.zeros((0, 8), np.float32),
+        seed=seed,
+        policy=0,
+        end_reason=END_REASONS.index(reason),
+        alive=np.concatenate([acted, nobody]),
+        agent_terminations=stops & ~cut,
+        agent_truncations=cut,
+    )

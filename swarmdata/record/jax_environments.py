@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.record.batch_recording import check_request, record_batches
+from swarmdata.record.batch_recording import check_request, played_episode, record_batches
 from swarmdata.record.foreign_environment import clean_name, library_of
 from swarmdata.record.recording_description import foreign_spec, make_recording
 from swarmdata.record.recording_folder import Limits
@@ -27,7 +27,7 @@ from swarmdata.specs.gymnasium_spaces import common_bound, space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import BoxSpace, Space, stack_agents
-from swarmdata.types import END_REASONS, Bool, Episode, Float, no_messages
+from swarmdata.types import Bool, Episode, Float
 
 JaxPolicy = Callable[[Any, Any], Any]
 """Maps a random key and the observations of one copy, as the environment gives them, to the
@@ -289,46 +289,11 @@ class _Player:
         T = int(np.argmax(ended[:, N])) + 1
         success = bool(is_solved[T - 1])
         is_cut = not success and horizon == T
-        acted, terminated, cut = _leaving(ended[:T, :N], is_cut)
-        seen = np.concatenate([acted, np.zeros((1, N), np.bool_)])
-        seen[1:] |= acted  # an agent also observes the state in which it stops acting
         unsolved = "ended" if self._world.solved is None else "failure"
-        reason = "success" if success else "horizon" if is_cut else unsolved
-        at_end = np.arange(T) == T - 1
-        return Episode(
-            observations=np.where(seen[..., None], observations[: T + 1], np.float32(0)),
-            states=states[: T + 1],
-            actions=np.where(acted[..., None], actions[:T], np.float32(0)),
-            log_probs=np.zeros((T, 0), np.float32),
-            rewards=np.where(acted, rewards[:T], 0).astype(np.float32),
-            terminations=at_end & (not is_cut),
-            truncations=at_end & is_cut,
-            events=np.zeros((T, N, 0), np.uint8),
-            **no_messages(T + 1, N),
-            layout=np.zeros((0, 8), np.float32),
-            seed=seed,
-            policy=0,
-            end_reason=END_REASONS.index(reason),
-            alive=np.concatenate([acted, np.zeros((1, N), np.bool_)]),
-            agent_terminations=terminated,
-            agent_truncations=cut,
-        )
-
-
-def _leaving(ended: Bool, is_cut: bool) -> tuple[Bool, Bool, Bool]:
-    """Which agents act, are terminated and are truncated in each step of an episode, [T, N].
-
-    Args:
-        ended: the flags of its steps, [T, N].
-        is_cut: whether the last step truncates those that are left.
-    """
-    T, N = ended.shape
-    gone = np.logical_or.accumulate(ended, axis=0)
-    gone[-1] = True
-    acted = np.concatenate([np.ones((1, N), np.bool_), ~gone[:-1]])
-    stops = acted & gone
-    cut = stops & (is_cut & (np.arange(T) == T - 1))[:, None]
-    return acted, stops & ~cut, cut
+        return played_episode(
+            seed, observations[: T + 1], states[: T + 1], actions[:T], rewards[:T], ended[:T, :N],
+            is_cut=is_cut, reason="success" if success else "horizon" if is_cut else unsolved,
+        )  # fmt: skip
 
 
 def _numbers(state: Any) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record.agent_reader import SUCCESS_KEYS, combine_outcomes
-from swarmdata.record.batch_recording import check_request, record_batches
-from swarmdata.record.episode_buffer import EpisodeBuffer, Outcome, StateRow, StepRow
+from swarmdata.record.batch_recording import check_request, played_episode, record_batches
+from swarmdata.record.episode_buffer import Outcome
 from swarmdata.record.foreign_environment import clean_name, library_version
 from swarmdata.record.recording_description import foreign_spec, make_recording
 from swarmdata.record.recording_folder import Limits
@@ -25,7 +25,7 @@ from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import BoxSpace, flatten, stack_agents, width
-from swarmdata.types import Bool, Episode, Float, no_messages
+from swarmdata.types import Bool, Episode, Float
 
 VmasPolicy = Callable[[Any], Any]
 """Maps VMAS's observations, a list or dictionary of tensors [E, ...], to actions of all agents, a
@@ -110,46 +110,35 @@ def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> R
 
 def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[Episode]:
     """Plays one episode in each copy, from one reset."""
-    E = env.num_envs
-    alive = np.ones(E, np.bool_)
+    E, N = env.num_envs, spec.n_agents
+    alive, lengths = np.ones(E, np.bool_), np.zeros(E, np.int64)
     observations = env.reset(seed=seed)
-    layout = np.zeros((0, 8), np.float32)
-    first = _states(spec, observations, alive)
-    buffers = [EpisodeBuffer(seed * E + copy, 0, layout, [first[copy]]) for copy in range(E)]
-    outcomes: list[Outcome] = [None] * E
+    seen, actions_taken, paid = [_rows_by_agent(spec, observations, "observation", E)], [], []
+    ends = [(False, "")] * E  # whether it was cut, and why it ended
     while alive.any():
         actions = policy(observations)
         # copied before the environment can change them
-        actions_taken = stack_agents(_rows_by_agent(spec, actions, "action", E))
+        actions_taken.append(stack_agents(_rows_by_agent(spec, actions, "action", E)))
         observations, rewards, terminated, truncated, infos = env.step(actions)
+        seen.append(_rows_by_agent(spec, observations, "observation", E))
+        paid.append(stack_agents(_rows_by_agent(spec, rewards, "reward", E))[..., 0])
         ended, cut = _flags(terminated, E), _flags(truncated, E)
-        states = _states(spec, observations, alive & ~ended & ~cut)
-        agent_rewards = stack_agents(_rows_by_agent(spec, rewards, "reward", E))
-        for copy in np.flatnonzero(alive).tolist():
-            step = StepRow(
-                actions=actions_taken[copy],
-                log_probs=np.zeros(0, np.float32),
-                rewards=agent_rewards[copy, :, 0],
-                terminations=np.full(spec.n_agents, ended[copy]),
-                truncations=np.full(spec.n_agents, cut[copy] and not ended[copy]),
-                events=np.zeros((spec.n_agents, 0), np.uint8),
-            )
-            buffers[copy].add(step, states[copy])
-            if ended[copy] or cut[copy]:
-                outcomes[copy] = _outcome(infos, copy)
+        lengths += alive
+        for copy in np.flatnonzero(alive & (ended | cut)).tolist():
+            outcome, is_cut = _outcome(infos, copy), bool(not ended[copy])
+            unsolved = "horizon" if is_cut else outcome or "ended"
+            ends[copy] = is_cut, "success" if outcome == "success" else unsolved
         alive &= ~ended & ~cut
-    return [buffer.episode(outcome) for buffer, outcome in zip(buffers, outcomes, strict=True)]
-
-
-def _states(spec: RecordedSpec, observations: Any, alive: Bool) -> list[StateRow]:
-    """The state of each copy."""
-    rows_by_agent = _rows_by_agent(spec, observations, "observation", len(alive))
-    rows, states = stack_agents(rows_by_agent), np.concatenate(rows_by_agent, axis=1)
-    agents_alive = np.repeat(alive[:, None], spec.n_agents, axis=1)
+    observed = np.stack([stack_agents(rows) for rows in seen], 1)  # [E, T + 1, N, O]
+    states = np.stack([np.concatenate(rows, axis=1) for rows in seen], 1)
+    taken, rewarded = np.stack(actions_taken, 1), np.stack(paid, 1)
     return [
-        StateRow(rows[copy], states[copy], agents_alive[copy], None, **no_messages(spec.n_agents))
-        for copy in range(len(alive))
-    ]
+        played_episode(
+            seed * E + copy, observed[copy, : T + 1], states[copy, : T + 1], taken[copy, :T],
+            rewarded[copy, :T], np.zeros((T, N), np.bool_), is_cut=is_cut, reason=reason,
+        )
+        for copy, (T, (is_cut, reason)) in enumerate(zip(lengths.tolist(), ends, strict=True))
+    ]  # fmt: skip
 
 
 def _rows_by_agent(spec: RecordedSpec, given: Any, what: str, n_copies: int) -> list[Float]:

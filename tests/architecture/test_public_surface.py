@@ -63,7 +63,7 @@ def test_documents_use_public_names_only() -> None:
 
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'laod'"):
-        _ = swarmdata.laod
+        _ = swarmdata.laod  # type: ignore[attr-defined]
 
 
 def test_import_loads_nothing_heavy() -> None:

@@ -334,24 +334,6 @@ def test_task_play_draws(tmp_path: Path) -> None:
     assert "ends in" in run("task", "play", "coop_nav", "--out", tmp_path / "x.bmp", code=1)
 
 
-def test_render_writes_a_gif(tmp_path: Path) -> None:
-    pytest.importorskip("PIL", reason="Pillow writes the animation")
-    run("render", "idle", "--out", tmp_path / "x.gif")
-
-    assert (tmp_path / "x.gif").read_bytes().startswith(b"GIF8")
-
-
-def test_references_are_added_to_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "references.json"
-    path.write_text('{"other": 1}')
-    run("references", "coop_nav", "--episodes", "2", "--out", path)
-
-    content = json.loads(path.read_text())
-    assert content["other"] == 1
-    assert {"idle", "random", "straight", "scripted"} <= set(content["coop_nav"]["policies"])
-    assert "unknown task" in run("references", "coop_nv", code=1)
-
-
 def test_unknown_target_is_named() -> None:
     assert "Did you mean 'straight'" in run("evaluate", "strait", code=1)
 
@@ -384,15 +366,6 @@ def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path
     assert process.returncode == 130
     assert stderr.endswith("Stopped. Run the same command again to resume.\n")
     assert "Traceback" not in stderr
-
-
-def test_curves_of_online_runs_are_drawn(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="pictures need the plots extra")
-    file = tmp_path / "run.csv"
-    file.write_text("frames,success,return\n100,0.1,1.0\n200,0.5,2.0\n")
-    for metric in ("success", "return"):
-        run("curves", str(file), "--metric", metric, "--out", str(tmp_path / f"{metric}.png"))
-        assert (tmp_path / f"{metric}.png").stat().st_size > 1000
 
 
 def test_the_algorithms_are_listed_without_torch() -> None:

@@ -95,7 +95,6 @@ PLANNED = ("--task", "--results", "--backend", "--episodes")
 SWEEP = "swarmdata.evaluation.robustness.sweep"
 STUDY = "swarmdata.evaluation.study.run_study"
 CELL = SimpleNamespace(name="bc/a", label="bc", data="a", n_updates=3, key="k")
-STORED = SimpleNamespace(n_steps=3, digest="0" * 64)
 IMPORTED = ImportedLogs.model_construct(id="hall-a-v0")
 BROKEN = (SimpleNamespace(file="recipe.json", problem="is absent"),)
 SOUND = {f"{CATALOG}:find_folder": Path("data"), f"{REPAIR}:examine": ()}

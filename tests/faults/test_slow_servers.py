@@ -175,7 +175,7 @@ def interrupted(server: FaultyServer, *arguments: str) -> tuple[int | None, str]
 def test_ctrl_c_ends_a_pull_from_a_slow_server(
     host: StaticHost, tmp_path: Path, file: str, fault: Callable[[str], Fault]
 ) -> None:
-    """Row 60: wherever it hangs, with one line; `test_threads.py` has the seconds."""
+    """Row 60: wherever it hangs, with one line; `test_pace.py` has the seconds."""
     host.faults = [fault(f"GET .*{file}")]
     code, words = interrupted(
         host, "pull", ID, "--from", host.url, "--out", str(tmp_path / "d" / ID)

@@ -59,8 +59,9 @@ def test_crew_needs_a_worker() -> None:
         pass
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-@pytest.mark.parametrize("action", ["forever", "silently forever"])
+@pytest.mark.parametrize(
+    ("action", "number"), [("forever", signal.SIGTERM), ("silently forever", signal.SIGKILL)]
+)
 def test_workers_end_when_the_supervisor_is_killed(
     tmp_path: Path, entry: str, action: str, number: signal.Signals
 ) -> None:

@@ -11,10 +11,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Generic, Self, TypeVar
+from typing import Self, TypeVar
 
 from swarmdata.errors import HubError
 from swarmdata.hub.remotes.network.backoff import (
@@ -124,20 +125,14 @@ GRACE_SECONDS = 1.0
 """Seconds in which threads may end by themselves."""
 
 
-class _Outcome(Generic[T]):
+def _called(call: Callable[[], T]) -> Future[T]:
     """The result or the exception of a call."""
-
-    def __init__(self, call: Callable[[], T]) -> None:
-        self.error: BaseException | None = None
-        try:
-            self.value = call()
-        except BaseException as error:
-            self.error = error
-
-    def get(self) -> T:
-        if self.error is not None:
-            raise self.error
-        return self.value
+    outcome = Future[T]()
+    try:
+        outcome.set_result(call())
+    except BaseException as error:
+        outcome.set_exception(error)
+    return outcome
 
 
 def run_all(
@@ -152,7 +147,7 @@ def run_all(
         seconds: between two calls of `tick`.
     """
     stop = threading.Event()
-    waiting, finished = deque(jobs), SimpleQueue[_Outcome[None]]()
+    waiting, finished = deque(jobs), SimpleQueue[Future[None]]()
 
     def work() -> None:
         STOP_EVENT.set(stop)  # a thread has a context of its own
@@ -161,8 +156,8 @@ def run_all(
                 job = waiting.popleft()
             except IndexError:  # another thread took the last one
                 return
-            outcome = _Outcome(job)
-            if outcome.error is not None:
+            outcome = _called(job)
+            if outcome.exception() is not None:
                 stop.set()
             finished.put(outcome)
 
@@ -173,7 +168,7 @@ def run_all(
         n_finished = 0
         while n_finished < len(jobs):
             try:
-                finished.get(timeout=seconds).get()
+                finished.get(timeout=seconds).result()
                 n_finished += 1
             except Empty:
                 tick()
@@ -198,14 +193,14 @@ def watched(call: Callable[[], T], meter: Meter, arrived: Callable[[], int] | No
         TooSlowError: it was.
         StoppedError: the job of this thread is not wanted any more.
     """
-    finished, seen = SimpleQueue[_Outcome[T]](), 0
+    finished, seen = SimpleQueue[Future[T]](), 0
     if arrived is not None:
         seen = arrived()
         meter.begin_body()
-    threading.Thread(target=lambda: finished.put(_Outcome(call)), daemon=True).start()
+    threading.Thread(target=lambda: finished.put(_called(call)), daemon=True).start()
     while True:
         try:
-            return finished.get(timeout=SLICE_SECONDS).get()
+            return finished.get(timeout=SLICE_SECONDS).result()
         except Empty:
             check_stop()
         if arrived is not None:
