@@ -31,9 +31,14 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 from swarmdata.evaluation.results.policy_names import Target
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.robustness.sweep_axes import Axis, AxisSpecs, specs_along_axis
-from swarmdata.evaluation.robustness.sweep_estimates import estimates_of
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
-from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point, to_csv
+from swarmdata.evaluation.robustness.sweep_tables import (
+    Degradation,
+    Line,
+    Point,
+    estimates_of,
+    to_csv,
+)
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import locked

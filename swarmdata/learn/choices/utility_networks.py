@@ -55,7 +55,7 @@ UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM, MEMORY_STREAM = 0, 1, 2, 3
 class DecompositionConfig(MemorySettings):
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
-    regulariser: Regulariser = "bc"  # the best on average in cards/studies/v0/coop_nav
+    regulariser: Regulariser = "bc"  # the best on average of the three
     n_updates: int = 10_000
     batch_size: int = 256  # joint transitions
     n_bins: int = 9  # of a continuous column; odd, so that standing still is one

@@ -1,4 +1,4 @@
-"""The figures of a study that only it has: data efficiency, training curves.
+"""The figures of a study that only it has: data efficiency, training curves, differences.
 
 A label has the same color and marker in all figures: the color of its family, a marker of its own.
 """
@@ -19,8 +19,9 @@ from swarmdata.drawing.style import (
     thousands,
 )
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks, Panel, PanelLine, plot_dots
 from swarmdata.evaluation.results.learning_curves import Curve
+from swarmdata.evaluation.study.pages.row_differences import verdict_of
 from swarmdata.rollouts.score_statistics import Estimate
 
 MARKED_POINTS = 6
@@ -152,3 +153,28 @@ def _rounded_thousands(steps: float, position: int = 0) -> str:
 def _set_up_panel(axes: Any, title: str) -> None:
     axes.set_title(title, loc="left", fontsize=7.5, fontweight="bold")
     draw_grid(axes, width=0.5)
+
+
+def plot_differences_from_zero(
+    groups: Mapping[str, Mapping[str, Sequence[Estimate]]], labels: Sequence[str], path: Path
+) -> None:
+    """Draws differences with intervals beside 0: a line of panels for each group.
+
+    Rows are sorted by the first quantity, the highest on top. Markers of differences that may be 0
+    are not filled.
+
+    Args:
+        groups: title -> row -> difference of each quantity, in shown units; NaN is left out.
+        labels: of the axes, one for each quantity.
+        path: where to save.
+    """
+    lines = []
+    for title, found in groups.items():
+        rows = sorted(found, key=lambda row: (-found[row][0].value, row))
+        panels = []
+        for k, label in enumerate(labels):
+            known = {row: found[row][k] for row in rows if not math.isnan(found[row][k].value)}
+            unclear = [row for row, each in known.items() if verdict_of(each) == "no clear change"]
+            panels.append(Panel(known, label, "" if k else title, scale=label, hollow=unclear))
+        lines.append(PanelLine(rows, panels))
+    plot_dots(lines, {}, path, legend={"no clear change": HOLLOW_LOOK}, zero=True)

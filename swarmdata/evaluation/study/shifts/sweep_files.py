@@ -1,16 +1,28 @@
-"""The estimates of a study's sweeps, read from the files beside its page."""
+"""The estimates of a study's sweeps, from the files beside its page as tables."""
 
 import csv
 import math
 from pathlib import Path
 from typing import NamedTuple
 
+from swarmdata.drawing import markdown
+from swarmdata.evaluation.results.estimate_table import format_estimate
+from swarmdata.evaluation.results.result_tables import QUANTITIES, RETURN, SCORE
+from swarmdata.evaluation.study.pages.row_differences import format_difference
+from swarmdata.evaluation.study.plan import Study
 from swarmdata.rollouts.score_statistics import Estimate
 
 SWEEPS_FOLDER = "sweeps"
 """Holds results in the study's folder of cells, and tables and figures beside its page."""
 
 SWEEP_FILE = "sweep.csv"
+
+SUCCESS, CLEAN = QUANTITIES["success"], QUANTITIES["clean_success"]
+
+
+def picture_of(part: str, parameter: str) -> str:
+    """The name of a sweep's figure."""
+    return f"{part}-{parameter}.png"
 
 
 class SweptPoint(NamedTuple):
@@ -30,20 +42,16 @@ class SweptAxis(NamedTuple):
     n_episodes: int
     lines: dict[str, list[SweptPoint]]  # label of a row -> points in the order of the axis
 
-    @property
-    def falls(self) -> bool:
-        """Whether the values fall, so that the last one is the lowest."""
-        values = [each.value for each in next(iter(self.lines.values())) if each.value is not None]
-        return values[0] > values[-1]
 
-
-def read_sweeps(folder: Path) -> list[SweptAxis]:
-    """Reads the sweeps beside a study's page, by label.
+def read_sweeps(study: Study, folder: Path) -> list[SweptAxis]:
+    """Reads the sweeps of a study's plan that stand beside its page, by label.
 
     Args:
-        folder: of the study.
+        study: the plan.
+        folder: of its page.
     """
-    return [_read(file) for file in sorted(folder.glob(f"{SWEEPS_FOLDER}/*/{SWEEP_FILE}"))]
+    files = (folder / SWEEPS_FOLDER / label / SWEEP_FILE for label in sorted(study.sweeps))
+    return [_read(file) for file in files if file.exists()]
 
 
 def _read(file: Path) -> SweptAxis:
@@ -63,3 +71,31 @@ def _read(file: Path) -> SweptAxis:
     return SweptAxis(
         file.parent.name, first["part"], first["parameter"], int(first["episodes"]), lines
     )
+
+
+def sweep_table(axis: SweptAxis) -> str:
+    """A row for each row of the study: as trained, and at the worst value."""
+    changed = next(
+        each.column
+        for each in (SCORE, RETURN)
+        if f"{each.column.key}_change" in next(iter(axis.lines.values()))[-1].estimates
+    )
+    rows = []
+    for label, points in axis.lines.items():
+        ends = (next(point for point in points if point.is_trained), points[-1])
+        solved = (
+            format_estimate(point.estimates[each.column.key], each.column)
+            for point in ends
+            for each in (SUCCESS, CLEAN)
+        )
+        change = points[-1].estimates[f"{changed.key}_change"]
+        rows.append((f"`{label}`", *solved, format_difference(change, changed)))
+    worst = f"{axis.parameter} {next(iter(axis.lines.values()))[-1].value:g}"
+    headers = (SUCCESS.column.header, CLEAN.column.header)
+    head = (
+        axis.label,
+        *(f"{each}, as trained" for each in headers),
+        *(f"{each}, {worst}" for each in headers),
+        f"change of {changed.label}",
+    )
+    return markdown.table(head, rows)
