@@ -1,8 +1,6 @@
 """Data efficiency: the same algorithms on smaller parts of the same data."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.results.estimate_table import format_estimate
@@ -12,80 +10,63 @@ from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scorebo
 from swarmdata.evaluation.study.pages.study_figures import plot_sizes
 from swarmdata.rollouts.score_statistics import Estimate
 
-EstimatesBySize = dict[str, dict[int, Estimate]]
-"""Label -> joint steps -> estimate."""
-
-
-class SizedScores(NamedTuple):
-    """What algorithms reach with smaller parts of the same data."""
-
-    board: Scoreboard  # of the score; its datasets are the parts
-    ids: dict[str, dict[int, str]]  # dataset -> joint steps -> the part on the board
-    panels: dict[str, EstimatesBySize]  # dataset -> estimates in shown units
-    data: dict[str, dict[int, float]]  # dataset -> joint steps -> mean of those episodes
-
-
-def sized_scores(found: Findings) -> SizedScores | None:
-    """The scores of a study's parts of datasets; None if no dataset has two that were measured."""
-    if found.sizes is None or found.study.sizes is None:
-        return None
-    families = {label: found.family(label) for label in found.study.sizes.algorithms}
-    board = make_scoreboard(found.sizes, families, quantity_of(found.sizes).column.key)
-    scores = SizedScores(board, {}, {}, {})
-    for dataset in found.study.sizes.datasets:
-        parts = _facts_of(dataset, found)
-        for facts in parts if len(parts) > 1 else ():
-            _add(scores, short_name(dataset), facts)
-    return scores if scores.panels else None
-
-
-def _add(scores: SizedScores, dataset: str, facts: DatasetFacts) -> None:
-    """Adds one part of a dataset."""
-    board, n_steps = scores.board, facts.figures.n_steps
-    if facts.id in board.estimates:
-        scores.ids.setdefault(dataset, {})[n_steps] = facts.id
-        for label, each in board.in_shown_units(facts.id).items():
-            scores.panels.setdefault(dataset, {}).setdefault(label, {})[n_steps] = each
-    if facts.id in board.data:
-        mean = board.column.factor * board.data[facts.id]
-        scores.data.setdefault(dataset, {})[n_steps] = mean
+Parts = dict[str, list[DatasetFacts]]
+"""Dataset -> the facts of its measured sizes, the smallest first, of two or more."""
 
 
 def size_section(found: Findings, out: Path) -> dict[str, str]:
-    """The section by its title; empty if nothing of it was measured.
-
-    Args:
-        found: what was measured.
-        out: folder for the figure.
-    """
-    scores = sized_scores(found)
-    if scores is None:
+    """The section by its title, with a figure in a folder; empty if nothing of it was measured."""
+    if found.sizes is None or found.study.sizes is None:
         return {}
-    label = scores.board.column.label
-    plot_sizes(scores.panels, scores.data, found.looks, out / "sizes.png", ylabel=label)
-    caption = f"{label.capitalize()}; the dashed line is the mean of those episodes."
-    figure = "![by joint steps](sizes.png)"
-    return {"Data efficiency": f"{size_table(scores)}\n{caption}\n\n{figure}\n"}
+    families = {label: found.family(label) for label in found.study.sizes.algorithms}
+    board = make_scoreboard(found.sizes, families, quantity_of(found.sizes).column.key)
+    sizes = {short_name(each): _sizes_of(each, found) for each in found.study.sizes.datasets}
+    parts = {dataset: facts for dataset, facts in sizes.items() if len(facts) > 1}
+    if not parts:
+        return {}
+    _plot(board, parts, found, out / "sizes.png")
+    caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
+    return {"Data efficiency": f"{_table(board, parts)}\n{caption}\n\n![by joint steps](sizes.png)"}
 
 
-def _facts_of(dataset: str, found: Findings) -> list[DatasetFacts]:
-    """The facts of all sizes of a dataset, the smallest first."""
+def _sizes_of(dataset: str, found: Findings) -> list[DatasetFacts]:
+    """The facts of all sizes of a dataset that were measured, the smallest first."""
     assert found.study.sizes is not None
+    assert found.sizes is not None
     wanted = [dataset_of_size(dataset, size) for size in found.study.sizes.sizes]
     facts = {
         found.facts[cell.name].id: found.facts[cell.name]
         for cell in found.cells
         if is_data_efficiency_cell(found.study, cell) and (cell.source, cell.n_steps) in wanted
     }
-    return sorted(facts.values(), key=lambda each: each.figures.n_steps)
+    measured = [each for each in facts.values() if each.id in found.sizes.datasets]
+    return sorted(measured, key=lambda each: each.figures.n_steps)
 
 
-def size_table(scores: SizedScores) -> str:
+def _plot(board: Scoreboard, parts: Parts, found: Findings, path: Path) -> None:
+    panels: dict[str, dict[str, dict[int, Estimate]]] = {}
+    data: dict[str, dict[int, float]] = {}
+    for dataset, sizes in parts.items():
+        lines = panels.setdefault(dataset, {})
+        for facts in sizes:
+            for label, each in board.in_shown_units(facts.id).items():
+                lines.setdefault(label, {})[facts.figures.n_steps] = each
+            if facts.id in board.data:
+                mean = board.column.factor * board.data[facts.id]
+                data.setdefault(dataset, {})[facts.figures.n_steps] = mean
+    plot_sizes(panels, data, found.looks, path, ylabel=board.column.label)
+
+
+def _table(board: Scoreboard, parts: Parts) -> str:
     """A row for each dataset and algorithm, with the estimates of all sizes of that dataset."""
-    column = replace(scores.board.column, factor=1.0)  # the numbers have shown units already
     rows = []
-    for dataset, lines in scores.panels.items():
-        for label, points in lines.items():
-            cells = [f"{n:,}: {format_estimate(points[n], column)}" for n in sorted(points)]
+    for dataset, sizes in parts.items():
+        for label in dict.fromkeys(label for each in sizes for label in board.estimates[each.id]):
+            cells = [
+                f"{each.figures.n_steps:,}: "
+                f"{format_estimate(board.estimates[each.id][label], board.column)}"
+                for each in sizes
+                if label in board.estimates[each.id]
+            ]
             rows.append((dataset, f"`{label}`", "; ".join(cells)))
-    return markdown.table(("dataset", "algorithm", f"joint steps: {column.label}"), rows)
+    return markdown.table(("dataset", "algorithm", f"joint steps: {board.column.label}"), rows)

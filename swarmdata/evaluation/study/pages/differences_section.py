@@ -23,11 +23,10 @@ ORDERS = (
 )
 
 
-def differences_sections(found: Findings, out: Path) -> dict[str, str]:
-    """One section for each list of pairs, by its title, with a figure in a folder."""
-    return {
-        plan.title: _section(found, name, out) for name, plan in found.study.differences.items()
-    }
+def differences_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
+    """Title and body of each list of pairs, with a figure in a folder."""
+    plans = found.study.differences
+    return [(plan.title, _section(found, name, out)) for name, plan in plans.items()]
 
 
 def _section(found: Findings, name: str, out: Path) -> str:

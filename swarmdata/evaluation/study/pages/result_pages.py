@@ -133,7 +133,8 @@ QUESTIONS = (
         "How safe are they?",
         "results on the reserved seeds, or pairs under `differences: rewards`",
         lambda report: [
-            *["Success and collisions"] * report.compares_rows, *_pairs(report, "rewards")
+            *["Success and collisions"] * (report.compares_rows or bool(_pairs(report, "rewards"))),
+            *_pairs(report, "rewards"),
         ],
     ),
     Question(

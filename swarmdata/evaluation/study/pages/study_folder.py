@@ -185,43 +185,40 @@ def _made(found: Findings, out: Path, command: str, sweeps: Sequence[SweptAxis])
     key = quantity_of(found.results).column.key
     board = make_scoreboard(found.results, found.families, key)
     online, missing = online_table(found.results.baselines), list(found.missing.items())
-    sections = {
-        "Protocol": _protocol(found, command),
-        board.column.label.capitalize(): _scores(found, board, out, key),
-        "Online algorithms": online,
-        "Comparison with the data": f"{DATA_CAPTION}\n\n{distance_table(found)}",
-        **safety_sections(found, out),
-        **_overall(found, out),
-        **differences_sections(found, out),
-        **size_section(found, out),
-        **information_section(found, out),
-        **curve_section(found, out),
-        **online_curve_section(found, out),
-        **loss_sections(found, out),
-        **_sweep_sections(found.study, sweeps),
-        **transfer_section(found, read_shifts(out / TRANSFER_FILE)),
-        **task_section(found, read_shifts(out / TASKS_FILE)),
-        "Without results": markdown.table(("cell", "reason"), missing) if missing else "",
-        "Cost": cost_table(found),
-    }
-    return "\n".join(f"## {title}\n\n{body.rstrip()}\n" for title, body in sections.items() if body)
+    sections = [
+        ("Protocol", _protocol(found, command)),
+        (board.column.label.capitalize(), _scores(found, board, out, key)),
+        ("Online algorithms", online),
+        ("Comparison with the data", f"{DATA_CAPTION}\n\n{distance_table(found)}"),
+        *safety_sections(found, out).items(),
+        *_overall(found, out).items(),
+        *differences_sections(found, out),
+        *size_section(found, out).items(),
+        *information_section(found, out).items(),
+        *curve_section(found, out).items(),
+        *online_curve_section(found, out).items(),
+        *loss_sections(found, out),
+        *(_sweep_section(found.study, sweep) for sweep in sweeps),
+        *transfer_section(found, read_shifts(out / TRANSFER_FILE)).items(),
+        *task_section(found, read_shifts(out / TASKS_FILE)).items(),
+        ("Without results", markdown.table(("cell", "reason"), missing) if missing else ""),
+        ("Cost", cost_table(found)),
+    ]
+    return "\n".join(f"## {title}\n\n{body.rstrip()}\n" for title, body in sections if body)
 
 
-def _sweep_sections(study: Study, sweeps: Sequence[SweptAxis]) -> dict[str, str]:
-    """What is left of the best row of each family at the worst value of each sweep."""
-    sections = {}
-    for axis in sweeps:
-        plan, folder = study.sweeps[axis.label], f"{SWEEPS_FOLDER}/{axis.label}"
-        models = {"observation": plan.observation, "communication": plan.communication}
-        seen = ", ".join(f"{kind} `{model}`" for kind, model in models.items() if model)
-        name = f"{axis.part} {axis.parameter}"
-        sections[f"Robustness: {name}"] = (
-            f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
-            f"{axis.n_episodes:,} seeds at each value; changes are paired by training seed and "
-            f"episode. [All values]({folder}/{SWEEP_FILE}).\n\n"
-            f"![{name}]({folder}/{picture_of(axis.part, axis.parameter)})\n\n{sweep_table(axis)}"
-        )
-    return sections
+def _sweep_section(study: Study, sweep: SweptAxis) -> tuple[str, str]:
+    """What is left of the best row of each family at the worst value of a sweep."""
+    plan, folder = study.sweeps[sweep.label], f"{SWEEPS_FOLDER}/{sweep.label}"
+    models = {"observation": plan.observation, "communication": plan.communication}
+    seen = ", ".join(f"{kind} `{model}`" for kind, model in models.items() if model)
+    name = f"{sweep.part} {sweep.parameter}"
+    return f"Robustness: {name}", (
+        f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
+        f"{sweep.n_episodes:,} seeds at each value; changes are paired by training seed and "
+        f"episode. [All values]({folder}/{SWEEP_FILE}).\n\n"
+        f"![{name}]({folder}/{picture_of(sweep.part, sweep.parameter)})\n\n{sweep_table(sweep)}"
+    )
 
 
 def _protocol(found: Findings, command: str) -> str:

@@ -107,9 +107,9 @@ def _offline_grid(found: Findings) -> list[Cell]:
     ]
 
 
-def loss_sections(found: Findings, out: Path) -> dict[str, str]:
-    """One section for each figure of logged quantities that the study asks for."""
-    parts = {}
+def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
+    """Title and body of each figure of logged quantities that the study asks for."""
+    parts = []
     for name, wanted in found.study.losses.items():
         panels = _loss_panels(found, wanted)
         if panels:
@@ -120,7 +120,7 @@ def loss_sections(found: Findings, out: Path) -> dict[str, str]:
                 panels, found.looks, out / file, ylabel=wanted.label, is_log=is_log
             )
             title = wanted.label[:1].upper() + wanted.label[1:]
-            parts[title] = f"![{wanted.label}]({file})\n\n{_ends_table(panels)}"
+            parts.append((title, f"![{wanted.label}]({file})\n\n{_ends_table(panels)}"))
     return parts
 
 

@@ -221,12 +221,14 @@ def test_pairs_and_online_rows_have_sections(
         differences={
             "doubling": {"title": "Doubling", "pairs": [["bc-2x", "bc"]], "doubling": True},
             "more": {"title": "More", "pairs": [["bc-2x", "later"]]},
+            "same": {"title": "Cost", "pairs": [["bc-2x", "bc"]]},
         },
     )  # fmt: skip
     options = StudyOptions(tmp_path / "out", tmp_path / "work", only="[!l]*", progress=False)
     run_study(study, options, "x")
     failures, (report, *_) = run_study(study, replace(options, only="learned/*"), "x")
     assert failures == {}
+    assert report.read_text().count("\n## Cost\n") == 2, "a title of the plan hides no section"
     sections = dict(part.split("\n", 1) for part in report.read_text().split("\n## ")[1:])
     assert "| `bc-2x` − `bc` | coop_nav-tiny-v0 | " in sections["Doubling"]
     assert re.search(r"\| coop_nav-tiny-v0 \| cloning \S+ \| cloning \S+ \|", sections["Doubling"])
