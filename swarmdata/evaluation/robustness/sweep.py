@@ -251,7 +251,9 @@ def _teams(
         if any(axis.part != "body" for axis in axes):
             _check_senses(targets[-1], name)
     teams = [
-        _Team(label, source, target, _axis_specs(axes, name, target))
+        _Team(
+            label, source, target, tuple(specs_along_axis(axis, name, target.spec) for axis in axes)
+        )
         for name, label, source, target in zip(
             names, _labels(targets), sources, targets, strict=True
         )
@@ -265,10 +267,6 @@ def _teams(
                 "arenas). Sweep them separately, each with its own --out."
             )
     return teams
-
-
-def _axis_specs(axes: Sequence[Axis], name: str, target: Target) -> tuple[AxisSpecs, ...]:
-    return tuple(specs_along_axis(axis, name, target.spec) for axis in axes)
 
 
 def _labels(targets: Sequence[Target]) -> list[str]:
