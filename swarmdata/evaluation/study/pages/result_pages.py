@@ -18,9 +18,9 @@ from swarmdata.errors import StudyError
 from swarmdata.evaluation.study.pages.distance import clone_of
 from swarmdata.evaluation.study.pages.study_folder import BLOCK_NAMES, COSTS_FILE, REPORT_FILE
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.runtime.output_folder import OutputKind, filled
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled
 
-ANSWERS = OutputKind("folder of study pages")
+STUDY_PAGES = OutputKind("folder of study pages")
 
 INDEX_FILE = "README.md"
 
@@ -165,6 +165,7 @@ def write_result_pages(studies: Path, out: Path) -> tuple[list[Path], dict[str, 
         OutputError: `out` has files that this did not write.
         StudyError: no study in the folder has a report.
     """
+    check_output(out, STUDY_PAGES)
     reports = _read_reports(studies)
     bodies = {question: _body(question, reports, out) for question in QUESTIONS}
     left_out = {
@@ -172,7 +173,7 @@ def write_result_pages(studies: Path, out: Path) -> tuple[list[Path], dict[str, 
         for question, body in bodies.items()
         if not body
     }
-    with filled(out, ANSWERS) as folder:
+    with filled(out, STUDY_PAGES) as folder:
         listed = []
         for question, body in bodies.items():
             file = out / f"{question.stem}.md"

@@ -9,8 +9,8 @@ import pytest
 from swarmdata.drawing.page_text import MADE
 from swarmdata.errors import OutputError, StudyError
 from swarmdata.evaluation.study.pages.result_pages import (
-    ANSWERS,
     QUESTIONS,
+    STUDY_PAGES,
     write_result_pages,
 )
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
@@ -63,7 +63,7 @@ def test_a_new_folder_has_the_tables_and_figures_of_each_question(
 
 def test_text_above_the_made_part_stays(tmp_path: Path) -> None:
     out = tmp_path / "results"
-    with filled(out, ANSWERS) as folder:
+    with filled(out, STUDY_PAGES) as folder:
         (folder / "places.md").write_text(f"# Mine\n\nWhere to.\n\n{MADE}\n\nold table\n")
         (folder / "safety.md").write_text("# All by hand\n")
     (out / "notes.png").write_text("mine")
