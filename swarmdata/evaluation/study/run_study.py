@@ -30,7 +30,7 @@ class StudyOptions:
     """How a study is run; no option changes its results.
 
     Attributes:
-        out: folder of tables, figures and text.
+        out: folder of tables and figures.
         work: folder of cells; None: `runs/study-<name>`.
         workers: processes of the engine `local`.
         engine: where cells run and policies are evaluated in other conditions, as `build` takes it.

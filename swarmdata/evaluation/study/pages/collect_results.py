@@ -1,6 +1,6 @@
 """Collects what the finished cells of a study measured: results, data, costs, training curves."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from swarmdata.evaluation.study.cells.cell_folder import (
 )
 from swarmdata.evaluation.study.cells.cells import ONLINE_FAMILY, Cell
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
-from swarmdata.evaluation.study.plan import Study, ViewsPlan
+from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
 
 
@@ -189,31 +189,6 @@ def is_view_cell(study: Study, cell: Cell) -> bool:
         return False
     models = {view.models for view in plan.views.values()}
     return cell.n_steps is None and (cell.observation, cell.communication) in models
-
-
-def label_of(plan: ViewsPlan, cell: Cell) -> str:
-    """What the plan calls the view of a cell."""
-    models = (cell.observation, cell.communication)
-    return next(label for label, view in plan.views.items() if view.models == models)
-
-
-def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
-    """The finished offline cells of the views of a dataset, by its short name."""
-    for cell in found.cells:
-        is_offline = cell.kind == "offline" and short_name(cell.source) == dataset
-        if is_offline and is_view_cell(found.study, cell):
-            yield cell
-
-
-def view_columns(found: Findings, dataset: str) -> Iterator[tuple[str, str]]:
-    """Labels of views in the plan's order, and the names of their cases."""
-    plan = found.study.information
-    assert plan is not None
-    keys = {}
-    for cell in view_cells(found, dataset):
-        provenance = results_of([cell], found.work)[0].provenance
-        keys[label_of(plan, cell)] = str(provenance.dataset_key)
-    return ((label, keys[label]) for label in plan.views if label in keys)
 
 
 def _read_results(

@@ -1,14 +1,20 @@
 """Data efficiency: the same algorithms on smaller parts of the same data."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from swarmdata.drawing import markdown
+from swarmdata.drawing.line_labels import label_ends
+from swarmdata.drawing.style import COLUMN_WIDTH, DATA_LINE, PAGE_WIDTH, figure, thousands
+from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.results.estimate_table import format_estimate
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_data_efficiency_cell
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
-from swarmdata.evaluation.study.pages.study_figures import plot_sizes
-from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.evaluation.study.pages.study_figures import set_up_panel
+
+PANEL_HEIGHT = 2.0  # inches
 
 Parts = dict[str, list[DatasetFacts]]
 """Dataset -> the facts of its measured sizes, the smallest first, of two or more."""
@@ -24,7 +30,7 @@ def size_section(found: Findings, out: Path) -> dict[str, str]:
     parts = {dataset: facts for dataset, facts in sizes.items() if len(facts) > 1}
     if not parts:
         return {}
-    _plot(board, parts, found, out / "sizes.png")
+    _plot(board, parts, found.looks, out / "sizes.png")
     caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
     return {"Data efficiency": f"{_table(board, parts)}\n{caption}\n\n![by joint steps](sizes.png)"}
 
@@ -43,18 +49,43 @@ def _sizes_of(dataset: str, found: Findings) -> list[DatasetFacts]:
     return sorted(measured, key=lambda each: each.figures.n_steps)
 
 
-def _plot(board: Scoreboard, parts: Parts, found: Findings, path: Path) -> None:
-    panels: dict[str, dict[str, dict[int, Estimate]]] = {}
-    data: dict[str, dict[int, float]] = {}
-    for dataset, sizes in parts.items():
-        lines = panels.setdefault(dataset, {})
-        for facts in sizes:
-            for label, each in board.in_shown_units(facts.id).items():
-                lines.setdefault(label, {})[facts.figures.n_steps] = each
-            if facts.id in board.data:
-                mean = board.column.factor * board.data[facts.id]
-                data.setdefault(dataset, {})[facts.figures.n_steps] = mean
-    plot_sizes(panels, data, found.looks, path, ylabel=board.column.label)
+def _plot(board: Scoreboard, parts: Parts, looks: Looks, path: Path) -> None:
+    """Draws the estimates over the number of joint steps, a panel for each dataset."""
+    width = COLUMN_WIDTH if len(parts) == 1 else max(PAGE_WIDTH, 2.3 * len(parts))
+    with figure(path, width=width, height=PANEL_HEIGHT + 0.6) as drawing:
+        grid = drawing.subplots(1, len(parts), squeeze=False, sharey=True)[0]
+        for axes, (dataset, sizes) in zip(grid, parts.items(), strict=True):
+            _draw_panel(axes, board, sizes, looks)
+            set_up_panel(axes, dataset)
+        for axes in grid:  # all lines are drawn, so the limits of the shared axis are final
+            label_ends(axes, axes.get_lines(), PANEL_HEIGHT)
+        drawing.supxlabel("joint steps of data", fontsize=8)
+        grid[0].set_ylabel(board.column.label)
+
+
+def _draw_panel(axes: Any, board: Scoreboard, sizes: Sequence[DatasetFacts], looks: Looks) -> None:
+    shown = {facts.figures.n_steps: board.in_shown_units(facts.id) for facts in sizes}
+    for label in dict.fromkeys(label for found in shown.values() for label in found):
+        steps = [n for n, found in shown.items() if label in found]
+        value, low, high = zip(*(shown[n][label] for n in steps), strict=True)
+        axes.plot(steps, value, ms=4, lw=1.4, label=label, **looks[label])
+        axes.fill_between(steps, low, high, color=looks[label]["color"], alpha=0.13, lw=0)
+    means = {
+        facts.figures.n_steps: board.column.factor * board.data[facts.id]
+        for facts in sizes
+        if facts.id in board.data
+    }
+    if means:
+        axes.plot(list(means), list(means.values()), **DATA_LINE, label="mean of the data")
+    axes.set_xscale("log")
+    axes.set_xticks(list(means or shown))
+    axes.set_xticks([], minor=True)
+    axes.xaxis.set_major_formatter(_rounded_thousands)
+
+
+def _rounded_thousands(steps: float, position: int = 0) -> str:
+    """Formats 200037 as 200k: a size has whole episodes, so a few more steps than asked for."""
+    return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
 
 
 def _table(board: Scoreboard, parts: Parts) -> str:
