@@ -31,6 +31,7 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     to_csv,
 )
 from swarmdata.evaluation.study.pages.data_sizes import size_section
+from swarmdata.evaluation.study.pages.data_views import information_section
 from swarmdata.evaluation.study.pages.differences_section import differences_sections
 from swarmdata.evaluation.study.pages.distance import distance_table
 from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
@@ -47,7 +48,6 @@ from swarmdata.evaluation.study.pages.training_curves import (
     loss_sections,
     online_curve_section,
 )
-from swarmdata.evaluation.study.pages.views import information_section
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.shifts.shift_table import (
     TASKS_FILE,

@@ -19,8 +19,8 @@ from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_f
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, results_of
+from swarmdata.evaluation.study.pages.data_views import label_of, view_cells
 from swarmdata.evaluation.study.pages.scoreboard import quantity_of
-from swarmdata.evaluation.study.pages.views import label_of, view_cells
 from swarmdata.evaluation.study.shifts.shift_table import Shifted
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Source
