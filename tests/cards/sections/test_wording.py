@@ -44,14 +44,6 @@ def test_every_task_has_limits() -> None:
     assert set(TASK_LIMITS) == set(TASKS)
 
 
-@pytest.mark.parametrize("tier", TIER_DESCRIPTIONS)
-def test_texts_are_sentences(tier: str) -> None:
-    for text in (TIER_DESCRIPTIONS[tier], *limits_of("coop_nav", tier)):
-        assert text.endswith(".")
-        assert text[0].isupper()
-        assert "  " not in text
-
-
 def test_limits_are_those_of_all_the_task_and_the_tier() -> None:
     found = limits_of("warehouse", "narrow")
     assert found == (*COMMON_LIMITS, *TASK_LIMITS["warehouse"], *TIER_LIMITS["narrow"])
