@@ -62,7 +62,6 @@ from swarmdata.evaluation.study.shifts.sweep_files import (
     SWEEP_FILE,
     SWEEPS_FOLDER,
     SweptAxis,
-    picture_of,
     read_sweeps,
     sweep_table,
 )
@@ -212,12 +211,11 @@ def _sweep_section(study: Study, sweep: SweptAxis) -> tuple[str, str]:
     plan, folder = study.sweeps[sweep.label], f"{SWEEPS_FOLDER}/{sweep.label}"
     models = {"observation": plan.observation, "communication": plan.communication}
     seen = ", ".join(f"{kind} `{model}`" for kind, model in models.items() if model)
-    name = f"{sweep.part} {sweep.parameter}"
-    return f"Robustness: {name}", (
+    return f"Robustness: {sweep.name}", (
         f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
         f"{sweep.n_episodes:,} seeds at each value; changes are paired by training seed and "
         f"episode. [All values]({folder}/{SWEEP_FILE}).\n\n"
-        f"![{name}]({folder}/{picture_of(sweep.part, sweep.parameter)})\n\n{sweep_table(sweep)}"
+        f"![{sweep.name}]({folder}/{sweep.picture})\n\n{sweep_table(sweep)}"
     )
 
 
