@@ -12,16 +12,20 @@ from swarmdata.cards.committed_studies import committed_studies
 from swarmdata.cards.recording_card import render_recorded
 from swarmdata.cards.reference_file import reference_bytes
 from swarmdata.cards.sections.baselines import baselines_section
-from swarmdata.cards.sections.card_data import CardData, card_data_of
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
+from swarmdata.cards.sections.measured_content import CardData, card_data_of
 from swarmdata.cards.sections.origin import (
     about_section,
     origin_section,
     splits_section,
     tier_section,
 )
-from swarmdata.cards.sections.problem import arrays_section, senses_section, task_section
-from swarmdata.cards.sections.reward_terms import reward_section
+from swarmdata.cards.sections.problem import (
+    arrays_section,
+    reward_section,
+    senses_section,
+    task_section,
+)
 from swarmdata.cards.sections.statistics import (
     coverage_section,
     log_probs_section,

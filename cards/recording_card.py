@@ -4,12 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.cards.sections.front_matter import (
-    PROPERTIES,
-    bullets,
-    front_matter,
-    identity_section,
-)
+from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.origin import (
     about_section,
     acting_policies,
@@ -18,7 +13,7 @@ from swarmdata.cards.sections.origin import (
     tier_section,
 )
 from swarmdata.cards.sections.problem import ROW_OFFSETS
-from swarmdata.cards.sections.statistics import HISTOGRAM_TITLE, histogram, percent
+from swarmdata.cards.sections.statistics import percent, statistics_text
 from swarmdata.drawing import markdown
 from swarmdata.errors import SpecError
 from swarmdata.specs.origins import Origin, Spec
@@ -179,12 +174,8 @@ def _success(table: EpisodeTable) -> str:
 
 
 def _statistics(table: EpisodeTable, origin: Origin, picture: str | None) -> str:
-    quantiles = np.quantile(table.team_return, [0.0, 0.25, 0.5, 0.75, 1.0])
     lengths = table.lengths
     rows = [
-        ("return, mean", f"{table.team_return.mean():.3f}"),
-        ("return, standard deviation", f"{table.team_return.std():.3f}"),
-        ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
         ("success", _success(table)),
         ("length, min / mean / max", f"{lengths.min()} / {lengths.mean():.1f} / {lengths.max()}"),
     ]
@@ -192,30 +183,25 @@ def _statistics(table: EpisodeTable, origin: Origin, picture: str | None) -> str
         if (table.end_reason == code).any():
             name = "with success not reported" if reason == "ended" else f"by {reason}"
             rows.append((f"ended {name}", percent(table.end_reason == code)))
-    if picture is None:
-        text = histogram(table.team_return)
-        shown = f"\n{HISTOGRAM_TITLE}\n\n```text\n{text}```\n"
-    else:
-        shown = f"\n![Returns, episode lengths and actions of {origin.id}]({picture})\n"
-    return "\n## Statistics\n\n" + markdown.table(PROPERTIES, rows) + shown
+    shown = f"Returns, episode lengths and actions of {origin.id}"
+    return statistics_text(table.team_return, rows, shown, picture)
 
 
 def _checked(table: EpisodeTable, spec: Spec) -> tuple[Sequence[str], Sequence[str]]:
     """Claims that hold, and claims that do not, in words."""
-    unique = len(np.unique(table.seeds)) == len(table)
-    holds = ["Every return is finite."]
-    broken: list[str] = []
-    (holds if unique else broken).append(
-        "No reset seed occurs twice." if unique else "Some reset seeds occur twice."
-    )
+    claims = [
+        (True, "Every return is finite.", ""),
+        (
+            len(np.unique(table.seeds)) == len(table),
+            "No reset seed occurs twice.",
+            "Some reset seeds occur twice.",
+        ),
+    ]
     if spec.horizon is not None:
         within = bool((table.lengths <= spec.horizon).all())
-        (holds if within else broken).append(
-            "No episode is longer than the horizon."
-            if within
-            else "Some episodes are longer than the horizon."
-        )
-    return holds, broken
+        too_long = "Some episodes are longer than the horizon."
+        claims.append((within, "No episode is longer than the horizon.", too_long))
+    return [yes for holds, yes, _ in claims if holds], [no for holds, _, no in claims if not holds]
 
 
 def _own_limits(stored: StoredDataset) -> list[str]:

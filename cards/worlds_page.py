@@ -50,15 +50,11 @@ def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
     index = INDEX_HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
     pages = {}
     for task, names in tasks.items():
-        rows = [[_link(task, name), *_success(known.get(name))] for name in names]
+        rows = [[f"[`{name}`]({task}.md#{name})", *_success(known.get(name))] for name in names]
         index += f"\n## {task}\n\n{table(['preset', *INDEX_POLICIES], rows, is_numeric=True)}"
         sections = (f"\n## `{name}`\n\n{preset_figures(name, known.get(name))}" for name in names)
         pages[f"{task}.md"] = TASK_HEAD.format(task=task) + "".join(sections)
     return {"README.md": index, **pages}
-
-
-def _link(task: str, name: str) -> str:
-    return f"[`{name}`]({task}.md#{name})"
 
 
 def _success(entry: TaskReferences | None) -> list[str]:

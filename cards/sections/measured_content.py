@@ -1,12 +1,14 @@
-"""Statistics of a dataset's arrays, measured for its card on fixed samples."""
+"""CardData: what a card is made from, with statistics of the arrays on fixed samples."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from swarmdata.analysis.coverage import N_ROWS, Coverage, coverage, sample_steps
+from swarmdata.registry.published import TaskReferences, references_of
 from swarmdata.runtime.mapped_pages import take_rows
-from swarmdata.store import StoredDataset
+from swarmdata.specs.origins import Origin, task_of
+from swarmdata.store import EpisodeTable, Manifest, StoredDataset
 
 LOG_PROBS = "log_probs"
 """Log-probabilities of actions under their behavior policies, [T, N]; `density` defines them."""
@@ -58,3 +60,26 @@ def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
             quantiles=tuple(np.quantile(known, LOG_PROB_QUANTILES).tolist()),
         )
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class CardData:
+    """The content of a card; rendering adds only words."""
+
+    manifest: Manifest
+    origin: Origin
+    table: EpisodeTable
+    measured: MeasuredContent
+    references: TaskReferences | None
+
+
+def card_data_of(stored: StoredDataset) -> CardData:
+    """Measures an open dataset of one of the package's tasks.
+
+    Raises:
+        SpecError: it was recorded in another environment.
+        SchemaError: too few joint steps to estimate anything.
+    """
+    spec = task_of(stored.recipe, "a card of a task")
+    known = references_of(spec.hash())
+    return CardData(stored.manifest, stored.recipe, stored.table, measure(stored), known)

@@ -1,19 +1,24 @@
-"""The sections of a card that describe the problem and the arrays."""
+"""The sections of a card that describe the problem, the reward and the arrays."""
 
 import inspect
+import re
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from swarmdata.cards.sections.fields import FieldRow, observation_rows, state_rows
 from swarmdata.drawing.markdown import plain, table
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
+from swarmdata.registry.components import reward_terms
+from swarmdata.specs.features import UNITS
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.state_layout import state_size
+from swarmdata.specs.state_layout import N_COLUMNS, ROBOT, state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import Manifest
-from swarmdata.store.arrays.attributes import FRAME_MEANINGS
+from swarmdata.store.arrays.attributes import FRAME_MEANINGS, PRECISION_NOTE, REWARD_FORMULA
+from swarmdata.store.arrays.column_meanings import state_columns
+from swarmdata.types import EVENT_COLUMNS, Column
 
 SETTINGS = ("setting", "value")
 """Header of the tables that list a spec."""
@@ -97,6 +102,61 @@ ROW_OFFSETS = (
 """Where the rows of an episode are."""
 
 
+@dataclass(frozen=True)
+class FieldRow:
+    """One line of a card's table of features."""
+
+    columns: str
+    name: str
+    unit: str
+    meaning: str
+
+
+def observation_rows(task: Task) -> list[FieldRow]:
+    """The features of one robot's observation; slots of a kind, and stacked frames, share a row.
+
+    Raises:
+        SpecError: a feature has no description.
+    """
+    features = Observer(task, 1).features
+    columns: dict[str, list[int]] = {}
+    for column, feature in enumerate(features):
+        name = re.sub(r"_\d+(?=\.)", "_*", re.sub(r"\[-\d+\]$", "", feature.name))
+        columns.setdefault(name, []).append(column)
+    unknown = sorted({feature.name for feature in features if not feature.meaning})
+    if unknown:
+        raise SpecError(f"observation features {unknown} have no description for a card")
+    rows = []
+    for name, where in columns.items():
+        first = features[where[0]]
+        rows.append(FieldRow(_columns(where), name, UNITS.get(first.kind, ""), first.meaning))
+    return rows
+
+
+def _columns(columns: list[int]) -> str:
+    """Column numbers; if there are many, the first two and the last: `8, 12, … 68`."""
+    if len(columns) <= 4:
+        return ", ".join(map(str, columns))
+    return f"{columns[0]}, {columns[1]}, … {columns[-1]}"
+
+
+def state_rows(task: Task) -> list[FieldRow]:
+    """The columns of the state."""
+    columns, n = state_columns(task), task.spec.n_agents
+    robots = [
+        FieldRow(f"{N_COLUMNS} i + {k}", f"robot i: {name}", *_described(columns[k]))
+        for k, name in enumerate(ROBOT)
+    ]
+    return robots + [
+        FieldRow(str(k), columns[k].name, *_described(columns[k]))
+        for k in range(N_COLUMNS * n, len(columns))
+    ]
+
+
+def _described(column: Column) -> tuple[str, str]:
+    return column.unit, column.meaning
+
+
 def arrays_section(task: Task, manifest: Manifest) -> str:
     """The stored arrays, column by column.
 
@@ -141,3 +201,48 @@ def _expect(what: str, got: int, expected: int) -> None:
 def _fieldtable(rows: Sequence[FieldRow]) -> str:
     cells = [(row.columns, f"`{row.name}`", row.unit, row.meaning) for row in rows]
     return table(("column", "name", "unit", "meaning"), cells)
+
+
+SINGLE_ROBOT_NOTE = (
+    "Each robot has a target of its own, and team_share is 0. So its reward depends on the others "
+    "only through contacts and proximity, and through the end of the episode, when success is "
+    "rewarded."
+)
+"""What the reward says of cooperation where no term is shared."""
+
+STORED_NOTE = (
+    "The values of the terms, without weights and signs, are stored as `reward_terms` [T, N, R] in "
+    "this order: `dataset[0].reward_terms`. Rewards with other weights are a view: "
+    "`dataset.with_rewards(robot_collision=2.0)`."
+)
+"""How to read the terms."""
+
+
+def reward_section(task: Task) -> str:
+    """Every term of a robot's reward with its numbers, and the events it is computed from."""
+    terms = [
+        (term.name, f"{term.weight:g}", f"`{term.formula}`", term.meaning)
+        for term in reward_terms(task)
+    ]
+    events = [(f"`{column.name}`", column.meaning) for column in EVENT_COLUMNS]
+    share = task.spec.rules.rewards.team_share
+    counting = (
+        "Gaps are distances between surfaces. `episodes/robot_collisions` counts a pair of robots "
+        "once, `events` in the rows of both. `episodes/obstacle_collisions` is the sum over robots."
+    )
+    if task.spec.rules.has_own_targets and not share:
+        counting = f"{SINGLE_ROBOT_NOTE}\n\n{counting}"
+    if task.movables:
+        counting += " Contacts with the payload are not in `events`."
+    if task.spec.on_collision == "fail":
+        counting += (
+            " A contact that begins fails the episode. If the task is solved in the same step, its "
+            "success is rewarded, but the episode counts as failed."
+        )
+    return (
+        "\n## Reward\n\n"
+        + table(("term", "weight", "formula", "where"), terms)
+        + f"\n{REWARD_FORMULA} Here team_share is {share:g}. {STORED_NOTE} {PRECISION_NOTE}\n\n"
+        + table(("column of `events`", "meaning"), events)
+        + f"\n{counting}\n"
+    )

@@ -1,5 +1,7 @@
 """The sections of a card with statistics: policies, episodes, coverage, log-probabilities."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from swarmdata.analysis.coverage import (
@@ -10,8 +12,8 @@ from swarmdata.analysis.coverage import (
     Entropies,
 )
 from swarmdata.analysis.passings import ENCOUNTER_DISTANCE, PASSING_DISTANCE
-from swarmdata.cards.sections.card_data import CardData
 from swarmdata.cards.sections.front_matter import PROPERTIES
+from swarmdata.cards.sections.measured_content import CardData
 from swarmdata.cards.sections.wording import OWN_NETWORKS_NOTE
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
@@ -93,11 +95,7 @@ def statistics_section(data: CardData, picture: str | None) -> str:
         picture: file name of the picture that the card shows, if any.
     """
     table = data.table
-    quantiles = np.quantile(table.team_return, [0.0, 0.25, 0.5, 0.75, 1.0])
     rows = [
-        ("return, mean", f"{table.team_return.mean():.3f}"),
-        ("return, standard deviation", f"{table.team_return.std():.3f}"),
-        ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
         ("success", percent(table.success)),
         ("clean success", percent(clean_successes(table))),
         ("length, mean", f"{table.lengths.mean():.1f} steps"),
@@ -106,14 +104,32 @@ def statistics_section(data: CardData, picture: str | None) -> str:
     ]
     for code, reason in enumerate(TASK_END_REASONS):
         rows.append((f"ended by {reason}", percent(table.end_reason == code)))
-    if picture is None:
-        shown = f"\n{HISTOGRAM_TITLE}\n\n```text\n{histogram(table.team_return)}```\n"
-    else:
-        shown = (
-            "\n![Returns, episode lengths, visited places, commands and four episodes of "
-            f"{data.origin.id}]({picture})\n"
-        )
-    return "\n## Statistics\n\n" + markdown.table(PROPERTIES, rows) + shown
+    shown = (
+        f"Returns, episode lengths, visited places, commands and four episodes of {data.origin.id}"
+    )
+    return statistics_text(table.team_return, rows, shown, picture)
+
+
+def statistics_text(
+    returns: Double, rows: Sequence[tuple[str, str]], shown: str, picture: str | None
+) -> str:
+    """The section: returns and other rows, with a picture or else a histogram in text.
+
+    Args:
+        returns: of the episodes.
+        rows: names and values of other quantities.
+        shown: what the picture shows.
+        picture: its file name, if there is one.
+    """
+    quantiles = np.quantile(returns, [0.0, 0.25, 0.5, 0.75, 1.0])
+    returned = [
+        ("return, mean", f"{returns.mean():.3f}"),
+        ("return, standard deviation", f"{returns.std():.3f}"),
+        ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
+    ]
+    text = f"{HISTOGRAM_TITLE}\n\n```text\n{histogram(returns)}```"
+    text = text if picture is None else f"![{shown}]({picture})"
+    return "\n## Statistics\n\n" + markdown.table(PROPERTIES, [*returned, *rows]) + f"\n{text}\n"
 
 
 def histogram(values: Double, bins: int = HISTOGRAM_BINS) -> str:

@@ -73,8 +73,7 @@ def study_index() -> str:
         rows.append([f"[{report.parent.name}]({report.parent.name}/report.md)", title])
     return (
         "# Studies\n\nReports as `swarmdata study` wrote them. "
-        "[Results](../../docs/results/index.md) has one page for each question that they answer; "
-        "studies of [version 0](v0/index.md) of the worlds are apart.\n\n"
+        "[Results](../../docs/results/index.md) has one page for each question.\n\n"
         + table(("study", "title"), rows)
     )
 

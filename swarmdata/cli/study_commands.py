@@ -1,4 +1,4 @@
-"""`swarmdata study`: runs a grid of algorithms, datasets and seeds; `study-pages`: its answers."""
+"""`swarmdata study`: runs a grid of algorithms, datasets and seeds; `study-pages`: many grids."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from swarmdata.evaluation.study.run_study import StudyOptions
 
 Out = Annotated[
-    Path | None, typer.Option(help="folder for tables, figures and text; NAME, beside the plan")
+    Path | None, typer.Option(help="folder for tables and figures; NAME, beside the plan")
 ]
 
 
@@ -64,8 +64,9 @@ def study(
 ) -> None:
     """Run a grid of algorithms, datasets and seeds.
 
-    Writes tables, figures and text about it. An interrupted study resumes: run the same command
-    again. With the folder of a study, its pages are written again from the episodes in it.
+    Writes tables and figures. An interrupted study resumes: run the same command again. With the
+    folder of a study, its page is written again from the episodes in it; text that stands above the
+    made part of the page is kept.
     """
     _require_extras("running a study")
     from swarmdata.evaluation.study.plan import Study
@@ -171,20 +172,21 @@ def study_pages(
         typer.Option(help="folder of cards whose results are written again, as cards/published"),
     ] = None,
 ) -> None:
-    """Write one page for each question that finished studies answer.
+    """Write the tables and figures of each question that finished studies answer.
 
-    Pages are computed from the episodes in the studies' folders; nothing is trained or loaded. A
-    page that no study answers yet is not written, and the command says what it needs.
+    They are those of the studies' reports; nothing is computed. Text that stands above the made
+    part of a page is kept. A page that no study bears on yet is not written, and the command says
+    what it needs.
     """
     _require_extras("reading a study")
-    from swarmdata.cards.card_refresh import refresh_cards
     from swarmdata.cards.committed_studies import read_studies
-    from swarmdata.evaluation.study.answers.write_answers import write_answers
+    from swarmdata.cards.publish import refresh_cards
+    from swarmdata.evaluation.study.pages.result_pages import write_result_pages
 
     if cards is not None:
         for card in refresh_cards(cards, read_studies(studies)):
             typer.echo(card)
-    pages, left_out = write_answers(studies, out)
+    pages, left_out = write_result_pages(studies, out)
     for page in pages:
         typer.echo(page)
     for name, reason in left_out.items():

@@ -166,12 +166,13 @@ def transfer(
     workers: Processes = 1,
     engine: Engine = "local",
 ) -> None:
-    """Compare policies in two simulators, and write a page.
+    """Compare policies in two simulators, and write a page of tables.
 
     Policies act as they are, on the same seeds and layouts. An interrupted comparison resumes: run
-    the same command again.
+    the same command again. Text that stands above the made part of the page is kept.
     """
     refuse_workers(context, engine)
+    from swarmdata.drawing.page_text import page_with
     from swarmdata.evaluation.transfer import simulator_transfer
     from swarmdata.evaluation.transfer.transfer_page import transfer_page
     from swarmdata.store import write_file
@@ -181,5 +182,6 @@ def transfer(
     )
     teams = simulator_transfer.run_transfer(planned, engine=engine, workers=workers)
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_file(out, transfer_page(teams).encode())
+    page = page_with(transfer_page(teams), out, "Do policies depend on the simulator?")
+    write_file(out, page.encode())
     typer.echo(out)

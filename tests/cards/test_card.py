@@ -12,9 +12,8 @@ from swarmdata.analysis.coverage import Coverage, Dependence, Entropies
 from swarmdata.analysis.passings import Passings
 from swarmdata.analysis.visits import Occupancy
 from swarmdata.cards.card import check, render
-from swarmdata.cards.sections.card_data import CardData
-from swarmdata.cards.sections.fields import observation_rows
-from swarmdata.cards.sections.measured_content import LogProbabilities, MeasuredContent
+from swarmdata.cards.sections.measured_content import CardData, LogProbabilities, MeasuredContent
+from swarmdata.cards.sections.problem import observation_rows
 from swarmdata.cards.sections.statistics import histogram
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE

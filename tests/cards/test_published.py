@@ -6,7 +6,7 @@ import pytest
 
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, out_of_band
 from swarmdata.cards.sections.origin import tier_section
-from swarmdata.cards.sections.reward_terms import reward_section
+from swarmdata.cards.sections.problem import reward_section
 from swarmdata.registry.components import make_task
 from swarmdata.registry.published import published, references
 from swarmdata.registry.recipes import FAMILIES, FAMILY_SPECS, checkpoints, shipped_recipes

@@ -11,7 +11,7 @@ import yaml
 from swarmdata.cards.card import card_of, checked
 from swarmdata.cards.publish import publish_card
 from swarmdata.cards.recording_card import describe, render_recorded
-from swarmdata.cards.sections.card_data import card_data_of
+from swarmdata.cards.sections.measured_content import card_data_of
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record import Recorder

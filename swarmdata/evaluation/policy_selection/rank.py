@@ -11,7 +11,7 @@ how well each criterion agrees with them.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from swarmdata.evaluation.policy_selection.ranking_record import (
     RankedPolicy,
     Ranking,
 )
-from swarmdata.evaluation.policy_selection.ranking_scores import Scores, read_scores, simulate
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.evaluation.fqe import (
@@ -45,13 +45,26 @@ from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
+from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
 from swarmdata.runtime.native_libraries import ThreadLimit
-from swarmdata.types import Double
+from swarmdata.types import Double, EvalResult
 
 RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Settings of the fitted Q evaluation that the record has."""
+
+
+Unit = Literal["score", "return"]
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """Means over the same episodes."""
+
+    values: Sequence[float | None]  # one per policy; None: not measured
+    n_episodes: int
+    unit: Unit  # the normalized score, or the return where the task has no references
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -291,3 +304,57 @@ def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality
             n_policies=made.n_policies, spearman=(value, low, high), regret=made.regret
         )
     return qualities
+
+
+def simulate(
+    policies: Sequence[Policy], dataset: Dataset, n_episodes: int, *, progress: bool = True
+) -> Scores:
+    """Evaluates policies in the dataset's task on the first reserved seeds.
+
+    Raises:
+        SpecError: the dataset was recorded in another environment.
+    """
+    names = [f"policy {index} of {len(policies)}" for index in range(1, len(policies) + 1)]
+    results = [
+        evaluate(policy, dataset.task, name=name, n_episodes=n_episodes, progress=progress)
+        for name, policy in zip(names, policies, strict=True)
+    ]
+    return _as_scores(results, dataset)
+
+
+def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder: Path) -> Scores:
+    """Reads results of `evaluate --out` in the dataset's world and models.
+
+    Args:
+        keys: `run_hash` of each policy's run and its training seed; None instead of the hash for a
+            policy without results.
+        dataset: of their training.
+        folder: with the result files.
+
+    Raises:
+        SchemaError: there are no results of these policies, or they have different episodes.
+    """
+    paths = sorted(folder.glob("*.json"))
+    results = [result for result in map(load_result, paths) if result.spec == dataset.spec]
+    known = {(r.provenance.content, r.provenance.seed): r.evaluation for r in results}
+    chosen = [None if key[0] is None else known.get(key) for key in keys]
+    if all(each is None for each in chosen):
+        raise SchemaError(
+            f"{folder} holds {len(paths)} results, {len(results)} of them in the world and models "
+            "of the data, but none of the last checkpoints of these runs. Evaluate these first: "
+            "swarmdata evaluate RUN... --out FOLDER."
+        )
+    return _as_scores(chosen, dataset)
+
+
+def _as_scores(results: Sequence[EvalResult | None], dataset: Dataset) -> Scores:
+    measured = [result for result in results if result is not None]
+    check_comparable(measured)
+    values = [None if each is None else _mean_score(each, dataset) for each in results]
+    unit: Unit = "return" if dataset.references is None else "score"
+    return Scores(values, len(measured[0].seeds), unit)
+
+
+def _mean_score(result: EvalResult, dataset: Dataset) -> float:
+    mean = float(result.metrics["return"].mean())
+    return mean if dataset.references is None else float(dataset.normalized_score(mean))

@@ -54,16 +54,13 @@ def comparable_scores(
         absent = [name for name in names if name not in found]
         counts = {len(found[name]) for name in names if name in found}
         if absent:
-            left_out[label] = f"not measured on {_few(absent)}"
+            few = ", ".join(absent) if len(absent) <= 3 else f"{len(absent)} of them"
+            left_out[label] = f"not measured on {few}"
         elif len(counts) > 1:
             left_out[label] = f"has between {min(counts)} and {max(counts)} runs on a dataset"
         else:
             tables[label] = np.stack([found[name] for name in names], axis=1)
     return ComparableScores(names, tables, left_out)
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= 3 else f"{len(names)} of them"
 
 
 class Aggregate(NamedTuple):

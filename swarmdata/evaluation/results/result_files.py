@@ -1,7 +1,6 @@
 """Results as JSON files, with the provenance of the policy and the spec of the evaluation.
 
-Floats are written as their shortest exact decimals, undefined values as null. Files of format 1 are
-read as well; they have less about their policies.
+Floats are written as their shortest exact decimals, undefined values as null.
 """
 
 import json
@@ -9,9 +8,8 @@ import math
 import os
 import re
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -19,15 +17,12 @@ from pydantic import ConfigDict, Field
 from swarmdata.errors import FormatVersionError, OutputError, SchemaError, SpecError
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.learn.training.run_files import CONFIG
-from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.output_folder import check_vacant
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import AnySpec, Spec
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, EvalResult, shortened
 
 FORMAT = "swarmdata-evaluation"
@@ -83,22 +78,6 @@ class _Document(Frozen):
     task: str
     spec_hash: str
     spec: AnySpec
-    seeds: list[Seed]
-    metrics: dict[str, list[float | None]]
-
-
-class _DocumentOfFormat1(Frozen):
-    """The content of a file of format 1."""
-
-    model_config = ConfigDict(title="evaluation result of format 1")
-
-    format: Literal["swarmdata-evaluation"]
-    format_version: Literal[1]
-    code_version: str
-    policy: str
-    task: str
-    spec_hash: str
-    metadata: dict[str, Any]
     seeds: list[Seed]
     metrics: dict[str, list[float | None]]
 
@@ -177,7 +156,7 @@ def _to_json(values: Double) -> list[float | None]:
 
 
 def load_result(path: Path) -> Result:
-    """Reads a result that `save_result` wrote, with the same bits, or one of format 1.
+    """Reads a result that `save_result` wrote, with the same bits.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -187,22 +166,18 @@ def load_result(path: Path) -> Result:
     """
     path = Path(path)
     document = _read(path)
-    spec: AnySpec
-    if isinstance(document, _DocumentOfFormat1):
-        provenance, spec = _provenance_of_format_1(document, path), _spec_of(document, path)
-    else:
-        provenance, spec = document.provenance, document.spec
+    provenance = document.provenance
     metrics = {  # NumPy reads None as NaN
         name: np.array(values, np.float64) for name, values in document.metrics.items()
     }
     seeds = np.array(document.seeds, np.uint64)
     evaluation = EvalResult(provenance.label, document.task, document.spec_hash, seeds, metrics)
-    result = Result(evaluation, provenance, spec, path)
+    result = Result(evaluation, provenance, document.spec, path)
     _check(result, str(path))
     return result
 
 
-def _read(path: Path) -> _Document | _DocumentOfFormat1:
+def _read(path: Path) -> _Document:
     try:
         data = read_document(path)
     except SpecError as error:
@@ -216,7 +191,7 @@ def _read(path: Path) -> _Document | _DocumentOfFormat1:
             "Upgrade swarmdata."
         )
     try:
-        return (_DocumentOfFormat1 if version == 1 else _Document).parse(data, str(path))
+        return _Document.parse(data, str(path))
     except SpecError as error:
         raise SchemaError(f"{error}. Evaluate again.") from error
 
@@ -229,42 +204,6 @@ def _what_to_name(folder: Path) -> str:
             "FOLDER`, and name that folder."
         )
     return "Name a file or a folder that `swarmdata evaluate --out` wrote."
-
-
-def _provenance_of_format_1(document: _DocumentOfFormat1, path: Path) -> Provenance:
-    """The provenance in the metadata of format 1, which had no schema."""
-    metadata = document.metadata
-    try:
-        run: dict[str, Any] = metadata.get("run", {})
-        index, seeds = metadata.get("index", 0), run.get("seeds", [])
-        fields = {name: run[name] for name in _RUN_FIELDS_OF_FORMAT_1 if name in run}
-        fields["seed"] = seeds[index] if index < len(seeds) else None
-        fields |= {"label": document.policy, "index": index, "code_version": document.code_version}
-        return Provenance.parse(fields, str(path))
-    except (SpecError, AttributeError, TypeError, LookupError) as error:
-        raise SchemaError(f"{path} is not an evaluation result of format 1: {error}") from error
-
-
-_RUN_FIELDS_OF_FORMAT_1 = ("algorithm", "dataset", "digest", "view", "config", "frames")
-"""The fields of a `Provenance` that format 1 has."""
-
-
-def _spec_of(document: _DocumentOfFormat1, path: Path) -> TaskSpec:
-    """Finds the preset with the file's models and hash: format 1 has only the hash of its spec."""
-    found = _named_specs(json.dumps(document.metadata.get("models", {}))).get(document.spec_hash)
-    if found is None:
-        raise SchemaError(
-            f"{path} has format 1, which has only the hash of its spec, and no preset has its hash "
-            f"{document.spec_hash[:12]}. Evaluate again."
-        )
-    return found
-
-
-@cache
-def _named_specs(models: str) -> dict[str, TaskSpec]:
-    """All presets with a pair of models, by hash."""
-    specs = (with_models(preset(name), **json.loads(models)) for name in preset_names())
-    return {spec.hash(): spec for spec in specs}
 
 
 def _check(result: Result, where: str) -> None:

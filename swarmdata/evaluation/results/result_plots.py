@@ -7,10 +7,23 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmdata.drawing.style import COLORS, GRAY, family_looks
+import numpy as np
+
+from swarmdata.drawing.style import (
+    COLORS,
+    COLUMN_WIDTH,
+    GRAY,
+    INK,
+    PAGE_WIDTH,
+    draw_grid,
+    draw_legend,
+    family_looks,
+    figure,
+    line_looks,
+)
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.figures.difference_matrix import plot_difference_matrix
 from swarmdata.evaluation.figures.dot_plot import (
+    LETTER_WIDTH,
     Looks,
     Panel,
     PanelLine,
@@ -19,7 +32,6 @@ from swarmdata.evaluation.figures.dot_plot import (
     plot_dots,
 )
 from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
-from swarmdata.evaluation.figures.profile_plot import plot_profiles
 from swarmdata.evaluation.results.aggregates import (
     Point,
     differences,
@@ -33,6 +45,9 @@ from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
+
+MATRIX_CELL = 0.36, 0.2
+"""Inches: width and height."""
 
 MAX_DISTANCE_IN_VIEW = 0.6
 """Of a return from those that learned from data, as a share of their range."""
@@ -112,15 +127,22 @@ def plot_score_profiles(tables: Mapping[str, Double], looks: Looks, path: Path) 
     """
     runs = {label: table.mean(axis=-1) for label, table in tables.items()}
     thresholds = thresholds_of(runs)
-    profiles = {
-        label: performance_profile(runs[label], thresholds)
-        for label in sorted(runs, key=lambda label: (-float(runs[label].mean()), label))
-    }
-    plot_profiles(profiles, thresholds, looks, path)
+    order = sorted(runs, key=lambda label: (-float(runs[label].mean()), label))
+    drawn = line_looks({label: looks[label] for label in order})
+    with figure(path, width=COLUMN_WIDTH, height=2.45) as drawing:
+        axes = drawing.add_subplot()
+        for label in order:
+            share = 100 * performance_profile(runs[label], thresholds)
+            axes.plot(thresholds, share, lw=1.4, ds="steps-mid", label=label, **drawn[label])
+        axes.set(xlabel="score τ (0 no skill, 100 expert)", ylabel="runs with a score above τ (%)")
+        axes.set_ylim(-2, 102)
+        axes.margins(x=0)
+        draw_grid(axes, width=0.5)
+        draw_legend(drawing, axes.get_lines())
 
 
 def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
-    """Draws the mean score of each label minus that of each worse one.
+    """Draws the mean score of each label (a row) minus that of each worse one (a column).
 
     Args:
         tables: label -> scores [runs, datasets, episodes].
@@ -130,8 +152,39 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
         SchemaError: there are fewer than two labels, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
-    order = sorted(tables, key=lambda label: (-float(tables[label].mean()), label))
-    plot_difference_matrix(order, differences(tables), path)
+    labels = sorted(tables, key=lambda label: (-float(tables[label].mean()), label))
+    if len(labels) < 2:
+        raise SchemaError(f"got the labels {labels} to compare, expected at least two.")
+    pairs = differences(tables)
+    rows, columns = labels[:-1], labels[1:]
+    n, room = len(rows), LETTER_WIDTH * max(map(len, labels))
+    limit = max(abs(found.value) for found in pairs.values()) or 1.0
+    width = min(PAGE_WIDTH, max(COLUMN_WIDTH, 0.2 + room + MATRIX_CELL[0] * n))
+    with figure(path, width=width, height=0.4 + 0.7 * room + MATRIX_CELL[1] * n) as drawing:
+        axes = drawing.add_subplot()
+        shown = np.full((n, n), np.nan)
+        for row, one in enumerate(rows):
+            for column in range(row, n):
+                found = pairs[one, columns[column]]
+                is_decided = found.low > 0.0 or found.high < 0.0
+                shown[row, column] = found.value if is_decided else 0.0
+                axes.text(
+                    column,
+                    row,
+                    f"{found.value:+.0f}".replace("-", "−"),
+                    ha="center",
+                    va="center",
+                    fontsize=7,
+                    fontweight="bold" if is_decided else "normal",
+                    color="white" if is_decided and abs(found.value) > 0.45 * limit else INK,
+                )
+        axes.imshow(shown, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
+        axes.set_xticks(range(n), columns, rotation=45, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(n), rows)
+        axes.set_title("score of row minus column; bold: clearly not 0", loc="left", fontsize=7.5)
+        for side in axes.spines.values():
+            side.set_visible(False)
+        axes.tick_params(length=0)
 
 
 def plot_pareto(

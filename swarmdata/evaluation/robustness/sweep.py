@@ -31,9 +31,14 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 from swarmdata.evaluation.results.policy_names import Target
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.robustness.sweep_axes import Axis, AxisSpecs, specs_along_axis
-from swarmdata.evaluation.robustness.sweep_estimates import estimates_of
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
-from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point, to_csv
+from swarmdata.evaluation.robustness.sweep_tables import (
+    Degradation,
+    Line,
+    Point,
+    estimates_of,
+    to_csv,
+)
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import locked
@@ -246,7 +251,9 @@ def _teams(
         if any(axis.part != "body" for axis in axes):
             _check_senses(targets[-1], name)
     teams = [
-        _Team(label, source, target, _axis_specs(axes, name, target))
+        _Team(
+            label, source, target, tuple(specs_along_axis(axis, name, target.spec) for axis in axes)
+        )
         for name, label, source, target in zip(
             names, _labels(targets), sources, targets, strict=True
         )
@@ -260,10 +267,6 @@ def _teams(
                 "arenas). Sweep them separately, each with its own --out."
             )
     return teams
-
-
-def _axis_specs(axes: Sequence[Axis], name: str, target: Target) -> tuple[AxisSpecs, ...]:
-    return tuple(specs_along_axis(axis, name, target.spec) for axis in axes)
 
 
 def _labels(targets: Sequence[Target]) -> list[str]:

@@ -13,7 +13,7 @@ from swarmdata.evaluation.study.cells.cells import Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
-from swarmdata.evaluation.study.pages.study_folder import STUDY, write_pages
+from swarmdata.evaluation.study.pages.study_folder import STUDY, remove_sweeps, write_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.reproduction import Comparison, reproduce_cell
 from swarmdata.evaluation.study.shifts.shift_table import TASKS_FILE, TRANSFER_FILE, Shifted
@@ -22,7 +22,7 @@ from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.output_folder import check_output, filled
 
 if TYPE_CHECKING:
-    from swarmdata.evaluation.study.shifts.robustness_sections import PlannedSweep
+    from swarmdata.evaluation.study.shifts.sweeps import PlannedSweep
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class StudyOptions:
     """How a study is run; no option changes its results.
 
     Attributes:
-        out: folder of tables, figures and text.
+        out: folder of tables and figures.
         work: folder of cells; None: `runs/study-<name>`.
         workers: processes of the engine `local`.
         engine: where cells run and policies are evaluated in other conditions, as `build` takes it.
@@ -122,7 +122,7 @@ def _planned_sweeps(found: Findings) -> "list[PlannedSweep]":
     """The sweeps whose dataset has results."""
     if not found.study.sweeps:
         return []
-    from swarmdata.evaluation.study.shifts.robustness_sections import plan_sweeps  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.study.shifts.sweeps import plan_sweeps  # noqa: PLC0415  (torch)
 
     return plan_sweeps(found, digest_of)
 
@@ -138,22 +138,22 @@ def _write_pages(
         command: that runs it again.
         measure: whether to evaluate what is not kept in the folder of cells.
     """
-    sections: dict[str, str] = {}
-    if planned := _planned_sweeps(found):
-        from swarmdata.evaluation.study.shifts.robustness_sections import run_sweeps  # noqa: PLC0415  (torch)
+    if found.study.sweeps:
+        from swarmdata.evaluation.study.shifts.sweeps import run_sweeps  # noqa: PLC0415  (torch)
 
         ready = [
             sweep
-            for sweep in planned
+            for sweep in _planned_sweeps(found)
             if (sweep.is_ready(found.work) if measure else sweep.is_measured(found.work))
         ]
+        remove_sweeps(options.out, found.study.sweeps.keys() - {sweep.label for sweep in ready})
         with filled(options.out, STUDY) as folder:
-            sections = run_sweeps(
+            run_sweeps(
                 ready, found.work, folder, found.looks, engine=options.engine,
                 workers=options.workers, progress=options.progress,
             )  # fmt: skip
     shifts = _used_elsewhere(found, options, measure=measure)
-    return write_pages(found, options.out, command, sections, shifts)
+    return write_pages(found, options.out, command, shifts)
 
 
 def _used_elsewhere(
@@ -161,9 +161,12 @@ def _used_elsewhere(
 ) -> dict[str, list[Shifted]]:
     """What policies reach in the other views and tasks of the plan, by the name of the file."""
     # imported late: they need torch
-    from swarmdata.evaluation.study.shifts.other_tasks import plan_other_tasks  # noqa: PLC0415  (torch)
-    from swarmdata.evaluation.study.shifts.shift import estimate_shifts, run_shifts  # noqa: PLC0415  (torch)
-    from swarmdata.evaluation.study.shifts.transfers import plan_transfers  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.study.shifts.shift import (  # noqa: PLC0415  (torch)
+        estimate_shifts,
+        plan_other_tasks,
+        plan_transfers,
+        run_shifts,
+    )
 
     shifts = {TRANSFER_FILE: plan_transfers(found), TASKS_FILE: plan_other_tasks(found)}
     if measure:

@@ -1,4 +1,4 @@
-"""The page that compares policies in two simulators: scores, successes, collisions, ranks."""
+"""Tables that compare policies in two simulators: scores, successes, collisions, ranks."""
 
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -20,72 +20,36 @@ TITLES = {"pymunk": "Pymunk", "mujoco": "MuJoCo", "kinematic": "a world without 
 
 
 def transfer_page(teams: Sequence[TeamTransfer]) -> str:
-    """Returns the page as Markdown.
+    """Returns the tables, and what they were made with, as Markdown.
 
     Args:
         teams: at least one, all with the same two simulators and number of episodes.
     """
-    first, second = (TITLES[each] for each in teams[0].backends)
+    tasks = list(dict.fromkeys(team.task for team in teams))
+    by_task = {task: [team for team in teams if team.task == task] for task in tasks}
     n_episodes = teams[0].metric("return")[0].shape[1]
-    sentences = "".join(f"- {sentence}\n" for sentence in _sentences(teams))
-    tables = "".join(
-        f"\n## {task}\n\n{_table([team for team in teams if team.task == task])}"
-        for task in dict.fromkeys(team.task for team in teams)
-    )
+    tables = "\n".join(f"## {task}\n\n{_table(found)}" for task, found in by_task.items())
+    ranks = [
+        (task, _plain(found, 2))
+        for task in tasks
+        if (found := rank_agreement(by_task[task])) is not None
+    ]
+    correlations = markdown.table(("task", "rank correlation of scores"), ranks, is_numeric=True)
     command = (
         f"swarmdata transfer {' '.join(dict.fromkeys(team.label for team in teams))}"
-        f"{''.join(f' --task {task}' for task in dict.fromkeys(team.task for team in teams))}"
+        f"{''.join(f' --task {task}' for task in tasks)}"
         f" --backend {teams[0].backends[1]} --episodes {n_episodes} --results FOLDER --out FILE"
     )
+    ranked = f"\n## Ranks\n\n{correlations}" if ranks else ""
     return (
-        "# Do policies depend on the simulator?\n\n"
-        f"The same policies, seeds and layouts in {first} and in {second}, whose contacts are "
-        f"others. Nothing was trained in {second}. A score is on the scale of {first}'s "
-        f"references; a collision is defined by distance, the same in both.\n\n{sentences}{tables}"
-        "\n## Limits\n\n"
-        f"{n_episodes} reserved episodes of each policy. Intervals are 95 % intervals; those of "
-        f"means are for {TARGET_OF_SEVERAL} where a row has several policies, else for "
-        f"{TARGET_OF_ONE}; differences are paired by policy and episode. That of a rank "
-        "correlation is a bootstrap over policies, which share tasks and tiers, so it tends to be "
-        f"too narrow. Made with {_versions(teams[0].backends)}; other versions of {second}, and "
-        "other machines, may give other digits.\n\n"
-        f"    {command}\n\nwrites this page.\n"
+        f"{tables}{ranked}\n## How it was measured\n\n"
+        f"{n_episodes} reserved episodes of each policy. Scores of both simulators are on the "
+        "scale of the first. Intervals are 95 % intervals; those of means are for "
+        f"{TARGET_OF_SEVERAL} where a row has several policies, else for {TARGET_OF_ONE}; "
+        "differences are paired by policy and episode. That of a rank correlation is a bootstrap "
+        "over policies, which share tasks and tiers, so it tends to be too narrow. Made with "
+        f"{_versions(teams[0].backends)}.\n\n    {command}\n"
     )
-
-
-def _sentences(teams: Sequence[TeamTransfer]) -> list[str]:
-    first, second = (TITLES[each] for each in teams[0].backends)
-    changes = [_difference(*team.scores()) for team in teams]
-    lower = [t for t, c in zip(teams, changes, strict=True) if c.high < 0.0]
-    higher = [t for t, c in zip(teams, changes, strict=True) if c.low > 0.0]
-    rest = len(teams) - len(lower) - len(higher)
-    found = [
-        f"In {second}, the score of {len(lower)} of {len(teams)} teams is clearly lower than in "
-        f"{first}{_named(lower)}, that of {len(higher)} clearly higher{_named(higher)}, and that "
-        f"of {rest} neither."
-    ]
-    largest = max(range(len(teams)), key=lambda k: abs(changes[k].value))
-    found.append(
-        f"The largest change is that of {_name(teams[largest])}: {_signed(changes[largest], 1)}."
-    )
-    ranked = [
-        (task, rank_agreement([team for team in teams if team.task == task]))
-        for task in dict.fromkeys(team.task for team in teams)
-    ]
-    words = [f"{task} {_plain(found, 2)}" for task, found in ranked if found is not None]
-    if words:
-        found.append(
-            f"Rank correlation of the policies' scores in {first} and {second}: {', '.join(words)}."
-        )
-    return found
-
-
-def _named(teams: Sequence[TeamTransfer]) -> str:
-    return f" ({', '.join(map(_name, teams))})" if teams else ""
-
-
-def _name(team: TeamTransfer) -> str:
-    return f"`{team.label}` in {team.task}"
 
 
 def _table(teams: Sequence[TeamTransfer]) -> str:

@@ -40,14 +40,6 @@ def test_what_tiers_say_of_success_is_true_of_all_published_data(
     assert not {k: share for k, share in found.items() if not least <= share <= most}
 
 
-@pytest.mark.parametrize("tier", TIER_DESCRIPTIONS)
-def test_texts_are_sentences(tier: str) -> None:
-    for text in (TIER_DESCRIPTIONS[tier], *limits_of(preset("coop_nav"), tier)):
-        assert text.endswith(".")
-        assert text[0].isupper()
-        assert "  " not in text
-
-
 @pytest.mark.parametrize("task", PACKAGE_RULES)
 def test_limits_are_those_of_all_the_task_and_the_tier(task: str) -> None:
     own = preset(task).rules.card_limits

@@ -22,7 +22,7 @@ from swarmdata.evaluation.figures.dot_plot import (
 from swarmdata.rollouts.score_statistics import Estimate
 from tests.support.drawn import shown_figure
 
-FAMILIES = {f"algorithm_{k}-with-a-long-name": f"family {k % 7}" for k in range(28)}
+FAMILIES = {f"algorithm_{k}-with-a-long-name": f"family {k % 4}" for k in range(10)}
 LOOKS = family_looks(FAMILIES)
 DATASETS = [f"coop_nav-a-rather-long-dataset-{k}-mini" for k in range(6)]
 SCORES = {
@@ -52,7 +52,7 @@ def test_panels_share_their_axis_and_the_best_row_is_on_top(
     assert names == {*FAMILIES.values(), "mean of the data"}
 
 
-@pytest.mark.parametrize("n_datasets", [1, 2, 6])
+@pytest.mark.parametrize("n_datasets", [1, 6])
 def test_nothing_is_cut_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_datasets: int
 ) -> None:
@@ -107,8 +107,9 @@ def test_nothing_to_draw_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_second_run_writes_the_same_bytes_png_and_pdf(tmp_path: Path) -> None:
+    scores = {"data": {"a": Estimate(1.0, 0.0, 2.0)}}
     for name in "ab":
-        plot_by_dataset(SCORES, {}, LOOKS, tmp_path / f"{name}.png", label="score")
+        plot_by_dataset(scores, {}, {}, tmp_path / f"{name}.png", label="score")
     for suffix in (".png", ".pdf"):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
     assert style.files_of(tmp_path / "a.png") == (tmp_path / "a.png", tmp_path / "a.pdf")

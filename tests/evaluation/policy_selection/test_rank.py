@@ -60,8 +60,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return Made(tmp_path_factory.mktemp("made"))
 
 
-def test_every_seed_is_ranked_by_every_criterion(made: Made) -> None:
-    ranking = made.rank()
+@pytest.fixture(scope="module")
+def ranking(made: Made) -> Ranking:
+    """Of both runs, by the default criterion."""
+    return made.rank()
+
+
+def test_every_seed_is_ranked_by_every_criterion(made: Made, ranking: Ranking) -> None:
     labels = {policy.label for policy in ranking.policies}
     assert labels == {f"{run}/seed-{seed}@20" for run in SETTINGS for seed in (0, 7)}
     values = [policy.fqe[0] for policy in ranking.policies]
@@ -75,8 +80,8 @@ def test_every_seed_is_ranked_by_every_criterion(made: Made) -> None:
     assert ranking == made.rank()
 
 
-def test_the_imitation_error_is_that_of_the_validation_split(made: Made) -> None:
-    found = {policy.label: policy for policy in made.rank().policies}
+def test_the_imitation_error_is_that_of_the_validation_split(made: Made, ranking: Ranking) -> None:
+    found = {policy.label: policy for policy in ranking.policies}
     held_out = Dataset.open(made.data).split("validation").transitions()
     for policy, seed in zip(load_run(made.runs[0]), (0, 7), strict=True):
         errors = np.square(policy.actions(held_out["observations"]) - held_out["actions"])  # type: ignore[attr-defined]

@@ -15,8 +15,8 @@ from swarmdata import __version__
 from swarmdata.errors import DiskFullError, FormatVersionError, SchemaError
 from swarmdata.evaluation.results.result_files import Result, load_result, save_result
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
-from swarmdata.specs.model_choice import models_of, with_models
-from tests.support.measured import COOP_NAV, MEDIUM, evaluation, foreign, result
+from swarmdata.specs.model_choice import with_models
+from tests.support.measured import COOP_NAV, MEDIUM, foreign, result
 
 
 def same(one: Result, other: Result) -> None:
@@ -154,46 +154,8 @@ def test_unreadable_files_are_refused(tmp_path: Path) -> None:
         load_result(path)
     with pytest.raises(FormatVersionError, match="format 3, this swarmdata reads up to 2"):
         load_result(edited(save_result(result(), tmp_path), format_version=3))
-
-
-def first_format(path: Path, **changes: Any) -> Path:
-    """A file as the first format had it."""
-    made = evaluation("bc", with_models(COOP_NAV, "lidar"), n=4)
-    document = {
-        "format": "swarmdata-evaluation",
-        "format_version": 1,
-        "code_version": "0.0.9",
-        "policy": "bc",
-        "task": "coop_nav",
-        "spec_hash": made.spec_hash,
-        "metadata": {
-            "models": models_of(with_models(COOP_NAV, "lidar")),
-            "index": 1,
-            "run": {
-                "algorithm": "bc", "dataset": MEDIUM, "digest": "a" * 64, "view": None,
-                "config": {"hidden": [8]}, "seeds": [4, 7],
-            },
-        },
-        "seeds": made.seeds.tolist(),
-        "metrics": {
-            name: [None if math.isnan(v) else v for v in values]
-            for name, values in made.metrics.items()
-        },
-    }  # fmt: skip
-    path.write_text(json.dumps({**document, **changes}))
-    return path
-
-
-def test_the_first_format_is_still_read(tmp_path: Path) -> None:
-    old = load_result(first_format(tmp_path / "bc-1.json"))
-    assert old.spec == with_models(COOP_NAV, "lidar")
-    found = old.provenance
-    assert (found.label, found.index, found.seed, found.dataset) == ("bc", 1, 7, MEDIUM)
-    assert (found.config, found.code_version) == ({"hidden": [8]}, "0.0.9")
-    bare = load_result(first_format(tmp_path / "b.json", metadata={}, spec_hash=COOP_NAV.hash()))
-    assert bare.spec == COOP_NAV
-    with pytest.raises(SchemaError, match="no preset has its hash ffffffffffff"):
-        load_result(first_format(tmp_path / "c.json", spec_hash="f" * 64))
+    with pytest.raises(SchemaError, match=r"format_version.*Evaluate again"):
+        load_result(edited(save_result(result(), tmp_path), format_version=1))
 
 
 def test_results_of_other_environments_are_kept_as_well(tmp_path: Path) -> None:

@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from swarmdata.drawing.style import family_looks
 from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results import result_plots
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import (
     looks_of,
@@ -16,6 +19,7 @@ from swarmdata.evaluation.results.result_plots import (
 )
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.drawn import shown_figure
 from tests.support.measured import EXPERT, MEDIUM, grid, result
 
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
@@ -57,6 +61,32 @@ def test_profiles_and_differences_name_every_label(tmp_path: Path) -> None:
     assert f"<!-- +{gap:.0f} -->" in words(tmp_path / "b.svg")
     with pytest.raises(SchemaError, match="at least two"):
         plot_differences({}, tmp_path / "c.svg")
+
+
+def test_no_two_profiles_look_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = family_looks({f"maddpg_bc-variant-{k}": f"family {k % 6}" for k in range(12)})
+    tables = {label: np.full((2, 1, 3), 50.0) for label in looks}
+    drawing = shown_figure(
+        monkeypatch, result_plots, lambda: plot_score_profiles(tables, looks, tmp_path / "a.png")
+    )
+    lines = drawing.axes[0].get_lines()
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 12
+    box = drawing.legends[0].get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= drawing.bbox.x1
+
+
+def test_each_pair_is_shown_once_and_clear_ones_are_bold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels = {"poor": -20.0, "good": -3.0, "best": 0.0}
+    tables = {label: np.full((8, 1, 3), mean) for label, mean in labels.items()}
+    tables["good"] += 5.0 * np.resize([1.0, -1.0], (8, 1, 1))  # its runs differ
+    drawing = shown_figure(
+        monkeypatch, result_plots, lambda: plot_differences(tables, tmp_path / "a.png")
+    )
+    texts = {text.get_text(): text.get_fontweight() for text in drawing.axes[0].texts}
+    assert texts == {"+3": "normal", "+20": "bold", "+17": "bold"}
 
 
 def test_pareto_names_what_is_out_of_view(tmp_path: Path) -> None:

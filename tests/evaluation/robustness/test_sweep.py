@@ -27,8 +27,7 @@ from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.robustness import sweep as sweep_module
 from swarmdata.evaluation.robustness.sweep import SWEEP, sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
-from swarmdata.evaluation.robustness.sweep_estimates import change_of, estimates_of
-from swarmdata.evaluation.robustness.sweep_tables import Degradation
+from swarmdata.evaluation.robustness.sweep_tables import Degradation, change_of, estimates_of
 from swarmdata.evaluation.runs.train import train
 from swarmdata.learn.training.run_folder import read_run
 from swarmdata.registry.published import Reference

@@ -80,11 +80,6 @@ def test_no_skill_is_seen_however_low_the_scores_are(tmp_path: Path) -> None:
     assert texts.count("0") == 1 + len(RATES)
 
 
-def test_the_same_sweep_is_the_same_file(tmp_path: Path) -> None:
-    teams = [line(f"team {k}", 2, 0.0, 0.5) for k in range(7)]  # colors repeat after six
-    assert draw(tmp_path / "a.svg", *teams) == draw(tmp_path / "b.svg", *teams)
-
-
 def test_rows_of_a_study_keep_their_colors(tmp_path: Path) -> None:
     looks = family_looks({"bc": "cloning", "vdn": "value decomposition"})
     svg = draw(tmp_path / "x.svg", line("vdn", 2, 0.0, 0.5), looks=looks).lower()

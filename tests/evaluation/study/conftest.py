@@ -57,18 +57,23 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_cells, "open_engine", Here)
 
 
-@pytest.fixture
-def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_drawing(patched: pytest.MonkeyPatch) -> None:
     """Figures are made, and saved as empty files: drawing them takes most of a study's time.
 
-    `test_a_study_answers_what_it_measured` and `tests/evaluation/figures` draw theirs.
+    `tests/evaluation/figures` and `test_pages_are_made_again_from_the_folder_alone` draw theirs.
     """
     figure = pytest.importorskip("matplotlib.figure", reason="figures need the plots extra")
 
     def save(self: object, target: Path, **settings: object) -> None:
         Path(target).touch()
 
-    monkeypatch.setattr(figure.Figure, "savefig", save)
+    patched.setattr(figure.Figure, "savefig", save)
+
+
+@pytest.fixture
+def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are empty files."""
+    without_drawing(monkeypatch)
 
 
 @pytest.fixture(scope="session")

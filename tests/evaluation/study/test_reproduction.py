@@ -60,7 +60,7 @@ def test_a_cell_from_an_archive_is_compared_with_the_digits_that_it_has(
     study = make_study()
     found, archive = cells_of(study, digest_of), tmp_path / "cells.tar.xz"
     run_cells(found, tmp_path / "work", progress=False)
-    notes = Notes(command="x", missing={}, sweeps={})
+    notes = Notes(command="x", missing={})
     write_archive(collect_findings(study, found, tmp_path / "work", {}), notes, archive)
     restored, _ = read_archive(study, archive, tmp_path / "restored")
     folder = cell_folder(restored.work, found[0])

@@ -12,6 +12,7 @@ from swarmdata.evaluation.transfer.simulator_transfer import (
     rank_agreement,
     run_transfer,
 )
+from swarmdata.evaluation.transfer.transfer_page import transfer_page
 
 NAMES = ("idle", "random", "straight")
 
@@ -62,3 +63,20 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
         plan_transfer(["idle"], ["coop_nav"], tmp_path, backend="pymunk")
     with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
         plan_transfer(["idle"], ["coop_nav"], tmp_path, backend="mujoko")
+
+
+def test_the_page_has_what_was_measured(teams: list[TeamTransfer]) -> None:
+    page = transfer_page(teams)
+    assert "| score, Pymunk | score, a world without contacts | change |" in page
+    assert "\n| coop_nav | " in page.partition("## Ranks")[2]
+    assert (
+        "swarmdata transfer idle random straight --task coop_nav --backend kinematic "
+        "--episodes 3 --results FOLDER --out FILE" in page
+    )
+    row = next(line for line in page.splitlines() if line.startswith("| straight |"))
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    known, new = teams[2].metric("obstacle_collisions")
+    assert cells[-2:] == [f"{known.mean():.2f}", f"{new.mean():.2f}"] == [cells[-2], "0.00"]
+    assert cells[1] == "1"
+    idle = next(line for line in page.splitlines() if line.startswith("| idle |"))
+    assert "+0.0 [0.0, 0.0]" in idle

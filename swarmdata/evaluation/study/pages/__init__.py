@@ -1,1 +1,1 @@
-"""The pages of a study: tables, figures and computed sentences."""
+"""The pages of a study: tables and figures, below text that authors write."""

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from pydantic import Field
+
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells.cell_folder import (
@@ -47,7 +49,8 @@ class Notes(Frozen):
 
     command: str  # that runs the study again
     missing: dict[str, str]  # why other cells have no results, by name
-    sweeps: dict[str, str]  # sections on policies in other conditions, by title
+    sweeps: dict[str, str] = Field(default_factory=dict, exclude=True)
+    """Of archives before the page read them from the tables of sweeps; not used."""
 
 
 def write_archive(found: Findings, notes: Notes, file: Path) -> None:

@@ -1,61 +1,49 @@
 """The sections on differences that a study asks for: its pairs of rows, paired by episode."""
 
-from collections.abc import Sequence
+from collections import Counter
 from pathlib import Path
 
 from swarmdata.drawing import markdown
-from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.pages.doubling import budget_table, order_table
 from swarmdata.evaluation.study.pages.row_differences import (
-    RowDifference,
     columns_of,
-    doubling_sentences,
     format_difference,
     measured_differences,
     missing_pairs,
     verdict_of,
-    verdict_summary,
+)
+from swarmdata.evaluation.study.pages.study_figures import plot_differences_from_zero
+from swarmdata.evaluation.study.plan import DifferencesPlan
+from swarmdata.rollouts.score_statistics import Estimate
+
+ORDERS = (
+    "Families by score, the best first. `>`: clearly better than the next, paired by episode; `≥`: "
+    "not clearly.\n\n"
 )
 
-MAX_NAMED_PAIRS = 4
-"""Pairs without results that a sentence names."""
+
+def differences_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
+    """Title and body of each list of pairs, with a figure in a folder."""
+    plans = found.study.differences
+    return [(plan.title, _section(found, name, out)) for name, plan in plans.items()]
 
 
-def differences_sections(found: Findings, out: Path) -> dict[str, str]:
-    """One section for each list of pairs, by its title.
-
-    Args:
-        found: what was measured.
-        out: folder of the page; these sections have no figures.
-    """
-    return {plan.title: _section(found, name) for name, plan in found.study.differences.items()}
-
-
-def _section(found: Findings, name: str) -> str:
-    plan = found.study.differences[name]
-    differences, columns = measured_differences(found, plan), columns_of(found)
-    is_list = len(differences) > 1
-    sentences = [verdict_summary(differences, column) for column in columns if is_list]
-    sentences += doubling_sentences(found, plan) if plan.doubling else []
-    if missing := missing_pairs(found, plan):
-        sentences.append(not_compared(missing))
+def _section(found: Findings, name: str, out: Path) -> str:
+    plan, figure = found.study.differences[name], f"differences-{name}.png"
     head = (
         "The first row minus the second, paired by episode. A difference is higher or lower if "
         "its whole interval is.\n\n"
     )
-    table = difference_table(differences, columns) + "\n" if differences else ""
-    return head + table + "".join(f"- {sentence}\n" for sentence in sentences)
+    if measured_differences(found, plan):
+        _plot_pairs(found, plan, out / figure)
+        head += f"![the first row minus the second]({figure})\n\n"
+    return head + _tables(found, plan)
 
 
-def not_compared(missing: Sequence[str]) -> str:
-    """The sentence that names the first pairs that are not measured, and counts the others."""
-    others = len(missing) - MAX_NAMED_PAIRS
-    tail = f"; and {others} more" if others > 0 else ""
-    return f"Not compared yet: {'; '.join(missing[:MAX_NAMED_PAIRS])}{tail}."
-
-
-def difference_table(differences: Sequence[RowDifference], columns: Sequence[Column]) -> str:
-    """A row for each pair and dataset, a column for each quantity."""
+def _tables(found: Findings, plan: DifferencesPlan) -> str:
+    """A row for each pair and dataset; of doublings what they change; what is not measured."""
+    columns = columns_of(found)
     rows = [
         (
             each.words,
@@ -66,6 +54,31 @@ def difference_table(differences: Sequence[RowDifference], columns: Sequence[Col
                 for column in columns
             ),
         )
-        for each in differences
+        for each in measured_differences(found, plan)
     ]
-    return markdown.table(("difference", "dataset", *(each.header for each in columns)), rows)
+    head = ("difference", "dataset", *(each.header for each in columns))
+    parts = [markdown.table(head, rows)] if rows else []
+    if plan.doubling and rows:
+        parts += [f"{ORDERS}{order_table(found, plan)}", budget_table(found, plan)]
+    if missing := missing_pairs(found, plan):
+        parts.append("Not compared yet:\n\n" + "".join(f"- {each}\n" for each in missing))
+    return "\n".join(parts)
+
+
+def _plot_pairs(found: Findings, plan: DifferencesPlan, path: Path) -> None:
+    """Draws all differences, a row each.
+
+    A group has the pairs on one dataset; a pair on several datasets is a group of its own.
+    """
+    groups: dict[str, dict[str, list[Estimate]]] = {}
+    columns, differences = columns_of(found), measured_differences(found, plan)
+    counts = Counter(difference.words for difference in differences)
+    for each in differences:
+        pair = f"{each.one} − {each.other}"
+        is_alone = counts[each.words] == 1
+        title, row = (each.dataset, pair) if is_alone else (pair, each.dataset)
+        groups.setdefault(title, {})[row] = [
+            Estimate(*(column.factor * end for end in each.estimates[column.key]))
+            for column in columns
+        ]
+    plot_differences_from_zero(groups, [f"change of {each.header}" for each in columns], path)

@@ -1,7 +1,6 @@
-"""Differences between rows of a study, paired by episode, and what they say."""
+"""Differences between rows of a study, paired by episode."""
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -99,98 +98,3 @@ def format_difference(difference: Estimate, column: Column) -> str:
     text = format_estimate(difference, column)
     sign = "+" if difference.value > 0.0 and text[0] not in f"-{UNDEFINED}" else ""
     return f"{sign}{text}".replace("-", "−")
-
-
-def verdict_summary(differences: Sequence[RowDifference], column: Column) -> str:
-    """How many differences of a quantity are clearly above 0, below, or neither."""
-    verdicts = [verdict_of(each.estimates[column.key]) for each in differences]
-    parts = [
-        f"{kind} in {verdicts.count(kind)}"
-        for kind in ("higher", "lower", "no clear change")
-        if kind in verdicts
-    ]
-    label = column.label[:1].upper() + column.label[1:]
-    return f"{label}, in {len(verdicts)} comparisons: {', '.join(parts)}."
-
-
-def doubling_sentences(found: Findings, plan: DifferencesPlan) -> list[str]:
-    """For each family, the shortest budget after which doubling changes no score clearly.
-
-    A change is clear if its interval excludes 0. All longer doublings that were tried have to pass
-    too, on every dataset that the rows are trained on.
-    """
-    measured = measured_differences(found, plan)
-    families: dict[str, list[tuple[str, str]]] = {}
-    for one, other in plan.pairs:
-        families.setdefault(found.study.algorithms[one].family, []).append((one, other))
-    return [_shortest_budget(found, family, pairs, measured) for family, pairs in families.items()]
-
-
-def _shortest_budget(
-    found: Findings,
-    family: str,
-    pairs: Sequence[tuple[str, str]],
-    measured: Sequence[RowDifference],
-) -> str:
-    name = family[:1].upper() + family[1:]
-    datasets = found.study.datasets
-    by_budget: dict[int, list[RowDifference]] = {}
-    for one, other in pairs:
-        budget = found.study.algorithms[other].updates
-        assert budget is not None  # checked by Study
-        each = [d for d in measured if (d.one, d.other) == (one, other)]
-        n_wanted = sum(found.study.has(one, d) & found.study.has(other, d) for d in datasets)
-        if len(each) < n_wanted:
-            return (
-                f"{name}: not known yet, because doubling {budget:,} updates was measured on "
-                f"{len(each)} of {n_wanted} datasets."
-            )
-        by_budget.setdefault(budget, []).extend(each)
-    return f"{name}: {enough_updates(by_budget, main_column(found))}"
-
-
-def enough_updates(by_budget: Mapping[int, list[RowDifference]], column: Column) -> str:
-    """The shortest budget from which on no doubling changes a score clearly, in words.
-
-    Args:
-        by_budget: updates that are doubled -> the changes on all datasets.
-        column: of the quantity.
-    """
-    passed: list[RowDifference] = []
-    shortest, still = None, ""
-    for budget in sorted(by_budget, reverse=True):
-        changed = [d for d in by_budget[budget] if _is_clear(d, column)]
-        if changed:
-            words = _words_of_changes(changed, column)
-            still = f" Doubling {budget:,} updates changes the {column.label}: {words}."
-            break
-        passed += by_budget[budget]
-        shortest = budget
-    if shortest is None:
-        return f"no budget that was tried is enough.{still}"
-    widest = max(passed, key=lambda d: _largest(d.estimates[column.key]))
-    room = column.factor * _largest(widest.estimates[column.key])
-    names = {d.dataset for d in passed}
-    where = f"on any of {len(names)} datasets" if len(names) > 1 else f"on {widest.dataset}"
-    return (
-        f"{shortest:,} updates. No doubling that was tried from there on changes the "
-        f"{column.label} clearly {where}; the intervals leave room for at most "
-        f"{room:.{column.decimals}f} ({widest.words} on {widest.dataset}).{still}"
-    )
-
-
-def _is_clear(difference: RowDifference, column: Column) -> bool:
-    return verdict_of(difference.estimates[column.key]) != "no clear change"
-
-
-def _largest(difference: Estimate) -> float:
-    """The largest change that an interval leaves room for."""
-    ends = [abs(end) for end in difference if not math.isnan(end)]
-    return max(ends, default=math.nan)
-
-
-def _words_of_changes(changed: Sequence[RowDifference], column: Column) -> str:
-    return "; ".join(
-        f"{format_difference(each.estimates[column.key], column)} on {each.dataset}"
-        for each in changed
-    )

@@ -1,4 +1,4 @@
-"""The figures of a study that only it has: data efficiency, training curves.
+"""The figures of a study that only it has: training curves, differences.
 
 A label has the same color and marker in all figures: the color of its family, a marker of its own.
 """
@@ -11,7 +11,6 @@ from typing import Any
 from swarmdata.drawing.line_labels import label_ends
 from swarmdata.drawing.style import (
     COLUMN_WIDTH,
-    DATA_LINE,
     PAGE_WIDTH,
     draw_grid,
     figure,
@@ -19,66 +18,16 @@ from swarmdata.drawing.style import (
     thousands,
 )
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks, Panel, PanelLine, plot_dots
 from swarmdata.evaluation.results.learning_curves import Curve
+from swarmdata.evaluation.study.pages.row_differences import verdict_of
 from swarmdata.rollouts.score_statistics import Estimate
 
 MARKED_POINTS = 6
 """Markers on a training curve, at most about."""
 
-SIZE_PANEL_HEIGHT, CURVE_PANEL_HEIGHT = 2.0, 1.5
+CURVE_PANEL_HEIGHT = 1.5
 """Inches."""
-
-
-def _check_not_empty(panels: Mapping[str, object], what: str) -> None:
-    if not panels:
-        raise SchemaError(f"there are no {what} to draw, expected at least one dataset.")
-
-
-def plot_sizes(
-    panels: Mapping[str, Mapping[str, Mapping[int, Estimate]]],
-    data: Mapping[str, Mapping[int, float]],
-    looks: Looks,
-    path: Path,
-    *,
-    ylabel: str,
-) -> None:
-    """Draws an estimate over the number of joint steps, a panel for each dataset.
-
-    Args:
-        panels: dataset -> algorithm -> joint steps -> estimate.
-        data: dataset -> joint steps -> mean of those episodes.
-        looks: color and marker of each algorithm.
-        path: where to save.
-        ylabel: of the estimate.
-    """
-    _check_not_empty(panels, "sizes")
-    width = COLUMN_WIDTH if len(panels) == 1 else max(PAGE_WIDTH, 2.3 * len(panels))
-    with figure(path, width=width, height=SIZE_PANEL_HEIGHT + 0.6) as drawing:
-        grid = drawing.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-        for axes, (dataset, lines) in zip(grid, panels.items(), strict=True):
-            for name, points in lines.items():
-                steps, look = sorted(points), looks[name]
-                found = [points[step] for step in steps]
-                axes.plot(steps, [e.value for e in found], ms=4, lw=1.4, label=name, **look)
-                axes.fill_between(
-                    steps, [e.low for e in found], [e.high for e in found],
-                    color=look["color"], alpha=0.13, lw=0,
-                )  # fmt: skip
-            means = data.get(dataset, {})
-            sizes = sorted(means or {n for each in lines.values() for n in each})
-            if means:
-                values = [means[n] for n in sizes]
-                axes.plot(sizes, values, **DATA_LINE, label="mean of the data")
-            axes.set_xscale("log")
-            axes.set_xticks(sizes)
-            axes.set_xticks([], minor=True)
-            axes.xaxis.set_major_formatter(_rounded_thousands)
-            _set_up_panel(axes, dataset)
-        for axes in grid:  # all lines are drawn, so the limits of the shared axis are final
-            label_ends(axes, axes.get_lines(), SIZE_PANEL_HEIGHT)
-        drawing.supxlabel("joint steps of data", fontsize=8)
-        grid[0].set_ylabel(ylabel)
 
 
 def plot_training_curves(
@@ -106,7 +55,8 @@ def plot_training_curves(
         n_columns: panels in a row, at most.
         xlabel: of the progress of training.
     """
-    _check_not_empty(panels, "curves")
+    if not panels:
+        raise SchemaError("there are no curves to draw, expected at least one dataset.")
     n_columns = min(n_columns, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     width = COLUMN_WIDTH if n_columns == 1 else max(PAGE_WIDTH, 2.1 * n_columns)
@@ -120,7 +70,7 @@ def plot_training_curves(
             axes.set_yscale("symlog" if is_log else "linear")
             axes.xaxis.set_major_formatter(thousands)
             axes.margins(x=0)
-            _set_up_panel(axes, title)
+            set_up_panel(axes, title)
         for axes in grid[: len(panels)]:  # all lines are drawn, so the shared limits are final
             label_ends(axes, axes.get_lines(), CURVE_PANEL_HEIGHT)
         _hide_unused(grid, len(panels), n_columns)
@@ -144,11 +94,32 @@ def _hide_unused(grid: Sequence[Any], n_used: int, n_columns: int) -> None:
         axes.tick_params(axis="x", labelbottom=True)
 
 
-def _rounded_thousands(steps: float, position: int = 0) -> str:
-    """Formats 200037 as 200k: a size has whole episodes, so a few more steps than asked for."""
-    return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
-
-
-def _set_up_panel(axes: Any, title: str) -> None:
+def set_up_panel(axes: Any, title: str) -> None:
+    """Gives a panel its title and a grid."""
     axes.set_title(title, loc="left", fontsize=7.5, fontweight="bold")
     draw_grid(axes, width=0.5)
+
+
+def plot_differences_from_zero(
+    groups: Mapping[str, Mapping[str, Sequence[Estimate]]], labels: Sequence[str], path: Path
+) -> None:
+    """Draws differences with intervals beside 0: a line of panels for each group.
+
+    Rows are sorted by the first quantity, the highest on top. Markers of differences that may be 0
+    are not filled.
+
+    Args:
+        groups: title -> row -> difference of each quantity, in shown units; NaN is left out.
+        labels: of the axes, one for each quantity.
+        path: where to save.
+    """
+    lines = []
+    for title, found in groups.items():
+        rows = sorted(found, key=lambda row: (-found[row][0].value, row))
+        panels = []
+        for k, label in enumerate(labels):
+            known = {row: found[row][k] for row in rows if not math.isnan(found[row][k].value)}
+            unclear = [row for row, each in known.items() if verdict_of(each) == "no clear change"]
+            panels.append(Panel(known, label, "" if k else title, scale=label, hollow=unclear))
+        lines.append(PanelLine(rows, panels))
+    plot_dots(lines, {}, path, legend={"no clear change": HOLLOW_LOOK}, zero=True)

@@ -1,19 +1,19 @@
-"""Writes a study's folder: CSV tables, figures, and a page whose sentences are computed."""
+"""Writes a study's folder: CSV tables, figures, and a page of tables and figures."""
 
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
+from swarmdata.drawing import markdown
+from swarmdata.drawing.page_text import page_with
 from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
-from swarmdata.evaluation.study.pages import study_text
 from swarmdata.evaluation.study.pages.cell_archive import (
     ARCHIVE_FILE,
     Notes,
@@ -30,18 +30,12 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     run_rows,
     to_csv,
 )
-from swarmdata.evaluation.study.pages.data_efficiency_section import size_section
+from swarmdata.evaluation.study.pages.data_sizes import size_section
+from swarmdata.evaluation.study.pages.data_views import information_section
 from swarmdata.evaluation.study.pages.differences_section import differences_sections
-from swarmdata.evaluation.study.pages.information_section import information_section
-from swarmdata.evaluation.study.pages.safety_section import (
-    MAX_ALGORITHMS_IN_MATRIX,
-    safety_sections,
-)
-from swarmdata.evaluation.study.pages.scoreboard import (
-    Scoreboard,
-    make_scoreboard,
-    quantity_of,
-)
+from swarmdata.evaluation.study.pages.distance import distance_table
+from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_table,
     duration,
@@ -49,21 +43,32 @@ from swarmdata.evaluation.study.pages.study_tables import (
     scoreboard_table,
     training_table,
 )
-from swarmdata.evaluation.study.pages.training_sections import curve_section, loss_sections
+from swarmdata.evaluation.study.pages.training_curves import (
+    curve_section,
+    loss_sections,
+    online_curve_section,
+)
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.shifts.shift_sections import task_section, transfer_section
 from swarmdata.evaluation.study.shifts.shift_table import (
     TASKS_FILE,
     TRANSFER_FILE,
     Shifted,
     read_shifts,
+    task_section,
+    transfer_section,
     write_shifts,
+)
+from swarmdata.evaluation.study.shifts.sweep_files import (
+    SWEEP_FILE,
+    SWEEPS_FOLDER,
+    SweptAxis,
+    read_sweeps,
+    sweep_table,
 )
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
 from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
-from swarmdata.types import Double
 
 STUDY = OutputKind("study")
 
@@ -77,23 +82,17 @@ BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
 """What texts call the seeds of a block."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """One section of the page."""
-
-    title: str
-    body: str
-
-    def to_markdown(self) -> str:
-        """The section with its heading."""
-        return f"\n## {self.title}\n\n{self.body.rstrip()}\n"
+DATA_CAPTION = (
+    "The mean of the data is that of all episodes of a dataset, action noise included: a known "
+    "number, so only the difference to a clone of the data, if the study has one, is paired by "
+    "episode. A difference is higher or lower if its whole interval is."
+)
 
 
 def write_pages(
     found: Findings,
     out: Path,
     command: str,
-    sweeps: Mapping[str, str] | None = None,
     shifts: Mapping[str, Sequence[Shifted]] | None = None,
 ) -> list[Path]:
     """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
@@ -102,7 +101,6 @@ def write_pages(
         found: what was measured.
         out: folder; files that a study wrote there are replaced.
         command: that runs the study again, for the page.
-        sweeps: sections on sweeps by title, whose files are in `out` already.
         shifts: what policies reach in other views and tasks, by the name of the file.
 
     Returns:
@@ -113,7 +111,7 @@ def write_pages(
         MissingExtraError: matplotlib is not installed.
     """
     missing = {name: without_folders(reason) for name, reason in found.missing.items()}
-    notes = Notes(command=without_folders(command), missing=missing, sweeps=dict(sweeps or {}))
+    notes = Notes(command=without_folders(command), missing=missing)
     with filled(out, STUDY) as folder:
         tables = {
             RESULTS_FILE: run_rows,
@@ -129,17 +127,26 @@ def write_pages(
             write_shifts(rows, folder / name)
         write_archive(found, notes, folder / ARCHIVE_FILE)
         files = _write_from_archive(folder, out)
-    for name in listed_files(out, STUDY).intersection(shifts or {}):
-        if out / name not in files:  # of an earlier plan, or of results that are gone
-            (out / name).unlink(missing_ok=True)
+    _remove(out, {name for name in shifts or {} if out / name not in files})
     return files
+
+
+def remove_sweeps(out: Path, labels: Collection[str]) -> None:
+    """Removes the tables of sweeps that are not measured, so that no page shows them."""
+    _remove(out, {f"{SWEEPS_FOLDER}/{label}/{SWEEP_FILE}" for label in labels})
+
+
+def _remove(out: Path, names: Collection[str]) -> None:
+    """Removes what an earlier plan, or results that are gone, left in a study's folder."""
+    for name in listed_files(out, STUDY).intersection(names):
+        (out / name).unlink(missing_ok=True)
 
 
 def rewrite_pages(out: Path) -> list[Path]:
     """Writes estimates, page and figures of a finished study again, from its folder alone.
 
     What policies reach in other conditions is not computed again: the archive does not have these
-    episodes, but the text on sweeps, and the folder has the estimates.
+    episodes, and the folder has the estimates. Text above the made part of the page stays.
 
     Args:
         out: folder that `write_pages` wrote.
@@ -165,71 +172,75 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as unpacked:
         found, notes = read_archive(study, folder / ARCHIVE_FILE, Path(unpacked))
         write_file(folder / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
-        page = _page(found, folder, notes.command, notes.sweeps)
+        made = _made(found, folder, notes.command, read_sweeps(study, out))
+        page = page_with(made, out / REPORT_FILE, study.title or f"Study {study.name}")
         write_file(folder / REPORT_FILE, page.encode())
     files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
     return [out / REPORT_FILE, *(out / file for file in files if file != Path(REPORT_FILE))]
 
 
-def _page(found: Findings, out: Path, command: str, sweeps: Mapping[str, str]) -> str:
+def _made(found: Findings, out: Path, command: str, sweeps: Sequence[SweptAxis]) -> str:
+    """The sections of the page, whose figures are drawn in a folder."""
     key = quantity_of(found.results).column.key
-    board, clean = (
-        make_scoreboard(found.results, found.families, each) for each in (key, "clean_success")
-    )
-    best = study_text.winners(board) + study_text.families(board)
-    surprises = study_text.surprises(board, clean, _online_values(found, key))
+    board = make_scoreboard(found.results, found.families, key)
+    online, missing = online_table(found.results.baselines), list(found.missing.items())
     sections = [
-        Section("Protocol", _protocol(found, command)),
-        Section("Best algorithms", _bullets(best)),
-        Section(board.column.label.capitalize(), _scores(found, board, out, key)),
-        *_online(found),
-        Section("Comparison with the data", _against_data(board)),
-        *(Section(*part) for part in safety_sections(found, out).items()),
-        *_overall(found, out),
-        *(Section(*part) for part in [*_optional(found, out), *sweeps.items()]),
-        *(Section(*part) for part in _shifted(found, out)),
-        Section("Surprises", _bullets(surprises)),
-        Section("Failures", _bullets(study_text.failures(board, found.missing))),
-        Section("Cost", cost_table(found)),
+        ("Protocol", _protocol(found, command)),
+        (board.column.label.capitalize(), _scores(found, board, out, key)),
+        ("Online algorithms", online),
+        ("Comparison with the data", f"{DATA_CAPTION}\n\n{distance_table(found)}"),
+        *safety_sections(found, out).items(),
+        *_overall(found, out).items(),
+        *differences_sections(found, out),
+        *size_section(found, out).items(),
+        *information_section(found, out).items(),
+        *curve_section(found, out).items(),
+        *online_curve_section(found, out).items(),
+        *loss_sections(found, out),
+        *(_sweep_section(found.study, sweep) for sweep in sweeps),
+        *transfer_section(found, read_shifts(out / TRANSFER_FILE)).items(),
+        *task_section(found, read_shifts(out / TASKS_FILE)).items(),
+        ("Without results", markdown.table(("cell", "reason"), missing) if missing else ""),
+        ("Cost", cost_table(found)),
     ]
-    title = found.study.title or f"Study {found.study.name}"
-    return f"# {title}\n" + "".join(section.to_markdown() for section in sections)
+    return "\n".join(f"## {title}\n\n{body.rstrip()}\n" for title, body in sections if body)
 
 
-def _shifted(found: Findings, out: Path) -> list[tuple[str, str]]:
-    """The sections on other views and tasks, from the estimates in the folder."""
-    transfers = transfer_section(found, read_shifts(out / TRANSFER_FILE))
-    return [*transfers.items(), *task_section(found, read_shifts(out / TASKS_FILE)).items()]
-
-
-def _bullets(sentences: Sequence[str]) -> str:
-    return "".join(f"- {sentence}\n" for sentence in sentences) or "None.\n"
+def _sweep_section(study: Study, sweep: SweptAxis) -> tuple[str, str]:
+    """What is left of the best row of each family at the worst value of a sweep."""
+    plan, folder = study.sweeps[sweep.label], f"{SWEEPS_FOLDER}/{sweep.label}"
+    models = {"observation": plan.observation, "communication": plan.communication}
+    seen = ", ".join(f"{kind} `{model}`" for kind, model in models.items() if model)
+    return f"Robustness: {sweep.name}", (
+        f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
+        f"{sweep.n_episodes:,} seeds at each value; changes are paired by training seed and "
+        f"episode. [All values]({folder}/{SWEEP_FILE}).\n\n"
+        f"![{sweep.name}]({folder}/{sweep.picture})\n\n{sweep_table(sweep)}"
+    )
 
 
 def _protocol(found: Findings, command: str) -> str:
+    """The facts of the study in a table, what was mixed and rewarded, the command, the files."""
     study, costs = found.study, list(found.costs.values())
-    offline = [cell for cell in found.cells if cell.kind == "offline"]
-    n_seeds = [len(cell.seeds) for cell in offline]
-    versions = sorted({cell.code_version for cell in found.cells})
-    machines = sorted({str(cost.machine.get("processor", "unknown")) for cost in costs})
-    cpu = duration(sum(cost.cpu_seconds for cost in costs))
-    total = sum(cost.wall_seconds for cost in costs)
-    n_datasets = len(study.datasets)
-    where = "one dataset" if n_datasets == 1 else f"{n_datasets} datasets"
-    names = ", ".join(f"`{name}` {value}" for name, value in study.settings.items())
-    shared = f"Settings of all algorithms that have them: {names}. " if names else ""
+    n_seeds = [len(cell.seeds) for cell in found.cells if cell.kind == "offline"]
+    facts = {
+        "offline algorithms": f"{len(study.algorithms)}",
+        "datasets": f"{len(study.datasets)}",
+        "training seeds": f"{len(study.seeds)}",
+        "settings of all algorithms": ", ".join(f"`{k}` {v}" for k, v in study.settings.items()),
+        "evaluation": f"{study.episodes:,} {BLOCK_NAMES[study.block]} seeds, last policies",
+        "cells": f"{len(found.cells)}",
+        "swarmdata": ", ".join(sorted({cell.code_version for cell in found.cells})),
+        "processor time": duration(sum(cost.cpu_seconds for cost in costs)),
+        "wall-clock time, one thread": duration(sum(cost.wall_seconds for cost in costs)),
+        "machines": ", ".join(sorted({str(c.machine.get("processor", "unknown")) for c in costs})),
+    }
+    table = markdown.table(("property", "value"), [item for item in facts.items() if item[1]])
     return (
-        f"{len(study.algorithms)} offline algorithms on {where}, {len(study.seeds)} training seeds "
-        f"each, the same settings of an algorithm on all datasets. {shared}The last policy of each "
-        f"seed is evaluated on the same {study.episodes:,} {BLOCK_NAMES[study.block]} seeds. "
-        f"Numbers are means over seeds and episodes with 95 % intervals for {target_of(n_seeds)} "
-        "(Student's t, with the variance between seeds and that which all seeds share on an "
-        "episode); differences between algorithms are paired by episode. The mean of the data is "
-        f"that of its own episodes, with action noise. {_mixtures(found)}{_rewards(found)}"
-        f"{len(found.cells)} cells were run with swarmdata {', '.join(versions)} in {cpu} of "
-        f"processor time and {duration(total)} of wall-clock time, one thread per process, on "
-        f"{', '.join(machines)}.\n\n"
-        f"```\n{command}\n```\n\n"
+        f"{table}\nNumbers are means over seeds and episodes with 95 % intervals for "
+        f"{target_of(n_seeds)} (Student's t, with the variance between seeds and that which all "
+        "seeds share on an episode); differences between algorithms are paired by episode.\n\n"
+        f"{_mixtures(found)}{_rewards(found)}```\n{command}\n```\n\n"
         "Lengths of training (an epoch is as many joint transitions as the training split has):\n\n"
         f"{training_table(found)}\n{_links()}"
     )
@@ -240,28 +251,25 @@ def _mixtures(found: Findings) -> str:
     mixed = [cell for cell in found.cells if cell.parts and cell.name in found.facts]
     as_recorded = [cell for cell in mixed if not (cell.observation or cell.communication)]
     names = {cell.source: found.facts[cell.name].id for cell in as_recorded}
-    mixtures = [
-        f"`{names[mixture]}` is the mixture `{mixture}`: "
-        + ", ".join(f"{weight:g} of `{short_name(part)}`" for part, weight in parts.items())
+    rows = [
+        (f"`{names[mixture]}`", f"`{mixture}`", f"`{short_name(part)}`", f"{weight:g}")
         for mixture, parts in found.study.mixtures.items()
         if mixture in names
+        for part, weight in parts.items()
     ]
-    return f"Rows of batches are drawn by weight: {'; '.join(mixtures)}. " if mixtures else ""
+    head = ("dataset", "mixture", "drawn from", "weight")
+    return f"{markdown.table(head, rows)}\n" if rows else ""
 
 
 def _rewards(found: Findings) -> str:
     """Which rows learned from other rewards than they are scored by; empty: none did."""
-    weights = [
-        f"`{label}` on {without_version(case.name)} with {words_of_weights(rewards)}"
+    rows = [
+        (f"`{label}`", without_version(case.name), words_of_weights(rewards))
         for case in found.results.cases
         for label, rewards in case.rewards.items()
     ]
-    if not weights:
-        return ""
-    return (
-        f"Some rows learned from rewards with other weights: {'; '.join(weights)}. Scores and "
-        "returns of all rows are of the task's own rewards. "
-    )
+    head = ("row", "dataset", "weights it learned from; scores are of the task's own")
+    return f"{markdown.table(head, rows)}\n" if rows else ""
 
 
 def _links() -> str:
@@ -302,55 +310,16 @@ def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
     )
 
 
-def _against_data(board: Scoreboard) -> str:
-    """The section on what the data themselves achieve."""
-    return (
-        "The mean of the data is that of all episodes of a dataset, action noise included: a known "
-        "number, from other episodes than the evaluation's. So nothing is paired, and only the "
-        "interval of the algorithm counts.\n\n"
-        f"{_bullets(study_text.against_data(board))}"
-    )
-
-
-def _online(found: Findings) -> list[Section]:
-    table = online_table(found.results.baselines)
-    return [Section("Online algorithms", table)] if table else []
-
-
-def _online_values(found: Findings, key: str) -> dict[str, dict[str, Double]]:
-    """The main quantity of the online algorithms in the world of each dataset."""
-    results, quantity = found.results, quantity_of(found.results)
-    values: dict[str, dict[str, Double]] = {}
-    for case in results.cases:
-        both = results.with_baselines(case)
-        known = key != "score" or case.reference is not None
-        labels = [label for label in both.runs if label not in case.runs] if known else []
-        values[case.name] = {label: quantity.values(both, label) for label in labels}
-    return values
-
-
-def _overall(found: Findings, out: Path) -> list[Section]:
+def _overall(found: Findings, out: Path) -> dict[str, str]:
     """Aggregates of the algorithms that have results on all datasets."""
     results = found.results
     tables = comparable_scores(results).tables
     if len(tables) < 2 or len(results.cases) < 2:
-        return []
+        return {}
     body = aggregate_table(results).to_markdown()
     plot_score_profiles(tables, found.looks, out / "profiles.png")
     body += "\n![share of runs above a score](profiles.png)\n"
     if 2 < len(tables) <= MAX_ALGORITHMS_IN_MATRIX:  # of two, the table has the one difference
         plot_differences(tables, out / "differences.png")
         body += "\n![paired differences of scores](differences.png)\n"
-    return [Section("Aggregates over datasets", body)]
-
-
-def _optional(found: Findings, out: Path) -> list[tuple[str, str]]:
-    """The sections that a study may ask for, by title."""
-    writers = (
-        differences_sections,
-        size_section,
-        information_section,
-        curve_section,
-        loss_sections,
-    )
-    return [section for write in writers for section in write(found, out).items()]
+    return {"Aggregates over datasets": body}

@@ -10,7 +10,6 @@ from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
-from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
 ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisions",
@@ -155,9 +154,3 @@ def duration(seconds: float) -> str:
     if seconds < 60:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.1f} min" if seconds < 3600 else f"{seconds / 3600:.1f} h"
-
-
-def format_with_unit(estimate_: Estimate, board: Scoreboard) -> str:
-    """An estimate with its interval and the unit of the scoreboard."""
-    unit = f" {board.column.unit}" if board.column.unit else ""
-    return format_estimate(estimate_, board.column) + unit

@@ -1,7 +1,7 @@
-"""The policies of a finished cell in other conditions: what to evaluate, and what they reach."""
+"""The policies of finished cells in other views and tasks: what to evaluate, what they reach."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +17,19 @@ from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
 from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder
 from swarmdata.evaluation.study.cells.cells import Cell
-from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.cells.study_data import short_name
+from swarmdata.evaluation.study.pages.collect_results import Findings, results_of
+from swarmdata.evaluation.study.pages.data_views import label_of, view_cells
 from swarmdata.evaluation.study.pages.scoreboard import quantity_of
 from swarmdata.evaluation.study.shifts.shift_table import Shifted
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Source
+from swarmdata.specs.task_spec import TaskSpec
 
 _LOG = logging.getLogger("swarmdata")
+
+TRANSFER_FOLDER, TASKS_FOLDER = "transfer", "tasks"
+"""Hold results in the study's folder of cells: LABEL/DATA/VIEW, and LABEL/DATA/TASK."""
 
 
 @dataclass(frozen=True)
@@ -115,3 +121,60 @@ def _estimate(found: Findings, shift: Shift) -> Shifted | None:
         each.column.key: estimate(each, case, shift.place.label) for each in wanted if each in known
     }
     return shift.place._replace(estimates=estimates)
+
+
+def plan_other_tasks(found: Findings) -> list[Shift]:
+    """Returns the finished rows of the plan in each of its other tasks."""
+    plan = found.study.tasks
+    if plan is None:
+        return []
+    n_episodes = found.study.shifted_episodes(plan.episodes)
+    datasets = [short_name(dataset) for dataset in plan.datasets]
+    shifts = []
+    for cell in found.cells:
+        if cell.kind == "offline" and cell.data in datasets and cell.label in plan.algorithms:
+            for task in plan.tasks:
+                folder = found.work / TASKS_FOLDER / cell.label / cell.data / Path(task).stem
+                place = Shifted(cell.data, cell.label, "", task, len(cell.seeds), n_episodes, {})
+                shifts.append(plan_shift(found, cell, {"task": task}, folder, place))
+    return shifts
+
+
+def plan_transfers(found: Findings) -> list[Shift]:
+    """Returns the finished rows of each view in all views of the plan."""
+    plan = found.study.information
+    if plan is None:
+        return []
+    shifts = []
+    for dataset in map(short_name, plan.datasets):
+        for label in plan.transfer:
+            known = {
+                label_of(plan, cell): cell
+                for cell in view_cells(found, dataset)
+                if cell.label == label
+            }
+            cells = {view: known[view] for view in plan.views if view in known}
+            specs = {view: _spec_of(found, cell) for view, cell in cells.items()}
+            shifts += [
+                shift for view, cell in cells.items() for shift in _from(found, view, cell, specs)
+            ]
+    return shifts
+
+
+def _spec_of(found: Findings, cell: Cell) -> TaskSpec:
+    """The spec that a cell's policies were evaluated in."""
+    spec = results_of([cell], found.work)[0].spec.world
+    assert spec is not None  # a cell of a recording of another environment is not evaluated
+    return spec
+
+
+def _from(found: Findings, view: str, cell: Cell, specs: dict[str, TaskSpec]) -> Iterator[Shift]:
+    """The policies that learned in one view, in all views."""
+    plan = found.study.information
+    assert plan is not None
+    for other, spec in specs.items():
+        dataset, n = short_name(cell.source), found.study.shifted_episodes(plan.transfer_episodes)
+        place = Shifted(dataset, cell.label, view, other, len(cell.seeds), n, {})
+        models = {"observation": spec.observation, "communication": spec.communication}
+        folder = found.work / TRANSFER_FOLDER / cell.label / cell.data / other
+        yield plan_shift(found, cell, models, folder, place)

@@ -5,12 +5,11 @@ from math import nan
 import pytest
 
 from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.study.pages.doubling import _enough
 from swarmdata.evaluation.study.pages.row_differences import (
     RowDifference,
-    enough_updates,
     format_difference,
     verdict_of,
-    verdict_summary,
 )
 from swarmdata.rollouts.score_statistics import Estimate
 
@@ -44,26 +43,9 @@ def test_what_is_undefined_is_a_dash_and_never_clear() -> None:
     assert verdict_of(found) == "no clear change"
 
 
-def test_verdicts_are_counted() -> None:
-    found = [change(1, 2), change(-1, 2), change(1, 3)]
-    assert verdict_summary(found, SCORE) == (
-        "Score, in 3 comparisons: higher in 2, no clear change in 1."
-    )
-
-
 def test_the_shortest_budget_passes_with_all_longer_ones() -> None:
-    text = enough_updates({10: [change(-1, 2)], 20: [change(-3, 1, "y")]}, SCORE)
-    assert text == (
-        "10 updates. No doubling that was tried from there on changes the score clearly on any of "
-        "2 datasets; the intervals leave room for at most 3.0 (`a-2x` − `a-1x` on y)."
-    )
-    text = enough_updates({10: [change(1, 2)], 20: [change(-3, 1)]}, SCORE)
-    assert text.startswith(
-        "20 updates. No doubling that was tried from there on changes the score clearly on x; "
-    )
-    assert text.endswith("Doubling 10 updates changes the score: +1.5 [1.0, 2.0] on x.")
-    text = enough_updates({10: [change(-1, 2)], 20: [change(-3, -1)]}, SCORE)
-    assert text == (
-        "no budget that was tried is enough. Doubling 20 updates changes the score: −2.0 [−3.0, "
-        "−1.0] on x."
-    )
+    clear, unclear = change(1, 2), change(-3, 1, "y")
+    assert _enough({10: [change(-1, 2)], 20: [unclear]}, SCORE) == ("10", "")
+    text = "10 updates: +1.5 [1.0, 2.0] on x"
+    assert _enough({10: [clear], 20: [unclear]}, SCORE) == ("20", text)
+    assert _enough({10: [unclear], 20: [clear]}, SCORE)[0] == "–", "the longest one changes it"

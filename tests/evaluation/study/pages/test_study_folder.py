@@ -5,11 +5,15 @@ import io
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import swarmdata
 from swarmdata.cards.committed_studies import read_studies
 from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.errors import DiskFullError, StudyError
@@ -18,6 +22,7 @@ from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells import cell_worker
 from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+from swarmdata.evaluation.study.pages.training_curves import _by_algorithm
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
@@ -64,7 +69,7 @@ def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) 
     assert re.search(
         r"\| `bc` \| 20 \| 256 \| 8 \| \d+ to \d+ \|", page
     )  # updates, batch, width, epochs
-    for title in ("Best algorithms", "Return", "Success", "Data efficiency", "Mean Q", "Cost"):
+    for title in ("Protocol", "Return", "Success", "Data efficiency", "Mean Q", "Cost"):
         assert f"\n## {title}" in page
     _check_tables(tmp_path)
     _, again = run_study(study, options, "swarmdata study tiny.yaml")
@@ -93,8 +98,10 @@ def test_a_mixture_is_a_dataset_of_its_own(
     mixed = [name for name in found if "+" in name]
     assert len(mixed) == len(set(mixed)) == 2  # as recorded, and observed again
     assert found[mixed[0]]["return"] == found[mixed[1]]["return"]
-    grid = next(name for name in mixed if f"`{name}` is the mixture `both`" in files[0].read_text())
-    assert "3 of `coop_nav-tiny-v0`, 1 of `coop_nav-other-v0`" in files[0].read_text()
+    page = files[0].read_text()
+    grid = next(name for name in mixed if f"| `{name}` | `both` |" in page)
+    assert f"| `{grid}` | `both` | `coop_nav-tiny-v0` | 3 |" in page
+    assert f"| `{grid}` | `both` | `coop_nav-other-v0` | 1 |" in page
     runs = rows(tmp_path / "out" / "results.csv")
     assert {run["dataset"] for run in runs} >= {grid, "coop_nav-tiny-v0"}
     assert {run["n_steps"] for run in runs if run["dataset"] == grid} == {found[grid]["n_steps"]}
@@ -128,7 +135,7 @@ def test_pages_are_made_again_from_the_folder_alone(
 ) -> None:
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
     study = make_study(
-        **WHOLE,
+        algorithms={"maddpg": MADDPG},
         losses={"q": {"column": "q", "label": "mean Q", "datasets": [str(data)],
                       "algorithms": ["maddpg"]}},
     )  # fmt: skip
@@ -163,7 +170,7 @@ def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
     options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
     _, files = run_study(study, options, "x")
-    assert "On other-v0, `bc` has no results: not run yet." in files[0].read_text()
+    assert "| bc/other-v0 | not run yet |" in files[0].read_text()
     monkeypatch.setattr(cell_worker, "_evaluate", _run_out_of_space)
     study = make_study(algorithms={"bc": BC})
     empty = StudyOptions(tmp_path / "out", tmp_path / "empty", progress=False)
@@ -190,9 +197,62 @@ def test_a_row_with_other_rewards_stands_beside_the_one_without(
         ("m", data.name, ""),
         ("strict", data.name, '{"time": 9.0}'),
     }
-    assert f"other weights: `strict` on {data.name.removesuffix('-v0')} with time 9. " in (
-        page.read_text()
-    )
+    shown = f"| `strict` | {data.name.removesuffix('-v0')} | time 9 |"
+    assert shown in page.read_text()
     assert "| algorithm | family | coop_nav-tiny |" in page.read_text(), "one column for both"
     text = (tmp_path / "out" / "study.yaml").read_text()
     assert Study.from_text(text).algorithms["strict"].rewards == {"time": 9.0}
+
+
+@pytest.mark.usefixtures("empty_figures")
+def test_pairs_and_online_rows_have_sections(
+    make_study: Callable[..., Study], data: Path, tmp_path: Path
+) -> None:
+    task = tmp_path / "nav.yaml"
+    task.write_text(swarmdata.load(data).task.to_yaml())
+    settings = {"n_copies": 2, "rollout_steps": 16, "minibatch": 32, "n_epochs": 1, "hidden": 8}
+    online = {"algorithm": "mappo", "task": str(task), "frames": 64, "settings": settings}
+    twice = {**BC, "updates": 40}
+    study = make_study(
+        algorithms={"bc": BC, "bc-2x": twice, "later": BC},
+        online={"learned": online, "also": online},
+        information={"datasets": [str(data)], "algorithms": ["bc"], "online": ["learned"],
+                     "views": {"recorded": {}, "near": {"observation": "state-1"}}},
+        differences={
+            "doubling": {"title": "Doubling", "pairs": [["bc-2x", "bc"]], "doubling": True},
+            "more": {"title": "More", "pairs": [["bc-2x", "later"]]},
+            "same": {"title": "Cost", "pairs": [["bc-2x", "bc"]]},
+        },
+    )  # fmt: skip
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="[!l]*", progress=False)
+    run_study(study, options, "x")
+    failures, (report, *_) = run_study(study, replace(options, only="learned/*"), "x")
+    assert failures == {}
+    assert report.read_text().count("\n## Cost\n") == 2, "a title of the plan hides no section"
+    sections = dict(part.split("\n", 1) for part in report.read_text().split("\n## ")[1:])
+    assert "| `bc-2x` − `bc` | coop_nav-tiny-v0 | " in sections["Doubling"]
+    assert re.search(r"\| coop_nav-tiny-v0 \| cloning \S+ \| cloning \S+ \|", sections["Doubling"])
+    assert re.search(r"\| cloning \| (20|–) \| ", sections["Doubling"])
+    assert "- `bc-2x` − `later` on coop_nav-tiny-v0 (no results of `later`)" in sections["More"]
+    assert "| later/coop_nav-tiny-v0 | not run yet |" in sections["Without results"]
+    assert "\n| `learned` | 2 | 64 | " in sections["Online algorithms"]
+    curves = sections["Convergence of online training"]
+    assert "\n| `learned` | " in curves
+    seen = sections["Information: trained and evaluated with it"]
+    row = next(line for line in seen.splitlines() if line.startswith("| `learned (online)` |"))
+    assert "–" not in row, "an estimate in both views"
+    drawn = {path.name for path in report.parent.glob("*.png")}
+    assert {"differences-doubling.png", "online-curves.png"} <= drawn
+    assert "differences-more.png" not in drawn
+
+
+@pytest.mark.parametrize(
+    ("labels", "shown"), [(["learned"], ["mappo"]), (["one", "other"], ["one", "other"])]
+)
+def test_curves_are_named_by_algorithm_and_by_row_where_one_has_several(
+    labels: list[str], shown: list[str]
+) -> None:
+    online = dict.fromkeys(labels, SimpleNamespace(algorithm="mappo"))
+    found: Any = SimpleNamespace(study=SimpleNamespace(online=online))
+    curves: Any = dict.fromkeys(labels)
+    assert list(_by_algorithm(found, curves)) == shown

@@ -1,1 +1,0 @@
-"""Pages that answer questions from the folders of finished studies."""

@@ -1,0 +1,103 @@
+"""Data efficiency: the same algorithms on smaller parts of the same data."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from swarmdata.drawing import markdown
+from swarmdata.drawing.line_labels import label_ends
+from swarmdata.drawing.style import COLUMN_WIDTH, DATA_LINE, PAGE_WIDTH, figure, thousands
+from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.results.estimate_table import format_estimate
+from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
+from swarmdata.evaluation.study.pages.collect_results import Findings, is_data_efficiency_cell
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
+from swarmdata.evaluation.study.pages.study_figures import set_up_panel
+
+PANEL_HEIGHT = 2.0  # inches
+
+Parts = dict[str, list[DatasetFacts]]
+"""Dataset -> the facts of its measured sizes, the smallest first, of two or more."""
+
+
+def size_section(found: Findings, out: Path) -> dict[str, str]:
+    """The section by its title, with a figure in a folder; empty if nothing of it was measured."""
+    if found.sizes is None or found.study.sizes is None:
+        return {}
+    families = {label: found.family(label) for label in found.study.sizes.algorithms}
+    board = make_scoreboard(found.sizes, families, quantity_of(found.sizes).column.key)
+    sizes = {short_name(each): _sizes_of(each, found) for each in found.study.sizes.datasets}
+    parts = {dataset: facts for dataset, facts in sizes.items() if len(facts) > 1}
+    if not parts:
+        return {}
+    _plot(board, parts, found.looks, out / "sizes.png")
+    caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
+    return {"Data efficiency": f"{_table(board, parts)}\n{caption}\n\n![by joint steps](sizes.png)"}
+
+
+def _sizes_of(dataset: str, found: Findings) -> list[DatasetFacts]:
+    """The facts of all sizes of a dataset that were measured, the smallest first."""
+    assert found.study.sizes is not None
+    assert found.sizes is not None
+    wanted = [dataset_of_size(dataset, size) for size in found.study.sizes.sizes]
+    facts = {
+        found.facts[cell.name].id: found.facts[cell.name]
+        for cell in found.cells
+        if is_data_efficiency_cell(found.study, cell) and (cell.source, cell.n_steps) in wanted
+    }
+    measured = [each for each in facts.values() if each.id in found.sizes.datasets]
+    return sorted(measured, key=lambda each: each.figures.n_steps)
+
+
+def _plot(board: Scoreboard, parts: Parts, looks: Looks, path: Path) -> None:
+    """Draws the estimates over the number of joint steps, a panel for each dataset."""
+    width = COLUMN_WIDTH if len(parts) == 1 else max(PAGE_WIDTH, 2.3 * len(parts))
+    with figure(path, width=width, height=PANEL_HEIGHT + 0.6) as drawing:
+        grid = drawing.subplots(1, len(parts), squeeze=False, sharey=True)[0]
+        for axes, (dataset, sizes) in zip(grid, parts.items(), strict=True):
+            _draw_panel(axes, board, sizes, looks)
+            set_up_panel(axes, dataset)
+        for axes in grid:  # all lines are drawn, so the limits of the shared axis are final
+            label_ends(axes, axes.get_lines(), PANEL_HEIGHT)
+        drawing.supxlabel("joint steps of data", fontsize=8)
+        grid[0].set_ylabel(board.column.label)
+
+
+def _draw_panel(axes: Any, board: Scoreboard, sizes: Sequence[DatasetFacts], looks: Looks) -> None:
+    shown = {facts.figures.n_steps: board.in_shown_units(facts.id) for facts in sizes}
+    for label in dict.fromkeys(label for found in shown.values() for label in found):
+        steps = [n for n, found in shown.items() if label in found]
+        value, low, high = zip(*(shown[n][label] for n in steps), strict=True)
+        axes.plot(steps, value, ms=4, lw=1.4, label=label, **looks[label])
+        axes.fill_between(steps, low, high, color=looks[label]["color"], alpha=0.13, lw=0)
+    means = {
+        facts.figures.n_steps: board.column.factor * board.data[facts.id]
+        for facts in sizes
+        if facts.id in board.data
+    }
+    if means:
+        axes.plot(list(means), list(means.values()), **DATA_LINE, label="mean of the data")
+    axes.set_xscale("log")
+    axes.set_xticks(list(means or shown))
+    axes.set_xticks([], minor=True)
+    axes.xaxis.set_major_formatter(_rounded_thousands)
+
+
+def _rounded_thousands(steps: float, position: int = 0) -> str:
+    """Formats 200037 as 200k: a size has whole episodes, so a few more steps than asked for."""
+    return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
+
+
+def _table(board: Scoreboard, parts: Parts) -> str:
+    """A row for each dataset and algorithm, with the estimates of all sizes of that dataset."""
+    rows = []
+    for dataset, sizes in parts.items():
+        for label in dict.fromkeys(label for each in sizes for label in board.estimates[each.id]):
+            cells = [
+                f"{each.figures.n_steps:,}: "
+                f"{format_estimate(board.estimates[each.id][label], board.column)}"
+                for each in sizes
+                if label in board.estimates[each.id]
+            ]
+            rows.append((dataset, f"`{label}`", "; ".join(cells)))
+    return markdown.table(("dataset", "algorithm", f"joint steps: {board.column.label}"), rows)

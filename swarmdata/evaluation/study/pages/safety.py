@@ -1,0 +1,196 @@
+"""The sections on safety: success, success without a collision, and collisions of every row."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmdata.drawing import markdown
+from swarmdata.evaluation.figures.dot_plot import (
+    HOLLOW_LOOK,
+    Panel,
+    PanelLine,
+    family_legend,
+    plot_dots,
+)
+from swarmdata.evaluation.results.aggregates import collisions, pareto_front
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.results.result_plots import plot_pareto
+from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard
+from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
+from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO
+from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
+
+MAX_ALGORITHMS_IN_MATRIX = 24
+"""Algorithms of which all pairs fit into a figure."""
+
+COLLISIONS = Column("collisions", "collisions per episode", "", 2, bounds=AT_LEAST_ZERO)
+"""New contacts of a robot with others and with obstacles, counted from events."""
+
+Pairs = Mapping[str, tuple[Estimate, Estimate]]
+"""Label -> horizontal and vertical estimate, in shown units."""
+
+
+@dataclass(frozen=True)
+class Fronts:
+    """Success of every row on a dataset, against clean success and against collisions.
+
+    Attributes:
+        clean: label -> clean success and success, in percent.
+        collisions: label -> collisions per episode, and success in percent.
+    """
+
+    clean: Pairs
+    collisions: Pairs
+
+    @property
+    def cleanest(self) -> tuple[str, ...]:
+        """Labels that no other exceeds in success or clean success without loss in the other."""
+        return _front(self.clean, sign=-1.0)
+
+    @property
+    def safest(self) -> tuple[str, ...]:
+        """Labels of which no other has as much success at fewer collisions, or more at as few."""
+        return _front(self.collisions, sign=1.0)
+
+
+def _front(points: Pairs, sign: float) -> tuple[str, ...]:
+    values = [y.value for _, y in points.values()]
+    found = pareto_front(values, [sign * x.value for x, _ in points.values()])
+    return tuple(label for label, is_best in zip(points, found.tolist(), strict=True) if is_best)
+
+
+def fronts_of(found: Findings) -> dict[str, Fronts]:
+    """The fronts of each dataset, by its name without version."""
+    success, clean, crashes = _boards(found).values()
+    return {
+        without_version(dataset): Fronts(
+            _in_both(clean, success, dataset), _in_both(crashes, success, dataset)
+        )
+        for dataset in success.estimates
+    }
+
+
+def _boards(found: Findings) -> dict[str, Scoreboard]:
+    """Success, clean success and collisions of all rows, by key."""
+    keys = ("success", "clean_success")
+    boards = {key: make_scoreboard(found.results, found.families, key) for key in keys}
+    return {**boards, COLLISIONS.key: _collision_board(found)}
+
+
+def _collision_board(found: Findings) -> Scoreboard:
+    """Collisions with robots and obstacles together; fewer are better, so its ranks mean little."""
+    values = {
+        case.name: {
+            label: collisions(case, label) for label in found.families if label in case.runs
+        }
+        for case in found.results.cases
+    }
+    data = {
+        dataset: facts.robot_collisions + facts.obstacle_collisions
+        for dataset, facts in facts_by_dataset(found.facts).items()
+    }
+    return Scoreboard(COLLISIONS, values, data, found.families)
+
+
+def _in_both(x: Scoreboard, y: Scoreboard, dataset: str) -> Pairs:
+    first, second = x.in_shown_units(dataset), y.in_shown_units(dataset)
+    return {label: (first[label], second[label]) for label in first if label in second}
+
+
+def plot_safety(found: Findings, fronts: Mapping[str, Fronts], path: Path) -> None:
+    """Draws success, clean success and collisions: a line for each dataset, a row for each label.
+
+    Rows are sorted by success. Markers of clean success and of collisions are filled where the row
+    is Pareto-optimal in this and success.
+    """
+    tasks = {without_version(case.name): case.spec.task for case in found.results.cases}
+    means = _data_means(found)
+    lines = [_safety_line(each, dataset, tasks[dataset], means) for dataset, each in fronts.items()]
+    shown = {label for each in fronts.values() for label in each.clean}
+    families = {label: family for label, family in found.families.items() if label in shown}
+    legend = {
+        **family_legend(families, found.looks),
+        "not Pareto-optimal in this and success": HOLLOW_LOOK,
+    }
+    plot_dots(lines, found.looks, path, legend=legend)
+
+
+def _data_means(found: Findings) -> dict[str, dict[str, float]]:
+    """Quantity -> dataset -> mean of its own episodes, in shown units."""
+    return {
+        key: {without_version(name): board.column.factor * v for name, v in board.data.items()}
+        for key, board in _boards(found).items()
+    }
+
+
+def _safety_line(
+    fronts: Fronts, dataset: str, task: str, means: Mapping[str, Mapping[str, float]]
+) -> PanelLine:
+    """The panels of a dataset; collisions are compared within a task."""
+    success = {label: y for label, (_, y) in fronts.clean.items()}
+    clean = {label: x for label, (x, _) in fronts.clean.items()}
+    crashes = {label: x for label, (x, _) in fronts.collisions.items()}
+    rows = sorted(success, key=lambda label: (-success[label].value, label))
+    rate = (0.0, 100.0)
+    panels = (
+        Panel(success, "success (%)", dataset, means["success"].get(dataset), "rate", rate),
+        Panel(
+            clean,
+            "clean success (%)",
+            line=means["clean_success"].get(dataset),
+            scale="rate",
+            limits=rate,
+            hollow={*rows} - {*fronts.cleanest},
+        ),
+        Panel(
+            crashes,
+            COLLISIONS.label,
+            line=means["collisions"].get(dataset),
+            scale=f"collisions in {task}",
+            limits=(0.0, None),
+            hollow={*rows} - {*fronts.safest},
+        ),
+    )
+    return PanelLine(rows, panels)
+
+
+def front_table(fronts: Mapping[str, Fronts]) -> str:
+    """The Pareto-optimal rows of each dataset."""
+    head = ("dataset", "Pareto-optimal in success and clean success", "in success and collisions")
+    rows = [
+        (dataset, *(", ".join(f"`{label}`" for label in k) for k in (each.cleanest, each.safest)))
+        for dataset, each in fronts.items()
+    ]
+    return markdown.table(head, rows)
+
+
+def safety_sections(found: Findings, out: Path) -> dict[str, str]:
+    """The sections by title.
+
+    Args:
+        found: what was measured.
+        out: folder for the figures.
+    """
+    success, clean, crashes = _boards(found).values()
+    fronts = fronts_of(found)
+    plot_safety(found, fronts, out / "safety.png")
+    body = (
+        f"Episodes solved (%):\n\n{scoreboard_table(success)}\n"
+        f"Episodes solved without a collision (%):\n\n{scoreboard_table(clean)}\n"
+        "Collisions per episode, which are new contacts with robots and obstacles (fewer are "
+        f"better):\n\n{scoreboard_table(crashes, is_ranked=False)}\n"
+        f"{front_table(fronts)}\n"
+        "![success, clean success and collisions](safety.png)\n"
+    )
+    return {"Success and collisions": body, **_return_section(found, out)}
+
+
+def _return_section(found: Findings, out: Path) -> dict[str, str]:
+    plot_pareto(found.results.cases, out / "collisions.png", found.looks, found.families)
+    body = (
+        "A line joins the Pareto-optimal rows of a dataset, which are filled; the dashed line is "
+        "the mean return of the data.\n\n![team return against collisions](collisions.png)\n"
+    )
+    return {"Return and collisions": body}

@@ -1,0 +1,147 @@
+"""The sections on training: learning curves, and logged quantities such as Q-values."""
+
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from swarmdata.drawing import markdown
+from swarmdata.drawing.style import family_looks
+from swarmdata.evaluation.results.estimate_table import UNDEFINED
+from swarmdata.evaluation.results.learning_curves import Curve, last_gain
+from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.study.cells.study_data import short_name
+from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
+from swarmdata.evaluation.study.pages.study_figures import plot_training_curves
+from swarmdata.evaluation.study.plan import LossesPlan
+
+MAX_ON_LINEAR_AXIS = 50.0
+"""Values beyond this one get a logarithmic axis, so that small ones beside them stay visible."""
+
+CURVES_CAPTION = (
+    "Means over seeds, in bands from the lowest to the highest seed. Success at the end (%), and "
+    "in brackets its gain over the last fifth of the"
+)
+
+Panels = dict[str, dict[str, Curve]]
+
+
+def curve_section(found: Findings, out: Path) -> dict[str, str]:
+    """Team success during training, and its gain over the last fifth."""
+    panels: Panels = {}
+    for cell in _offline_grid(found):
+        curve = found.learning_curve(cell, "success")
+        if curve is not None:
+            panels.setdefault(cell.data, {})[cell.label] = curve
+    if not panels:
+        return {}
+    drawn = {
+        f"{dataset}\n{family}": {k: v for k, v in curves.items() if found.family(k) == family}
+        for dataset, curves in panels.items()
+        for family in dict.fromkeys(map(found.family, curves))
+    }
+    n_families = len({found.family(label) for curves in panels.values() for label in curves})
+    plot_training_curves(
+        drawn,
+        found.looks,
+        out / "curves.png",
+        ylabel="team success (%)",
+        factor=100.0,
+        n_columns=n_families,
+    )
+    return {
+        "Convergence of training": "![team success during training](curves.png)\n\n"
+        f"{CURVES_CAPTION} updates:\n\n{_gain_table(panels)}\n"
+    }
+
+
+def online_curve_section(found: Findings, out: Path) -> dict[str, str]:
+    """Team success on validation episodes during online training, and its gain at the end."""
+    panels: Panels = {}
+    for cell in found.cells:
+        curve = found.learning_curve(cell, "success")
+        if cell.kind == "online" and curve is not None:
+            panels.setdefault(cell.data, {})[cell.label] = curve
+    if not panels:
+        return {}
+    drawn = {task: _by_algorithm(found, curves) for task, curves in panels.items()}
+    looks = family_looks({name: name for curves in drawn.values() for name in curves})
+    plot_training_curves(
+        drawn, looks, out / "online-curves.png", ylabel="success (%)", factor=100.0, n_columns=2,
+        xlabel="joint steps",
+    )  # fmt: skip
+    return {
+        "Convergence of online training": "![success on validation episodes](online-curves.png)"
+        f"\n\n{CURVES_CAPTION} steps:\n\n{_gain_table(panels)}\n"
+    }
+
+
+def _by_algorithm(found: Findings, curves: Mapping[str, Curve]) -> dict[str, Curve]:
+    """The curves of a task by algorithm, alike on all tasks; by row where one has several."""
+    names = {label: found.study.online[label].algorithm or label for label in curves}
+    counts = Counter(names.values())
+    return {
+        names[label] if counts[names[label]] == 1 else label: curve
+        for label, curve in curves.items()
+    }
+
+
+def _gain_table(panels: Panels) -> str:
+    """A row for each algorithm, a column for each dataset."""
+    labels = list(dict.fromkeys(label for curves in panels.values() for label in curves))
+    rows = [
+        [f"`{label}`", *(_format_gain(curves.get(label)) for curves in panels.values())]
+        for label in labels
+    ]
+    return markdown.table(["algorithm", *panels], rows)
+
+
+def _format_gain(curve: Curve | None) -> str:
+    if curve is None:
+        return UNDEFINED
+    return f"{100 * curve.values[:, -1].mean():.1f} ({100 * last_gain(curve):+.1f})"
+
+
+def _offline_grid(found: Findings) -> list[Cell]:
+    return [
+        cell for cell in found.cells if cell.kind == "offline" and is_in_grid(found.study, cell)
+    ]
+
+
+def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
+    """Title and body of each figure of logged quantities that the study asks for."""
+    parts = []
+    for name, wanted in found.study.losses.items():
+        panels = _loss_panels(found, wanted)
+        if panels:
+            file = f"losses-{name}.png"
+            curves = [curve for each in panels.values() for curve in each.values()]
+            is_log = any(abs(curve.values).max() > MAX_ON_LINEAR_AXIS for curve in curves)
+            plot_training_curves(
+                panels, found.looks, out / file, ylabel=wanted.label, is_log=is_log
+            )
+            title = wanted.label[:1].upper() + wanted.label[1:]
+            parts.append((title, f"![{wanted.label}]({file})\n\n{_ends_table(panels)}"))
+    return parts
+
+
+def _loss_panels(found: Findings, wanted: LossesPlan) -> Panels:
+    panels: Panels = {}
+    datasets = [short_name(dataset) for dataset in wanted.datasets]
+    for cell in _offline_grid(found):
+        if cell.data in datasets and cell.label in wanted.algorithms:
+            curve = found.training_curve(cell, wanted.column)
+            if curve is not None:
+                panels.setdefault(cell.data, {})[cell.label] = curve
+    return panels
+
+
+def _ends_table(panels: Panels) -> str:
+    """The first and last value of every line: means over seeds, and the seeds it ends between."""
+    head = ("dataset", "algorithm", "first", "last", "lowest seed", "highest seed")
+    rows = []
+    for dataset, curves in panels.items():
+        for label, curve in curves.items():
+            last = curve.values[:, -1]
+            ends = (curve.values[:, 0].mean(), last.mean(), last.min(), last.max())
+            rows.append((dataset, f"`{label}`", *(f"{each:.3g}" for each in ends)))
+    return markdown.table(head, rows)

@@ -1,0 +1,123 @@
+"""The sweeps of a study: the best of each family under worse communication or sensing."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.robustness.sweep import sweep
+from swarmdata.evaluation.robustness.sweep_axes import parse_axis
+from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
+from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder, is_done
+from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
+from swarmdata.evaluation.study.cells.study_data import short_name
+from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
+from swarmdata.evaluation.study.plan import SweepPlan, View
+from swarmdata.evaluation.study.shifts.sweep_files import SWEEP_FILE, SWEEPS_FOLDER, picture_of
+from swarmdata.runtime.engines.open_engine import LOCAL
+
+
+@dataclass(frozen=True)
+class PlannedSweep:
+    """One sweep of a study and its cells, one for each family."""
+
+    label: str
+    plan: SweepPlan
+    cells: tuple[Cell, ...]
+    n_episodes: int  # seeds of each value
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that decides the sweep's results."""
+        plan = {**self.plan.model_dump(mode="json"), "episodes": self.n_episodes}
+        content = [plan, [cell.key for cell in self.cells]]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def folder(self, work: Path) -> Path:
+        """Where its results are kept, in the folder of cells."""
+        return work / SWEEPS_FOLDER / f"{self.label}-{self.key[:12]}"
+
+    def is_ready(self, work: Path) -> bool:
+        """Whether all its cells are done."""
+        return all(is_done(cell, cell_folder(work, cell)) for cell in self.cells)
+
+    def is_measured(self, work: Path) -> bool:
+        """Whether all its points were evaluated."""
+        return self.is_ready(work) and (self.folder(work) / SWEEP_FILE).exists()
+
+
+def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[PlannedSweep]:
+    """Chooses the cells of each sweep: the best of each family on its dataset.
+
+    A sweep whose dataset has no results yet is left out.
+
+    Args:
+        found: what was measured.
+        digest_of: the digest of a dataset by its id or folder.
+    """
+    families = {label: each.family for label, each in found.study.algorithms.items()}
+    board = make_scoreboard(found.results, families, quantity_of(found.results).column.key)
+    planned = []
+    for label, plan in found.study.sweeps.items():
+        n_episodes = found.study.shifted_episodes(plan.episodes)
+        ids = {
+            found.facts[cell.name].id
+            for cell in found.cells
+            if cell.kind == "offline" and cell.data == short_name(plan.dataset)
+        }
+        for dataset in ids & board.estimates.keys():
+            best = board.best_by_family(dataset)
+            cells = tuple(
+                offline_cell(
+                    found.study,
+                    best[family],
+                    plan.dataset,
+                    digest_of,
+                    view=View(observation=plan.observation, communication=plan.communication),
+                )
+                for family in plan.families or found.study.families
+                if family in best
+            )
+            planned.append(PlannedSweep(label, plan, cells, n_episodes))
+    return planned
+
+
+def run_sweeps(
+    planned: Sequence[PlannedSweep],
+    work: Path,
+    out: Path,
+    looks: Looks,
+    *,
+    engine: str | Executor = LOCAL,
+    workers: int = 1,
+    progress: bool = True,
+) -> None:
+    """Runs the sweeps and puts their tables and figures beside the page.
+
+    Args:
+        planned: sweeps whose cells are done.
+        work: folder of the cells; an interrupted sweep resumes there.
+        out: folder of the page.
+        looks: color and marker of each row of the study.
+        engine: where policies are evaluated, as `build` takes it.
+        workers: processes of the engine `local`; 1: this one.
+        progress: whether to show a progress bar for each.
+    """
+    for each in planned:
+        plan = each.plan
+        folder = each.folder(work)
+        names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
+        axis = parse_axis(plan.axis, plan.vary, plan.points)
+        (found,) = sweep(
+            names, [axis], folder, n_episodes=each.n_episodes, engine=engine, workers=workers,
+            progress=progress,
+        )  # fmt: skip
+        page_folder = out / SWEEPS_FOLDER / each.label
+        page_folder.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)
+        plot_degradation(found, page_folder / picture_of(axis.part, axis.name), looks)

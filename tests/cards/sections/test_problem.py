@@ -1,0 +1,36 @@
+"""The reward on a card: it says where robots of a team are independent of one another."""
+
+import pytest
+
+from swarmdata.cards.sections.problem import SINGLE_ROBOT_NOTE, reward_section
+from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.envs.formation.formation_rules import FormationRules
+from swarmdata.registry.components import make_task
+from swarmdata.registry.presets import preset, preset_names
+from swarmdata.specs.task_spec import TaskSpec
+
+
+def says_so(spec: TaskSpec) -> bool:
+    return SINGLE_ROBOT_NOTE in reward_section(make_task(spec))
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_independent_rewards_are_named_on_the_card(name: str) -> None:
+    spec = preset(name)
+    rules = spec.rules.model_dump()
+    is_shared = rules.get("goals") == "unassigned" or rules.get("slots") == "assigned"
+    assert says_so(spec) == (spec.task not in ("transport", "search") and not is_shared)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_share_of_the_teams_reward_makes_robots_depend_on_one_another(share: float) -> None:
+    rewards = {"team_share": share}
+    assert says_so(TaskSpec(rules=NavigationRules.parse({"rewards": rewards}))) == (share == 0)
+    fixed = FormationRules.parse({"slots": "fixed", "rewards": rewards})
+    assert says_so(preset("formation").with_updates(rules=fixed.model_dump())) == (share == 0)
+
+
+def test_unassigned_goals_have_a_shared_reward() -> None:
+    spec = preset("coop_nav-unassigned")
+    assert spec.rules.rewards.team_share == 1
+    assert "Here team_share is 1." in reward_section(make_task(spec))

@@ -1,0 +1,61 @@
+"""Results of studies are written into cards that exist; the committed cards have the newest."""
+
+import re
+import shutil
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from swarmdata.cards.committed_studies import committed_studies
+from swarmdata.cards.publish import refresh_cards
+from swarmdata.cards.sections.baselines import baselines_section
+from swarmdata.errors import SchemaError
+from swarmdata.registry.published import published
+
+CARDS = Path(str(files("swarmdata.cards"))) / "published"
+ID = "coop_nav-expert-mini-v1"
+
+
+@pytest.fixture
+def cards(tmp_path: Path) -> Path:
+    shutil.copy(CARDS / f"{ID}.md", tmp_path)
+    return tmp_path
+
+
+def test_the_committed_cards_show_the_committed_studies() -> None:
+    studied = {row["digest"] for study in committed_studies() for row in study.estimates}
+    for key, entry in published().items():
+        card = (CARDS / f"{key}.md").read_text("utf-8")
+        assert baselines_section(key, entry.digest, committed_studies()) in card, key
+        assert ("No study has been run" in card) == (entry.digest not in studied), key
+
+
+def test_only_the_section_of_results_changes(cards: Path) -> None:
+    card = cards / f"{ID}.md"
+    whole = card.read_text("utf-8")
+    assert refresh_cards(cards, committed_studies()) == []
+    assert refresh_cards(cards, ()) == [card]
+    without = card.read_text("utf-8")
+    assert "## Baselines\n\nNo study has been run on this dataset yet.\n\n## " in without
+    headings = [re.findall("^## .*$", text, re.MULTILINE) for text in (whole, without)]
+    assert headings[0] == headings[1]
+    assert refresh_cards(cards, committed_studies()) == [card]
+    assert card.read_text("utf-8") == whole
+
+
+def test_a_folder_without_cards_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="no card of a published dataset"):
+        refresh_cards(tmp_path, committed_studies())
+
+
+@pytest.mark.parametrize("change", ["digest", "section"])
+def test_a_card_of_other_data_is_refused_and_kept(change: str, cards: Path) -> None:
+    card = cards / f"{ID}.md"
+    text = card.read_text("utf-8")
+    lost = {"digest": published()[ID].digest, "section": "\n## Baselines\n"}[change]
+    card.write_text(text.replace(lost, "other"))
+    before = card.read_bytes()
+    with pytest.raises(SchemaError, match=rf"card {ID} --out"):
+        refresh_cards(cards, committed_studies())
+    assert card.read_bytes() == before

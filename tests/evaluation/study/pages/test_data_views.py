@@ -1,0 +1,94 @@
+"""Views of a study's data: each is trained and evaluated, and policies are tried in the others."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
+from tests.evaluation.study.conftest import BC
+
+pytestmark = pytest.mark.usefixtures("here", "empty_figures")
+
+VIEWS = {
+    "recorded": {},
+    "noisy": {"observation": "state+noise-0.2"},
+    "lidar": {"observation": "lidar"},
+}
+
+
+@pytest.fixture
+def study(data: Path, make_study: Callable[..., Study]) -> Study:
+    plan = {
+        "datasets": [str(data)],
+        "algorithms": ["bc"],
+        "views": VIEWS,
+        "transfer": ["bc"],
+        "transfer_episodes": 3,
+    }
+    return make_study(algorithms={"bc": BC}, information=plan)
+
+
+def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
+    """Cells of the rows of the table that begins with a cell, below a title, by their first."""
+    table = page.partition(f"## {title}")[2].partition(f"\n| {first}")[2].partition("\n\n")[0]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[1:]]
+    return {row[0]: row[1:] for row in rows}
+
+
+def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Path) -> None:
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    failures, files = run_study(study, options, "x")
+    assert failures == {}
+    page = files[0].read_text()
+    title = "Information: trained and evaluated with it"
+    seen = rows_below(page, title, "coop_nav-tiny-v0: return")
+    assert len(seen["`bc`"]) == 3
+    assert len(set(seen["`bc`"])) == 3  # views differ
+    models = rows_below(page, title, "view")
+    assert models["`noisy`"] == ["state+noise-0.2", "as recorded"]
+    moved = rows_below(page, "Information: learned with one, used with another", "learned with")
+    assert moved["`lidar`"][:2] == ["other inputs"] * 2
+    assert moved["`recorded`"][2] == "other inputs"
+    assert moved["`recorded`"][0] != moved["`recorded`"][1]
+    assert {path.name for path in tmp_path.glob("work/transfer/bc/*/*")} == set(VIEWS)
+    assert (tmp_path / "out" / "information-coop_nav-tiny-v0.png").exists()
+    recorded = (tmp_path / "out" / "results.csv").read_text()
+    assert "@" not in recorded, "the grid stays as recorded"
+    again, _ = run_study(study, options, "x")
+    assert again == {}
+    assert files[0].read_text() == page
+
+
+def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
+    study: Study, tmp_path: Path
+) -> None:
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/*", progress=False)
+    title = "## Information: learned with one, used with another"
+    _, (page, *_) = run_study(study, options, "x")
+    assert title not in page.read_text()
+    shutil.rmtree(tmp_path / "work/cells/bc/coop_nav-tiny-v0~lidar")  # not finished
+    measured = replace(options, only=None, shifts_only=True)
+    run_study(study, measured, "x")
+    section = page.read_text().partition(title)[2].partition("\n## ")[0]
+    assert "`noisy`" in section
+    assert "lidar" not in section
+    assert not (tmp_path / "work/cells/bc/coop_nav-tiny-v0~lidar").exists()
+    collect_study(study, options, "x")
+    assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
+    rewrite_pages(tmp_path / "out")
+    assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
+
+
+def test_transfer_names_algorithms_of_the_views(
+    data: Path, make_study: Callable[..., Study]
+) -> None:
+    plan = {"datasets": [str(data)], "algorithms": ["bc"], "views": VIEWS, "transfer": ["other"]}
+    with pytest.raises((SpecError, ValidationError), match=r"information\.transfer has 'other'"):
+        make_study(information=plan)

@@ -1,0 +1,75 @@
+"""Sweeps of a study: of the best of each family, trained on what the sweep takes away."""
+
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from swarmdata.evaluation.study.cells.cell_folder import cell_folder, is_done
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import (
+    StudyOptions,
+    collect_study,
+    list_cells,
+    run_one_cell,
+    run_study,
+)
+from tests.evaluation.study.conftest import BC, MADDPG
+
+pytestmark = pytest.mark.usefixtures("here", "empty_figures")
+
+
+def test_the_best_of_each_family_is_swept(
+    data: Path, make_study: Callable[..., Study], tmp_path: Path
+) -> None:
+    shared = {"dataset": str(data), "points": 2}
+    study = make_study(
+        algorithms={"bc": BC, "clipped": {**BC, "updates": 1}, "maddpg": MADDPG},
+        sweeps={
+            "loss": {**shared, "vary": "communication", "axis": "drop=0,0.5",
+                     "communication": "perfect"},
+            "noise": {**shared, "vary": "observation", "axis": "noise=0,0.2",
+                      "families": ["cloning"]},
+        },
+    )  # fmt: skip
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
+    grid = [f"{label}/coop_nav-tiny-v0" for label in study.algorithms]
+    listed = list_cells(study, options)
+    assert [cell.name for cell in listed.cells] == grid
+    assert listed.open_sweeps == ("loss", "noise")
+    failures, files = run_study(study, options, "x")
+    assert failures == {}
+    listed = list_cells(study, options)
+    swept = [cell for cell in listed.cells if cell.name not in grid]
+    assert listed.open_sweeps == ()
+    assert len(swept) == 2
+    assert all(is_done(cell, cell_folder(options.work_of(study), cell)) for cell in listed.cells)
+    assert not run_one_cell(study, swept[0].name, options)
+    page = files[0].read_text()
+    loss, noise = (
+        page.partition(f"## Robustness: {axis}")[2].partition("\n## ")[0]
+        for axis in ("communication drop", "observation noise")
+    )
+    assert len(re.findall(r"\| `\w+` \| ", loss)) == 2  # a family each
+    assert len(re.findall(r"\| `\w+` \| ", noise)) == 1
+    assert "drop 0.5 |" in loss
+    assert "communication `perfect`" in loss
+    assert "`maddpg`" in loss
+    assert "`maddpg`" not in noise
+    for label, picture in (("loss", "communication-drop"), ("noise", "observation-noise")):
+        names = {path.name for path in (tmp_path / "out" / "sweeps" / label).iterdir()}
+        assert names == {"sweep.csv", f"{picture}.png", f"{picture}.pdf"}
+    trained = {path.parent.name for path in tmp_path.glob("work/cells/*/coop_nav-tiny-v0~perfect")}
+    assert "maddpg" in trained
+    assert len(trained) == 2
+    assert "~" not in (tmp_path / "out" / "results.csv").read_text()
+    costs = (tmp_path / "out" / "costs.csv").read_text()
+    assert costs.count("~perfect") == 2
+    assert collect_study(study, options, "x")[0].read_text() == page
+    assert (tmp_path / "out" / "costs.csv").read_text() == costs
+    shutil.rmtree(tmp_path / "work/cells/maddpg/coop_nav-tiny-v0~perfect")
+    page = collect_study(study, options, "x")[0].read_text()
+    assert "## Robustness: communication drop" not in page, "a cell of the sweep is gone"
+    assert "## Robustness: observation noise" in page
