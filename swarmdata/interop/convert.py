@@ -26,7 +26,7 @@ from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
-from swarmdata.types import Episode, Int
+from swarmdata.types import Counts, Episode
 
 _LARGE_ARRAYS = ("observations", "states", "actions", "rewards", "sent", "delivered")
 
@@ -124,7 +124,7 @@ def store_imported(
     out: Path,
     origin: Origin,
     episodes: Iterable[Episode],
-    splits: Int | None = None,
+    splits: Counts | None = None,
 ) -> None:
     """Writes a dataset with its card; it appears at `out` once nothing contradicts its metadata.
 

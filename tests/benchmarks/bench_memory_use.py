@@ -25,7 +25,11 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import assemble, find_damage, merge_order, open_store, write_part
+from swarmdata.store import open_store
+from swarmdata.store.assembly import assemble
+from swarmdata.store.damage import find_damage
+from swarmdata.store.episode_order import merge_order
+from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import SPEC, make_episode, make_recipe
 from tests.benchmarks.bench_load import memory, size_of
 from tests.benchmarks.measuring import table, write_section

@@ -11,7 +11,7 @@ import swarmdata
 from swarmdata.audit import audit
 from swarmdata.behavior_policies.simple import Idle
 from swarmdata.cards.card import card_of
-from swarmdata.cards.sections.reward_terms import SINGLE_ROBOT_NOTE, reward_section
+from swarmdata.cards.sections.problem import SINGLE_ROBOT_NOTE, reward_section
 from swarmdata.cards.sections.wording import limits_of
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 from swarmdata.envs.render import draw
@@ -36,7 +36,7 @@ from swarmdata.registry.reward_weights import chosen_weights
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.budget import size_of
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.origins import LogMap
+from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.rules import Payload, TaskDemand, changed_weights
 from swarmdata.specs.task_spec import TaskSpec

@@ -7,6 +7,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="learned policies need torch")
 
+from torch import Tensor  # noqa: E402
+
 from swarmdata.learn.networks.perceptrons import Layer  # noqa: E402
 from swarmdata.learn.networks.team_networks import Parameters  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy, outputs_of  # noqa: E402
@@ -20,7 +22,7 @@ def policy(parameters: Parameters, hidden: tuple[int, ...], *, norm: bool = Fals
     generator = torch.Generator().manual_seed(len(hidden))
     n_rows = 1 if is_shared else N_AGENTS
 
-    def draw(*shape: int) -> torch.Tensor:
+    def draw(*shape: int) -> Tensor:
         return torch.randn(n_rows, *shape, generator=generator, dtype=torch.float64)
 
     layers = [
