@@ -219,13 +219,16 @@ def _check_surrogates(data: Any, source: str) -> None:
 
 
 class _BoundedLoader(yaml.SafeLoader):
-    """Composes the nodes of a document of bounded depth; it constructs no objects."""
+    """Composes the nodes of a document of bounded size and depth; it constructs no objects."""
 
-    _depth = 0
+    _depth = _n_values = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         is_inner = isinstance(event, yaml.CollectionStartEvent)
+        self._n_values += 1
+        if self._n_values > MAX_VALUES:
+            raise _error(_TOO_MANY, event.start_mark)
         if is_inner and self._depth == MAX_DEPTH:
             raise _error(_TOO_DEEP, event.start_mark)
         self._depth += is_inner
@@ -234,6 +237,7 @@ class _BoundedLoader(yaml.SafeLoader):
         return node
 
 
+_TOO_MANY = f"there are more than {MAX_VALUES} values, the most allowed"
 _TOO_DEEP = f"values are nested deeper than {MAX_DEPTH}, the most allowed"
 
 
@@ -268,7 +272,7 @@ def _value(node: yaml.Node, path: tuple[str, ...], number: "count[int]") -> Any:
         number: of the values so far.
     """
     if next(number) > MAX_VALUES:
-        raise _error(f"there are more than {MAX_VALUES} values, the most allowed", node.start_mark)
+        raise _error(_TOO_MANY, node.start_mark)
     if len(path) == MAX_DEPTH and isinstance(node, yaml.CollectionNode):
         raise _error(_TOO_DEEP, node.start_mark)
     kind = node.tag.removeprefix("tag:yaml.org,2002:")
