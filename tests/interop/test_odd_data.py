@@ -1,8 +1,11 @@
 """Every reader, fed with generated odd data: a dataset, or one error of ours and nothing else."""
 
+import json
 import warnings
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, event, given, settings
@@ -94,9 +97,98 @@ def check(source: Path, out: Path, kind: str, answers: Choices) -> None:
     assert not [each for each in found if each.check in NUMBERS]
 
 
+def minari_folder(path: Path, arrays: Arrays) -> Path:
+    """Two episodes of one agent, in the groups that Minari writes."""
+    minari = pytest.importorskip("minari", reason="the extra 'minari'")
+    from gymnasium.spaces import Box, Discrete
+    from minari.serialization import serialize_space
+
+    path.mkdir()
+    meta = {
+        "observation_space": serialize_space(Box(-np.inf, np.inf, (2,), np.float32)),
+        "action_space": serialize_space(Discrete(3)), "data_format": "hdf5",
+        "total_episodes": 2, "total_steps": 0, "dataset_id": "maze/x-v0",
+        "minari_version": minari.__version__,
+    }  # fmt: skip
+    (path / "metadata.json").write_text(json.dumps(meta))
+    names = {"terminals": "terminations", "timeouts": "truncations"}
+    with h5py.File(path / "main_data.hdf5", "w") as file:
+        for number in range(2):
+            group = file.create_group(f"episode_{number}")
+            group.attrs["total_steps"] = len(arrays.get("rewards", ()))
+            for name, values in arrays.items():
+                own = values[:, 0] if values.ndim > 1 and values.shape[1] else values
+                if name == "observations" and len(arrays.get("next_observations", ())):
+                    own = np.concatenate([own, own[-1:]])
+                group[names.get(name, name)] = own
+    return path
+
+
+def torchrl(path: Path, arrays: Arrays) -> Path:
+    torch = pytest.importorskip("torch", reason="the extra 'torch'")
+    tensordict = pytest.importorskip("tensordict", reason="the extra 'torchrl'")
+    keys = {
+        "observations": ("agents", "observation"), "actions": ("agents", "action"),
+        "next_observations": ("next", "agents", "observation"),
+        "rewards": ("next", "agents", "reward"), "terminals": ("next", "agents", "terminated"),
+        "timeouts": ("next", "agents", "truncated"), "costs": ("costs",),
+    }  # fmt: skip
+    n = min((len(values) for values in arrays.values()), default=0)
+    rows = tensordict.TensorDict({}, [n])
+    for name, values in arrays.items():
+        if values.dtype.kind in "biuf" and values.dtype != np.uint64:
+            rows[keys[name]] = torch.from_numpy(np.ascontiguousarray(values[:n]))
+    rows.memmap(str(path))
+    return path
+
+
+def vault(path: Path, arrays: Arrays) -> Path:
+    flashbax_vault = pytest.importorskip("flashbax.vault", reason="the extra 'vault'")
+    from flashbax.buffers.trajectory_buffer import TrajectoryBufferState
+
+    rewards: Any = arrays.get("rewards", np.zeros(()))
+    if rewards.ndim == 1 and np.ndim(arrays.get("terminals", ())) == 2:
+        arrays["rewards"] = np.repeat(rewards[:, None], arrays["terminals"].shape[1], 1)
+    n = min((len(values) for values in arrays.values()), default=0)
+    leaves = {
+        "truncations" if name == "timeouts" else name: _narrow(
+            np.concatenate([values[:n], values[:1]])[None]
+        )
+        for name, values in arrays.items()
+        if values.dtype.kind in "bif" and name != "next_observations" and values.size
+    }
+    if leaves and n:
+        made = flashbax_vault.Vault(
+            "x.vlt", experience_structure=leaves, rel_dir=str(path), vault_uid="u"
+        )
+        made.write(TrajectoryBufferState(experience=leaves, current_index=n, is_full=False))
+        return path / "x.vlt/u"
+    path.mkdir()
+    return path
+
+
+def _narrow(values: Any) -> Any:
+    """As JAX has numbers: at most 32 bits."""
+    if values.dtype.itemsize <= 4:
+        return values
+    with np.errstate(all="ignore"):
+        return values.astype(np.int32 if values.dtype.kind == "i" else np.float32)
+
+
+slow = pytest.mark.slow  # importing TorchRL and JAX takes seconds
+KINDS = {
+    **WRITERS,
+    "minari": minari_folder,
+    "torchrl": torchrl,
+    "vault": vault,
+}
+
+
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(arrays=odd_rows(), answers=choices)
-@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize(
+    "kind", [*WRITERS, "minari", *(pytest.param(each, marks=slow) for each in ("torchrl", "vault"))]
+)
 def test_odd_data_give_a_dataset_or_one_error(
     tmp_path_factory: pytest.TempPathFactory, kind: str, arrays: Arrays, answers: Choices
 ) -> None:
@@ -104,5 +196,5 @@ def test_odd_data_give_a_dataset_or_one_error(
     (folder / "to").mkdir()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the libraries', of odd data
-        source = WRITERS[kind](folder / "in", arrays)
+        source = KINDS[kind](folder / "in", arrays)
     check(source, folder / "to" / "out", kind, answers)
