@@ -6,6 +6,7 @@ from importlib import import_module
 import swarmdata
 from docs.site.docstrings import summary_of
 from swarmdata import errors
+from swarmdata.datasets.views import TrainingData
 from swarmdata.drawing.markdown import table
 from swarmdata.specs.frozen import Frozen
 
@@ -95,6 +96,8 @@ def _directive(module: str, name: str) -> str:
     found = getattr(import_module(module), name)
     is_class = isinstance(found, type)
     options = "   :members:\n" if is_class else ""
+    if is_class and issubclass(found, TrainingData):  # which has most of what views can do
+        options += "   :inherited-members:\n"
     if is_class and issubclass(found, Frozen):
         hidden = (*found.model_fields, *found.__class_vars__, "model_config")
         options += f"   :exclude-members: {', '.join(hidden)}\n\n"

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("torch", reason="algorithms need torch")
 
 import swarmdata
-from docs.site.api_pages import GROUPS
+from docs.site.api_pages import GROUPS, api_pages
 from docs.site.build_site import broken_links, generated_pages, stage
 from docs.site.schema_pages import SCHEMAS, models
 from docs.site.staged_pages import BrokenLinkError, site_path, staged_text
@@ -159,3 +159,10 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
         if re.search(r"<(?:script|link)[^>]+(?:src|href)=\"https?:", page.read_text())
     ]
     assert outside == [], "a page needs the network"
+
+
+def test_views_have_what_all_of_them_share() -> None:
+    pages = "".join(api_pages().values())
+    for name in ("Dataset", "StreamedDataset"):
+        directive = pages.partition(f":: swarmdata.{name}\n")[2].partition("```")[0]
+        assert ":inherited-members:" in directive
