@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import DatasetError, SpecError, SwarmdataError
+from swarmdata.errors import SpecError
 from swarmdata.hub.catalog.identity import judge, misnamed
-from swarmdata.hub.catalog.request import cached, cached_ids, is_offline, parse_request
+from swarmdata.hub.catalog.request import cached, is_offline, parse_request
 from swarmdata.registry.published import Reference, published, references_of
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
@@ -81,40 +81,6 @@ def _info(recipe: Recipe) -> DatasetInfo:
         score=anchors.score(entry.mean_return) if entry and anchors else None,
         digest=entry.digest if entry else None,
         is_cached=(dataset_folder(recipe) / "manifest.json").exists(),
-    )
-
-
-def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
-    """Returns the datasets in the cache that the package has no recipe of, by id.
-
-    Returns:
-        Them, and for each folder that is no usable dataset one sentence that says why.
-    """
-    place, found, problems = cache_folder() / "datasets", [], []
-    for name in sorted(set(cached_ids(place)) - set(shipped_recipes())):
-        try:
-            found.append(_info_of_folder(place / name))
-        except SwarmdataError as error:
-            problems.append(f"{place / name}: {error}")
-    return found, problems
-
-
-def _info_of_folder(folder: Path) -> DatasetInfo:
-    stored = open_store(folder, "none")
-    manifest, recipe = stored.manifest, stored.recipe
-    if (sentence := misnamed(folder, manifest)) is not None:
-        raise DatasetError(f"{sentence}.")
-    return DatasetInfo(
-        id=manifest.id,
-        task=recipe.spec.task,
-        tier=recipe.tier,
-        n_agents=recipe.spec.n_agents,
-        n_steps=manifest.n_steps,
-        n_episodes=manifest.n_episodes,
-        n_bytes=sum(file.size for file in manifest.files.values()),
-        score=None,
-        digest=manifest.digest,
-        is_cached=True,
     )
 
 
