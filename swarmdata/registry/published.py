@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from swarmdata.errors import SchemaError
-from swarmdata.registry.lazy_table import LazyTable
+from swarmdata.registry.presets import LazyTable
 from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.specs.origins import Origin
 from swarmdata.types import Double

@@ -18,8 +18,7 @@ from typing import Annotated
 from pydantic import Field
 
 from swarmdata.errors import BuildError, UnknownNameError
-from swarmdata.registry.lazy_table import LazyTable
-from swarmdata.registry.presets import preset
+from swarmdata.registry.presets import LazyTable, preset
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import PolicySource, Recipe

@@ -19,7 +19,6 @@ from swarmdata.hub.catalog.identity import judge, misnamed
 from swarmdata.hub.catalog.request import cached, is_offline, parse_request
 from swarmdata.registry.published import Reference, published, references_of
 from swarmdata.registry.recipes import shipped_recipes
-from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
@@ -31,6 +30,7 @@ from swarmdata.store.stored_dataset import Verify, check_spec
 if TYPE_CHECKING:  # a cached dataset is opened without them
     from swarmdata.datasets.mixture import Mixture
     from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
+    from swarmdata.registry.reward_weights import RewardChoice
 
 
 class RebuiltDifferentlyWarning(UserWarning):
@@ -90,7 +90,7 @@ def load(
     *,
     observation: Source | None = None,
     communication: Source | None = None,
-    rewards: RewardChoice | None = None,
+    rewards: "RewardChoice | None" = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     offline: bool | None = None,
@@ -104,7 +104,7 @@ def load(
     weights: Sequence[float] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,
-    rewards: RewardChoice | None = None,
+    rewards: "RewardChoice | None" = None,
     verify: Verify = "fast",
     offline: bool | None = None,
     workers: int | None = None,
@@ -138,7 +138,7 @@ def load(
     stream: "bool | Stream" = False,
     observation: Source | None = None,
     communication: Source | None = None,
-    rewards: RewardChoice | None = None,
+    rewards: "RewardChoice | None" = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     offline: bool | None = None,
@@ -235,7 +235,7 @@ def _open(
     *,
     observation: Source | None,
     communication: Source | None,
-    rewards: RewardChoice | None,
+    rewards: "RewardChoice | None",
     verify: Verify,
     offline: bool | None,
     workers: int | None,
@@ -248,6 +248,8 @@ def _open(
         spec = request.recipe.spec
         check_messages(with_models(spec, observation, communication), spec)
     if request.recipe is not None and rewards:
+        from swarmdata.registry.reward_weights import chosen_weights  # noqa: PLC0415
+
         rules = request.recipe.spec.rules
         changed_weights(rules.rewards, chosen_weights(rewards, rules))
     found = cached(request)
@@ -268,6 +270,8 @@ def _open(
     if (sentence := misnamed(stored.path, stored.manifest)) is not None:
         warnings.warn(f"{sentence}.", AnotherDatasetWarning, stacklevel=3)
     if rewards:
+        from swarmdata.registry.reward_weights import chosen_weights  # noqa: PLC0415
+
         dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
     return dataset.reobserve(observation, communication, progress=progress)
 
