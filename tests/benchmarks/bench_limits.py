@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.bench_limits [ROW ...]
 
-Rows: random acted one transitions windows load. Everything runs on one core, in
+Rows: random acted one transitions windows. Everything runs on one core, in
 turns, and counts processor time, so that it can be measured beside other work. Peers that are not
 installed are left out: vmas, mpe2, torchrl, flashbax. `bench_training` measures MAPPO.
 """
@@ -22,7 +22,6 @@ from typing import NamedTuple
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.testing.synthetic import make_large_dataset
 from tests.benchmarks import batch_peers
-from tests.benchmarks.bench_load import in_fresh_process
 from tests.benchmarks.bench_worlds import (
     ALL_CORES,
     best_vmas,
@@ -31,7 +30,7 @@ from tests.benchmarks.bench_worlds import (
     team,
 )
 from tests.benchmarks.engines import Run, mpe2, physics, swarm
-from tests.benchmarks.load_formats import FORMATS, OURS
+from tests.benchmarks.load_formats import OURS
 from tests.benchmarks.measuring import Rate, pair, table, write_section
 from tests.benchmarks.replays import Replay
 
@@ -45,11 +44,10 @@ class Row(NamedTuple):
     work: str
     against: str
     ratio: Rate
-    limit: Rate | None  # our rate over the physical limit's
+    limit: Rate  # our rate over the physical limit's
 
     def cells(self) -> tuple[str, ...]:
-        limit = "—" if self.limit is None else str(self.limit)
-        return self.work, self.against, str(self.ratio), limit
+        return self.work, self.against, str(self.ratio), str(self.limit)
 
 
 def compared(work: str, ours: Run, limit: Run, **peers: Run | None) -> Iterator[Row]:
@@ -118,24 +116,12 @@ def with_dataset(batch_size: int, length: int | None) -> Callable[[], Iterator[R
     return rows
 
 
-def load_rows() -> Iterator[Row]:
-    """Milliseconds of opening without checks in a fresh process."""
-    name, rates = "swarmdata, verify='none'", []
-    with tempfile.TemporaryDirectory() as folder:
-        make_large_dataset(Path(folder) / OURS, N_STEPS)
-        for _ in range(9):
-            found = in_fresh_process(name, Path(folder) / FORMATS[name].file)
-            rates.append(1e3 * found["processor"])
-    yield Row("load, unverified, fresh process", "milliseconds", Rate.of(rates), None)
-
-
 ROWS: dict[str, Callable[[], Iterator[Row]]] = {
     "random": random_rows,
     "acted": acted_rows,
     "one": one_rows,
     "transitions": with_dataset(256, None),
     "windows": with_dataset(64, 20),
-    "load": load_rows,
 }
 
 INTRO = (

@@ -61,20 +61,20 @@ def seen(folder: Path) -> list[str]:
 NO_NAMESPACE = 77
 """Exit code of a process that may not have mounts of its own."""
 
-Work = Callable[[Path], dict[str, Any]]
+Work = Callable[..., dict[str, Any]]
 
 
-def in_namespace(work: Work) -> Callable[[str], None]:
+def in_namespace(work: Work) -> Callable[..., None]:
     """What a process does that nobody else may see the mounts of."""
 
     @wraps(work)
-    def run(folder: str) -> None:
+    def run(folder: str, *names: str) -> None:
         try:
             enter(CLONE_NEWNS)
         except (OSError, subprocess.CalledProcessError):
             sys.exit(NO_NAMESPACE)
         use_one_process(pytest.MonkeyPatch())
-        print(json.dumps(work(Path(folder))))
+        print(json.dumps(work(Path(folder), *names)))
 
     return run
 
@@ -119,8 +119,8 @@ FORMATS = {
 
 
 @in_namespace
-def exports(folder: Path) -> dict[str, Any]:
-    """Every file that we make for others, on a disk that is too small and then on a larger one."""
+def exports(folder: Path, *names: str) -> dict[str, Any]:
+    """Files that we make for others, on a disk that is too small and then on a larger one."""
     make_dataset(folder.parent / "source", [[100] * 60])
     dataset = Dataset.open(folder.parent / "source")
     (episode,) = rollout(
@@ -128,8 +128,8 @@ def exports(folder: Path) -> dict[str, Any]:
     )
     makers: dict[str, Callable[[Path], object]] = {
         name: lambda out, name=name: export_dataset(dataset, out / "x", format=name)  # type: ignore[misc]
-        for name, library in FORMATS.items()
-        if find_spec(library)
+        for name in names
+        if find_spec(FORMATS[name])
     }
     makers["card"] = lambda out: publish_card(folder.parent / "tiny", out, pictures=False)
     makers["picture"] = lambda out: publish_card(folder.parent / "tiny", out)

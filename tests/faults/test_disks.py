@@ -27,9 +27,9 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     return read_manifest(make_tiny(tmp_path_factory.mktemp("digest") / "d")).digest
 
 
-def seen(trouble: Callable[[str], None], folder: Path) -> dict[str, Any]:
+def seen(trouble: Callable[..., None], folder: Path, *names: str) -> dict[str, Any]:
     """What a process saw that mounted small disks."""
-    code, out, words = Forked(folder, work=trouble).end()
+    code, out, words = Forked(folder, *names, work=trouble).end()
     if code == NO_NAMESPACE:
         pytest.skip("needs mounts of one's own, which this machine refuses")
     assert code == 0, words
@@ -52,10 +52,17 @@ def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: st
     assert found["at the end"] == ["d"]
 
 
-def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "formats",
+    [["d4rl", "parquet"], pytest.param(list(disk_trouble.FORMATS), marks=pytest.mark.slow)],
+    ids=["two formats", "all formats"],
+)
+def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(
+    tmp_path: Path, formats: list[str]
+) -> None:
     """Row 56: formats of others, cards, pictures, clips; at the first byte, halfway, with room."""
     (tmp_path / "disk").mkdir()
-    for name, found in seen(disk_trouble.exports, tmp_path / "disk").items():
+    for name, found in seen(disk_trouble.exports, tmp_path / "disk", *formats).items():
         for size in ("small", "middle"):
             error, left = found[size]
             fits = size == "middle" and name in ("card", "clip")
