@@ -14,6 +14,7 @@ from pydantic import (
 )
 
 from swarmdata.errors import SpecError, SwarmdataError
+from swarmdata.runtime.own_components import import_component
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.frozen import Extended, Frozen, is_file, is_inline
@@ -54,6 +55,9 @@ OneTask = TypeVar("OneTask", bound=TaskRules)
 
 WORLD_VERSION = 1
 """The version of the worlds that this package simulates: their physics and rewards are frozen."""
+
+ROW_SHAPES = "swarmdata.store.arrays.row_shapes:task_row_shapes"
+"""What gives the widths of a task's arrays: they follow from its code, which needs its spec."""
 
 
 def _simulated(version: int) -> int:
@@ -202,8 +206,6 @@ class TaskSpec(Extended):
     library: ClassVar[str] = "swarmdata"
     action_kind: ClassVar[Literal["unit"]] = "unit"
     state_meaning: ClassVar[str] = "The robots, the targets and the task's own columns."
-    observation_size: ClassVar[None] = None  # `VecEnv` has these two
-    state_size: ClassVar[None] = None
     facts: ClassVar[tuple[()]] = ()
     limits: ClassVar[tuple[()]] = ()
 
@@ -286,6 +288,19 @@ class TaskSpec(Extended):
         if isinstance(channel, Broadcast) and channel.payload == "learned":
             return 2 + channel.message_size
         return 2
+
+    @property
+    def observation_size(self) -> int:
+        """Columns of a robot's observation, O, which the task's code has."""
+        return self._width("observations")
+
+    @property
+    def state_size(self) -> int:
+        """Columns of a state, S, which the task's code has."""
+        return self._width("states")
+
+    def _width(self, array: str) -> int:
+        return int(import_component(ROW_SHAPES)(self, widths=True)[array][-1])
 
     @property
     def action_spaces(self) -> tuple[Space, ...]:

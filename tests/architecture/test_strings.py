@@ -15,7 +15,6 @@ IMPORTERS = {
     "swarmdata/__init__.py": "the public names, which its type-checking imports name as well",
     "swarmdata/runtime/own_components.py": "components",
     "swarmdata/runtime/engines/jobs.py": "what a worker does",
-    "swarmdata/specs/task_spec.py": "widths of arrays, which only the task's code has",
 }
 """Files that may call `import_module` on modules of ours, and what for."""
 

@@ -41,6 +41,12 @@ def assert_equal_episodes(first: Episode, second: Episode) -> None:
         assert np.array_equal(getattr(first, name), getattr(second, name)), name
 
 
+def test_a_spec_knows_its_widths(dataset: Dataset) -> None:
+    env = dataset.make_env()
+    assert dataset.spec.observation_size == env.observation_size
+    assert dataset.spec.state_size == env.state_size
+
+
 def test_episodes_come_back_in_order(dataset: Dataset, episodes: list[Episode]) -> None:
     assert len(dataset) == dataset.n_episodes == len(episodes)
     assert dataset.n_steps == sum(map(len, episodes))

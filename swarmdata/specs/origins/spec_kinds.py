@@ -48,13 +48,13 @@ class Spec(Protocol):
         ...
 
     @property
-    def observation_size(self) -> int | None:
-        """Columns of an observation, O, the widest agent's; None where a task's code has them."""
+    def observation_size(self) -> int:
+        """Columns of an observation, O, the widest agent's."""
         ...
 
     @property
-    def state_size(self) -> int | None:
-        """Columns of a state, S; None where a task's code has them."""
+    def state_size(self) -> int:
+        """Columns of a state, S."""
         ...
 
     @property
