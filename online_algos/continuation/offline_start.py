@@ -17,7 +17,8 @@ from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.critics import RobotCritics
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.networks.perceptrons import Layer, present
+from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.run_files import is_online, run_folders, run_hash
 from swarmdata.learn.training.run_folder import OfflineRun, load_last
@@ -28,6 +29,9 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import Sha256
 from swarmdata.specs.task_spec import TaskSpec
+
+Startable = TorchPolicy | BinPolicy | ChoicePolicy
+"""Policies of networks that online training begins with."""
 
 
 class StartSource(Frozen):
@@ -217,21 +221,36 @@ def checked_actors(
         CheckpointError: the run lacks a seed, or its actors have another frame or other sizes.
     """
     actors = [cast("TorchPolicy", start.policy(seed)) for seed in seeds]  # `actor_of` has looked
-    for what, ours, theirs in (
-        ("the frame", fitting.frame, actors[0].frame),
-        ("parameters", fitting.parameters, actors[0].parameters),
-        ("weights of shapes", _shapes(fitting), _shapes(actors[0])),
-    ):
-        if ours != theirs:
-            raise CheckpointError(
-                f"the actors of {start.name} have {what} {theirs}, expected {ours}. Leave out the "
-                "settings of the frame and of the actors: they are taken over from that run."
-            )
+    check_fit(start, "actors", fitting, actors[0])
     return actors
 
 
-def _shapes(policy: TorchPolicy) -> list[tuple[int, ...]]:
-    return [tuple(layer.weight.shape) for layer in policy.layers]
+def check_fit(start: OfflineStart, what: str, fitting: Startable, theirs: Startable) -> None:
+    """Checks that the networks of a run can be copied.
+
+    Args:
+        start: the run.
+        what: they are, for the message.
+        fitting: a policy of the algorithm that is to begin with them.
+        theirs: a policy of the run.
+
+    Raises:
+        CheckpointError: they have another frame or other sizes.
+    """
+    for name, one, other in (
+        ("the frame", fitting.frame, theirs.frame),
+        ("parameters", fitting.parameters, theirs.parameters),
+        ("weights of shapes", _shapes(fitting), _shapes(theirs)),
+    ):
+        if one != other:
+            raise CheckpointError(
+                f"the {what} of {start.name} have {name} {other}, expected {one}. Leave out the "
+                f"settings of the frame and of the {what}: they are taken over from that run."
+            )
+
+
+def _shapes(policy: Startable) -> list[list[tuple[int, ...]]]:
+    return [[tuple(weight.shape) for weight in present(layer)] for layer in policy.layers]
 
 
 def robot_critics_of(start: OfflineStart) -> RobotCritics | str:

@@ -9,13 +9,14 @@ from collections.abc import Sequence
 
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.networks.optimizer import Descent
-from swarmdata.learn.networks.perceptrons import Layer, StackedMLP, present
+from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.online_algos.collection.replay_collection import Collector
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     as_text,
+    check_fit,
     frame_name,
     hidden_sizes,
 )
@@ -71,17 +72,7 @@ def take_over(
     seeds = collector.seeds
     policies = [_policy_of(start, seed) for seed in seeds]
     first = policies[0]
-    for what, ours, theirs in (
-        ("the frame", fitting.frame, first.frame),
-        ("parameters", fitting.parameters, first.parameters),
-        ("weights of shapes", _shapes(fitting.layers), _shapes(first.layers)),
-    ):
-        if ours != theirs:
-            raise CheckpointError(
-                f"the utility networks of {start.name} have {what} {theirs}, expected {ours}. "
-                "Leave out the settings of the frame, the networks and the bins: they are taken "
-                "over from that run."
-            )
+    check_fit(start, "utility networks", fitting, first)
     n_rows = len(first.layers[0].weight)
     for k, policy in enumerate(policies):
         team.network.load_layers(slice(k * n_rows, (k + 1) * n_rows), policy.layers)
@@ -130,7 +121,3 @@ def _policy_of(start: OfflineStart, seed: int) -> ChoicePolicy:
 
 def _n_rows(policy: ChoicePolicy, start: OfflineStart) -> int:
     return 1 if policy.parameters == "shared" else start.run.n_agents
-
-
-def _shapes(layers: Sequence[Layer]) -> list[list[tuple[int, ...]]]:
-    return [[tuple(weight.shape) for weight in present(layer)] for layer in layers]

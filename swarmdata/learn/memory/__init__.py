@@ -1,1 +1,1 @@
-"""Recurrent policies: what they are trained on, their networks, and how they act."""
+"""Networks that remember, and the segments of episodes that they are trained on."""

@@ -3,6 +3,15 @@
 A critic is a network of x = (state, all observations) and the actions of all agents (Lowe et al.
 2017, eq. 6). Each seed has J of them, usually two (Fujimoto et al. 2018, section 4.2), which begin
 with parameters of their own.
+
+`RobotCritics` give one value for each robot: one network serves all robots of a seed, so the N
+values of Lowe et al. 2017 (equation 6) are N rows of it. Critics that are `decentralized` see
+(o_i, i, a_i), `centralized` ones (o_i, i, s, a_i, a_i+1, ..., a_i-1), numbers modulo N (o_i and the
+state for the paper's x). Everything is in robot i's frame: the policies' observations and actions
+are each in the frame of their own robot, so the actions of the others are turned into robot i's,
+and the planar vectors of the state, positions included, are turned about the middle of the arena.
+The robots of the state come in the same order as the actions, robot i first. Without a frame
+(recordings of other environments) everything is in the world's.
 """
 
 from collections.abc import Sequence
@@ -39,7 +48,6 @@ class CriticOptions(TypedDict, total=False):
     learning_rate: Required[float]
     max_norm: Required[float | None]
     n_critics: int
-    n_values: int
     device: torch.device | str
 
 
@@ -57,7 +65,6 @@ class Critics:
         learning_rate: of Adam.
         max_norm: largest norm of the gradient of one seed's critics; None does not clip.
         n_critics: critics of a seed, J.
-        n_values: outputs of a critic, V: 1 for the team's value, N for one per agent's reward.
         device: where to train.
     """
 
@@ -70,11 +77,10 @@ class Critics:
         learning_rate: float,
         max_norm: float | None,
         n_critics: int = 2,
-        n_values: int = 1,
         device: torch.device | str = "cpu",
     ) -> None:
         self.n_critics = n_critics
-        shape = MLPShape(n_inputs, hidden, n_values, layer_norm=True)
+        shape = MLPShape(n_inputs, hidden, 1, layer_norm=True)
         self.online = StackedMLP(shape, n_critics * len(seeds), device)
         initialize(self.online, seeds, CRITIC_STREAM)
         networks = {"critics": self.online}
@@ -89,7 +95,7 @@ class Critics:
         self.load_state_dict = self._descent.load_state_dict
 
     def q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' values, [K, J, B, V].
+        """Returns all critics' values, [K, J, B, 1].
 
         Args:
             x: critic inputs besides actions, `information`, [K, B, S + N O].
@@ -107,7 +113,7 @@ class Critics:
         return values.view(-1, self.n_critics, *values.shape[1:])
 
     def sampled_q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' values of M joint actions in each row, [K, J, B, M, V].
+        """Returns all critics' values of M joint actions in each row, [K, J, B, M, 1].
 
         Args:
             x: critic inputs besides actions, [K, B, S + N O].
@@ -118,7 +124,7 @@ class Critics:
         return values.view(-1, self.n_critics, *values.shape[1:])
 
     def first_q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns the first critics' values, [K, B, V], with the critics' parameters as constants.
+        """Returns the first critics' values, [K, B, 1], with the critics' parameters as constants.
 
         Args:
             x: critic inputs besides actions, [K, B, S + N O].
@@ -128,7 +134,7 @@ class Critics:
         return self.online.frozen(joint, every=self.n_critics)
 
     def first_sampled_q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns the first critics' values of M joint actions in each row, [K, B, M, V].
+        """Returns the first critics' values of M joint actions in each row, [K, B, M, 1].
 
         The critics' parameters are constants, as in `first_q`; arguments as in `sampled_q`.
         """

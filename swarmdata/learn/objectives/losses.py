@@ -1,4 +1,27 @@
-"""Losses of critics and actors that algorithms share, as pure functions."""
+"""Losses of critics and actors that algorithms share, as pure functions.
+
+`expectile_loss` and `exponential_weights` are of implicit Q-learning (Kostrikov et al. 2022),
+`soft_value_loss` is OMIGA's (Wang et al. 2023).
+
+The last ones extract a policy from a critic and a behavior density. With each robot's value Q_i(b)
+of its action b, the density beta of the data's actions given o_i, and an inverse temperature eta,
+the policy that is sought is the tilted density (Peng et al. 2019, "Advantage-weighted regression",
+section 3):
+
+    pi*(b | o_i) ~ beta(b | o_i) exp(eta Q_i(b))
+
+- `anchored`: max eta Q_i(pi) + log beta(pi | o_i) by the gradient of Q: it finds the mode of pi*.
+  It is DDPG+BC in Park et al. 2024 ("Is value learning really the main bottleneck in offline RL?",
+  arXiv 2406.09329) with a density in place of the squared error, and with a bounded gradient of Q,
+  so that no action leaves the density's mean by more than eta times its variance times the bound.
+- `weighted`: min exp(eta (Q_i(a_i) - V_i)) |pi - a_i|^2, V_i the mean of Q_i under beta (AWAC, Nair
+  et al. 2020; CRR, Wang et al. 2020, its "exp").
+- `tilted`: min |pi - sum_m w_m b_m|^2 with w = softmax_m eta Q_i(b_m) and b_m drawn from beta: the
+  mean of pi* (samples weighted as in SfBC, Chen et al. 2023, and IDQL, Hansen-Estruch et al. 2023).
+
+All are means over robots of terms of one robot: neither the pull of Q nor that of the data fades as
+a team grows.
+"""
 
 import math
 from typing import NamedTuple

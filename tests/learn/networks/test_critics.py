@@ -12,10 +12,10 @@ from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
 
 
-def made(n_seeds: int = 2, n_critics: int = 2, n_values: int = 1) -> Critics:
+def made(n_seeds: int = 2, n_critics: int = 2) -> Critics:
     return Critics(
         SIZES.information + 3 * 2, range(n_seeds), (8,), learning_rate=1e-2, max_norm=None,
-        n_critics=n_critics, n_values=n_values,
+        n_critics=n_critics,
     )  # fmt: skip
 
 
@@ -26,12 +26,12 @@ def inputs(n_seeds: int = 2, size: int = 5) -> tuple[Tensor, Tensor, Tensor]:
     return x, *(torch.rand(n_seeds, size, 3, 2, generator=g) for _ in range(2))
 
 
-@pytest.mark.parametrize(("n_critics", "n_values"), [(1, 1), (2, 1), (2, 3), (4, 1)])
-def test_values_have_an_axis_of_critics_and_one_of_outputs(n_critics: int, n_values: int) -> None:
-    critics = made(2, n_critics, n_values)
+@pytest.mark.parametrize("n_critics", [1, 2, 4])
+def test_values_have_an_axis_of_critics(n_critics: int) -> None:
+    critics = made(2, n_critics)
     x, actions, _ = inputs()
     q = critics.q(x, actions)
-    assert q.shape == (2, n_critics, 5, n_values)
+    assert q.shape == (2, n_critics, 5, 1)
     for seed in range(2):
         for critic in range(n_critics):  # row by row, by hand
             rows = torch.cat([x[seed], actions[seed].flatten(1)], 1)
@@ -63,13 +63,12 @@ def test_first_values_are_those_of_the_first_critics_and_cannot_move_them() -> N
     assert all(gradient is None for gradient in unused)
 
 
-@pytest.mark.parametrize("n_values", [1, 3])
-def test_values_of_samples_are_those_of_single_actions(n_values: int) -> None:
-    critics = made(n_values=n_values)
+def test_values_of_samples_are_those_of_single_actions() -> None:
+    critics = made()
     g = torch.Generator().manual_seed(1)
     x, samples = torch.randn(2, 5, 10, generator=g), torch.rand(2, 5, 4, 3, 2, generator=g)
     got, first = critics.sampled_q(x, samples), critics.first_sampled_q(x, samples)
-    assert got.shape == (2, 2, 5, 4, n_values)
+    assert got.shape == (2, 2, 5, 4, 1)
     for sample in range(4):
         expected = critics.q(x, samples[:, :, sample])
         torch.testing.assert_close(got[:, :, :, sample], expected)
