@@ -55,6 +55,7 @@ from swarmdata.rollouts.rollout import rollout as rollout
 from swarmdata.rollouts.task_frame import frame_of as frame_of
 from swarmdata.specs.origins import RecordedSpec as RecordedSpec
 from swarmdata.specs.recipe import Recipe as Recipe
+from swarmdata.specs.rules import TaskRules as TaskRules
 from swarmdata.specs.task_spec import TaskSpec as TaskSpec
 from swarmdata.testing.algorithm_contract import check_algorithm as check_algorithm
 from swarmdata.testing.dataset_contract import check_dataset as check_dataset

@@ -178,10 +178,10 @@ def _changes(
     config: str | None, settings: list[str] | None, **options: int | str | None
 ) -> dict[str, str]:
     """Merges the settings of a file, of options and of `--set`; later ones win."""
-    from swarmdata.evaluation.runs.train import read_settings
-
     changes = {name: str(value) for name, value in options.items() if value is not None}
-    return (read_settings(config) if config else {}) | changes | parse_settings(settings)
+    return (
+        (_trainers().read_settings(config) if config else {}) | changes | parse_settings(settings)
+    )
 
 
 def _datasets(text: str) -> tuple[str | list[str], list[float] | None]:

@@ -155,14 +155,14 @@ CASES = (
          {f"{CATALOG}:load": str}),
     Case("push data file:///a"),
     Case("pull coop_nav-medium --from file:///a",
-         ("swarmdata.hub.remotes:find_release",), {}, {"--from": "file:///b"},
+         ("swarmdata.hub.remotes.release_lookup:find_release",), {}, {"--from": "file:///b"},
          idle={"--out": "the boundary ends the command before it writes"}),
     Case("pull coop_nav-medium --from file:///a", ("swarmdata.hub.catalog.sources:obtain_release",),
-         {"swarmdata.hub.remotes:find_release":
+         {"swarmdata.hub.remotes.release_lookup:find_release":
               (None, SimpleNamespace(id="coop_nav-medium-v1", address="file:///a"))},
          idle={"--from": "the release is a stub here"}),
     Case("pull file:///a/coop_nav-medium-v1", ("swarmdata.hub.catalog.sources:obtain",
-                                              "swarmdata.hub.remotes:locate"),
+                                              "swarmdata.hub.remotes.release_lookup:locate"),
          samples={"--from": "file:///b"}),
     Case("train bc coop_nav-medium", (f"{RUNS}.train:train",)),
     Case("train-online mappo coop_nav", (f"{RUNS}.train:train_online",)),

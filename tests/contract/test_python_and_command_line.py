@@ -138,7 +138,7 @@ def functions() -> Iterator[tuple[str, Callable[..., Any]]]:
         if not inspect.isclass(found):
             yield name, inspect.unwrap(found)  # some are cached
             continue
-        for method, value in vars(found).items():
+        for method, value in list(vars(found).items()):
             function = getattr(value, "__func__", value)
             if inspect.isfunction(function) and not method.startswith("_"):
                 yield f"{name}.{method}", function

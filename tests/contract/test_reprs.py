@@ -85,6 +85,7 @@ PUBLIC: dict[str, Callable[[swarmdata.Dataset], Any]] = {
     "Step": step,
     "Stream": stream,
     "SwarmdataError": lambda d: swarmdata.SwarmdataError("a sentence"),
+    "TaskRules": lambda d: swarmdata.preset("search").rules,
     "TaskSpec": lambda d: d.task,
 }
 """An object of each public class; `StreamedDataset` is in `tests/hub/streaming`."""

@@ -92,7 +92,7 @@ def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> 
     assert found["uncached"].startswith("BuildError: coop_nav-random-mini-v1 cannot be made")
     assert "Read-only file system. Set SWARMDATA_CACHE" in found["uncached"]
     fresh = found["without a place for kernels"]
-    assert fresh.startswith("0 <function load"), fresh
+    assert fresh.startswith("0 <function make_env"), fresh
     assert "set SWARMDATA_CACHE or NUMBA_CACHE_DIR" in fresh
 
 

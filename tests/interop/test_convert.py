@@ -35,7 +35,7 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
     assert list(tmp_path.iterdir()) == []
     monkeypatch.undo()
-    left = scratch_folder(tmp_path / "out", "conversion")  # by a process that was killed
+    left = scratch_folder(tmp_path / "out", "import")  # by a process that was killed
     (left / "policy-0-part-00000").mkdir(parents=True)
     made = import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
     assert not left.exists()

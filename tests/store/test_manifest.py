@@ -9,6 +9,7 @@ from swarmdata import load
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ChecksumError, DatasetError
 from swarmdata.hub.catalog.repair import repair
+from swarmdata.runtime.own_components import import_component
 from swarmdata.specs.origins import ORIGIN_KINDS
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.store.arrays.layout import DATA
@@ -71,5 +72,6 @@ def test_a_task_of_another_package_has_its_recipe(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ORIGIN_KINDS)
 def test_every_origin_says_whether_it_is_made_again(kind: str) -> None:
-    assert vars(ORIGIN_KINDS[kind])["can_rebuild"] == (kind in ("recipe", "edit"))
-    assert vars(ORIGIN_KINDS[kind])["missing"] is None
+    origin = vars(import_component(ORIGIN_KINDS[kind]))
+    assert origin["can_rebuild"] == (kind in ("recipe", "edit"))
+    assert origin["missing"] is None

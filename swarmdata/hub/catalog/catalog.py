@@ -23,6 +23,7 @@ from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import changed_weights
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.stored_dataset import Verify, check_spec
@@ -243,15 +244,8 @@ def _open(
 ) -> Dataset:
     """Opens one dataset, as `load` does."""
     request = parse_request(dataset_id, path)
-    is_as_recorded = observation is None and communication is None
-    if request.recipe is not None and not is_as_recorded:  # before building, which takes minutes
-        spec = request.recipe.spec
-        check_messages(with_models(spec, observation, communication), spec)
-    if request.recipe is not None and rewards:
-        from swarmdata.registry.reward_weights import chosen_weights  # noqa: PLC0415
-
-        rules = request.recipe.spec.rules
-        changed_weights(rules.rewards, chosen_weights(rewards, rules))
+    if request.recipe is not None:
+        _check_view(request.recipe.spec, observation, communication, rewards)
     found = cached(request)
     if found is None:  # what fetches and builds is imported only then
         from swarmdata.hub.catalog.sources import Rebuild, Remotes, obtain  # noqa: PLC0415
@@ -274,6 +268,21 @@ def _open(
 
         dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
     return dataset.reobserve(observation, communication, progress=progress)
+
+
+def _check_view(
+    spec: TaskSpec,
+    observation: Source | None,
+    communication: Source | None,
+    rewards: "RewardChoice | None",
+) -> None:
+    """Refuses what a dataset of a recipe cannot be seen as, before it is built in minutes."""
+    if observation is not None or communication is not None:
+        check_messages(with_models(spec, observation, communication), spec)
+    if rewards:
+        from swarmdata.registry.reward_weights import chosen_weights  # noqa: PLC0415
+
+        changed_weights(spec.rules.rewards, chosen_weights(rewards, spec.rules))
 
 
 def _refuse_streamed(verify: Verify, **options: object) -> None:
