@@ -96,7 +96,7 @@ def small_and_alone() -> list[str]:
         and "__main__" not in text
     }
     alone = {each for each in small if importers[each] < 2 and not each.startswith(COMMANDS)}
-    return sorted(alone - named - set(swarmdata._HOMES.values()))
+    return sorted(alone - named - set(vars(swarmdata)["_HOMES"].values()))
 
 
 def test_small_modules_have_two_importers_or_are_registered() -> None:

@@ -192,7 +192,8 @@ def _without_kernels(folder: Path) -> str:
     subprocess.run(["mount", "-o", "remount,ro,bind", str(ROOT)], check=True)
     names = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "SWARMDATA_CACHE")
     variables = {name: value for name, value in os.environ.items() if name not in names}
-    code = f"import sys; sys.path[:] = {sys.path!r}; import swarmdata; print(swarmdata.make_env)"
+    uses = "import swarmdata.envs.world.world; print(swarmdata.make_env)"
+    code = f"import sys; sys.path[:] = {sys.path!r}; {uses}"
     found = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, env={**variables, "HOME": str(folder)},
         capture_output=True, text=True, check=False,
