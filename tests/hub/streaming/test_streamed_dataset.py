@@ -341,7 +341,13 @@ def test_the_workers_of_a_loader_stream_for_themselves(host: StaticHost, n_worke
     loading = pytest.importorskip("torch.utils.data", reason="a DataLoader is torch's")
     data = stream(host, window=3)
     expected = list(itertools.islice(data.sampler(8, seed=2), 5))  # opens connections of its own
-    loader = loading.DataLoader(data.to_torch(8, seed=2), batch_size=None, num_workers=n_workers)
+    context = "fork" if n_workers else None  # blocks are small in workers, too
+    loader = loading.DataLoader(
+        data.to_torch(8, seed=2),
+        batch_size=None,
+        num_workers=n_workers,
+        multiprocessing_context=context,
+    )
     for got, batch in zip(loader, expected, strict=False):
         assert np.array_equal(got.observations.numpy(), batch.observations)
 
