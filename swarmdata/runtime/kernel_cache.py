@@ -218,7 +218,8 @@ def _wait_for_turn(root: Path, turn: str) -> bool:
     if turn in _turns:
         return False
     name = hashlib.sha256(turn.encode()).hexdigest()[:16]
-    lock = Lock(root / f".{name}.lock", f"the compiler of {turn.rpartition('/')[2]}")
+    kernel = turn.rpartition("/")[2].partition("-")[0]  # without its line and argument types
+    lock = Lock(root / f".{name}.lock", f"the compiler of {kernel}")
     try:
         root.mkdir(parents=True, exist_ok=True)
         has_waited = not lock.acquire(0.0)
