@@ -18,7 +18,8 @@ GROUPS = {
     ),
     "worlds": (
         "Worlds and policies",
-        ("preset", "preset_names", "TaskSpec", "make_task", "make_env", "Step", "Policy",
+        ("preset", "preset_names", "TaskSpec", "TaskRules", "make_task",
+         "make_env", "Step", "Policy",
          "make_policy", "FunctionPolicy", "frame_of", "rollout", "drawn_values"),
     ),
     "learning": (
