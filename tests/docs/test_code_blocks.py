@@ -230,7 +230,7 @@ def _close_figures() -> None:
 def test_a_wrong_command_is_found() -> None:
     for line, message in (
         ("tarin bc coop_nav-medium", "No such command 'tarin'"),
-        ("train bc coop_nav-medium --seed 3 --out a", "No such option: --seed"),
+        ("train bc coop_nav-medium --seed 3 --out a", "No such option:? .?--seed"),
         ("render --out a.gif", "Missing parameter: target"),
         ("train bc coop_nav-medium --updates many --out a", "whole number"),
     ):

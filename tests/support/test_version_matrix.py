@@ -1,5 +1,6 @@
 """The rows of `make matrix`, and what its commands install."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -29,7 +30,10 @@ def install_command(**settings: str) -> str:
     """What `make test` would run to install the package in a new environment."""
     given = [f"{name}={value}" for name, value in settings.items()]
     command = ["make", "-n", "test", f"PYTHON={sys.executable}", "VENV=.venv-absent", *given]
-    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    environment = {name: value for name, value in os.environ.items() if "MAKE" not in name}
+    said = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    ).stdout
     (line,) = (line for line in said.splitlines() if "--editable" in line)
     return line
 

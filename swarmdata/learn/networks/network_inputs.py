@@ -70,7 +70,7 @@ def generators(
         device: where numbers are drawn.
         stream: separates the purposes for which one seed draws; None seeds with the run's own seed.
     """
-    derived = seeds if stream is None else [int(derive(seed, stream)[0] >> 1) for seed in seeds]
+    derived = seeds if stream is None else [int(derive(seed, stream)[0]) >> 1 for seed in seeds]
     return [torch.Generator(device).manual_seed(seed) for seed in derived]
 
 
