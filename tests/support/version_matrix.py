@@ -7,6 +7,7 @@ packages of the day are in it.
 """
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -89,7 +90,8 @@ def run(row: Row) -> tuple[str, ...]:
     }  # fmt: skip
     given = (f"{name}={value}" for name, value in settings.items() if value)
     command = ["make", row.target, *given]
-    code = subprocess.run(command, cwd=ROOT, check=False).returncode
+    own = {name: value for name, value in os.environ.items() if "MAKE" not in name}
+    code = subprocess.run(command, cwd=ROOT, env=own, check=False).returncode
     minutes = f"{(time.monotonic() - begin) / 60:.0f}"
     outcome = counts(report) if report.exists() else "passed" if code == 0 else "failed"
     return row.name, row.python, *versions(row.environment), outcome, minutes, str(code)
