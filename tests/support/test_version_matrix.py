@@ -30,7 +30,7 @@ def install_command(**settings: str) -> str:
     """What `make test` would run to install the package in a new environment."""
     given = [f"{name}={value}" for name, value in settings.items()]
     command = ["make", "-n", "test", f"PYTHON={sys.executable}", "VENV=.venv-absent", *given]
-    environment = {name: value for name, value in os.environ.items() if "MAKE" not in name}
+    environment = {"PATH": os.environ["PATH"]}  # without the settings of a make that runs this
     said = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True
     ).stdout

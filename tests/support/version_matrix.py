@@ -90,7 +90,8 @@ def run(row: Row) -> tuple[str, ...]:
     }  # fmt: skip
     given = (f"{name}={value}" for name, value in settings.items() if value)
     command = ["make", row.target, *given]
-    own = {name: value for name, value in os.environ.items() if "MAKE" not in name}
+    theirs = {*settings, "MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS"}  # of the make that runs this
+    own = {name: value for name, value in os.environ.items() if name not in theirs}
     code = subprocess.run(command, cwd=ROOT, env=own, check=False).returncode
     minutes = f"{(time.monotonic() - begin) / 60:.0f}"
     outcome = counts(report) if report.exists() else "passed" if code == 0 else "failed"
