@@ -144,7 +144,7 @@ def test_one_command_trains_goes_on_and_is_evaluated(task: Path, tmp_path: Path)
         "train-online", "mappo", task, "--seeds", "2", "--first-seed", "5", "--steps", "3.2e1",
         "--config", file, "--out", out, "--checkpoints", "2", *settings(),
     )  # fmt: skip
-    assert run(*command) == f"{out}\n"
+    assert run(*command).endswith(f"{out}\n")  # after progress of compiling
     assert read_online_run(out).n_checkpoints == 2
     curve = (out / "curve.csv").read_bytes()
     run(*command)
