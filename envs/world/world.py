@@ -6,84 +6,21 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.physics.backend import Backend, Contacts, Plan, write_state
-from swarmdata.envs.physics.dynamics import begin_step, drive, limits_of
+from swarmdata.envs.physics.backend import Backend, Contacts, Plan
+from swarmdata.envs.physics.dynamics import begin_step, limits_of
 from swarmdata.envs.physics.episode_bodies import episode_limits, episode_payloads, payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
-from swarmdata.envs.physics.free_motion import move
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.motors import Motors
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.numerics.weighted_terms import weigh_terms
-from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
+from swarmdata.runtime.argument_blocks import bundle_type, unpack
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import PROXIMITY_RANGE, Bool, Counts, Double, Float, Int, Seeds, Step
-
-
-class Motion(NamedTuple):
-    """What moves in E copies, and what is the same in all of their steps."""
-
-    limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
-    n_substeps: int  # physics steps in a control step
-    dt: float  # s, of a physics step
-    robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
-    bodies: Annotated[Double, 3]  # [E, K, 7] columns `state_layout.BODY`
-
-
-MOTION = bundle_type(Motion)
-
-
-@kernel
-def _advance(packed: Int, active: Bool, commands: Double, states: Float) -> None:
-    """Moves the robots of the active copies in packed `Motion`, whatever is in their way."""
-    limits, n_substeps, dt, robots, bodies = unpack(packed, MOTION)
-    accelerations = np.empty((robots.shape[1], 2))
-    for b in range(robots.shape[0]):
-        if not active[b]:
-            continue
-        for k in range(n_substeps):
-            drive(robots[b], commands[b], limits[b], n_substeps, dt, k, accelerations)
-            move(robots[b], accelerations, dt)
-        write_state(robots[b], bodies[b], states[b])
-
-
-class KinematicBackend:
-    """Implements `Backend` without contacts: robots drive through everything, bodies stay put.
-
-    It is the least that a task needs from a simulator, and shows a task's rules without physics.
-    """
-
-    def __init__(self, plan: Plan, n_copies: int) -> None:
-        spec = plan.spec
-        self.motion = Motion(
-            limits=np.zeros((n_copies, spec.n_agents, 8)),
-            n_substeps=spec.n_substeps,
-            dt=spec.physics_dt,
-            robots=np.zeros((n_copies, spec.n_agents, 6)),
-            bodies=np.zeros((n_copies, len(plan.movables), 7)),
-        )
-        self._block = ArgumentBlock(self.motion, MOTION)
-
-    def reset(
-        self,
-        copies: Int,
-        layouts: Float,
-        robots: Double,
-        bodies: Double,
-        limits: Double,
-        payloads: Double,
-    ) -> None:
-        self.motion.robots[copies], self.motion.bodies[copies] = robots, bodies
-        self.motion.limits[copies] = limits
-
-    def step(
-        self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
-    ) -> None:
-        _advance(self._block.packed, active, commands, states)
-
 
 N_SHARED_TERMS = 6
 """Terms of the reward that all tasks share: the last columns of `reward_terms`."""

@@ -24,6 +24,7 @@ SMALL_AND_ALONE = [
     "swarmdata.behavior_policies.conventions",
     "swarmdata.catalogue.pages.card_html",
     "swarmdata.catalogue.replays.episode_choice",
+    "swarmdata.envs.physics.kinematic",
     "swarmdata.hub.publishing.blockers",
     "swarmdata.registry.ablations",
     "swarmdata.rollouts.spec_check",

@@ -14,8 +14,8 @@ from swarmdata.behavior_policies.navigation.velocity_tracking import (
     turn_command,
 )
 from swarmdata.envs.physics.dynamics import GRIP, limits_of
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.registry.components import make_task
 from swarmdata.specs.state_layout import UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec

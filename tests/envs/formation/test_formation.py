@@ -8,8 +8,8 @@ import pytest
 
 from swarmdata.envs.formation.formation import Formation
 from swarmdata.envs.formation.formation_rules import FormationRules
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.registry.components import make_env, make_policy, make_task
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.metrics import episode_metrics

@@ -8,8 +8,8 @@ import pytest
 
 from swarmdata.envs.intersection.intersection import N_EXTRAS, Intersection
 from swarmdata.envs.intersection.junction import Junction, arm_at
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.registry.components import make_env, make_policy

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.search.search import Search
 from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.sight import is_in_sight

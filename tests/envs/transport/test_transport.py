@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.transport.payload import (
     obstacle_gap,
     payload_radius,
@@ -17,7 +18,6 @@ from swarmdata.envs.transport.payload import (
 from swarmdata.envs.transport.transport import Transport
 from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance, nearest
 from swarmdata.registry.components import make_env

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, shortest_path_length
 from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
 from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import STREAMS, derive, uniform

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.envs.world.world import KinematicBackend
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.registry.components import make_env, make_task
 from swarmdata.registry.presets import preset
