@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cli.main import app
+from tests.catalogue.conftest import one_study
 from tests.support.tiny import TINY
 
 RUNNER = CliRunner()
@@ -22,7 +23,8 @@ def test_build_and_open(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(webbrowser, "open", show)
 
-    built = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(out)])
+    with one_study():
+        built = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(out)])
     shown = RUNNER.invoke(app, ["catalogue", "open", "--out", str(out)])
 
     assert built.exit_code == 0, built.output
