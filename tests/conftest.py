@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,6 +74,17 @@ def cache_folder(caches: Iterator[Path], monkeypatch: pytest.MonkeyPatch) -> Pat
     monkeypatch.setenv("SWARMDATA_CACHE", str(folder))
     monkeypatch.setenv("SWARMDATA_REMOTES", "")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_command_line() -> Iterator[None]:
+    """Typer makes its command anew in every call of its runner, longer than most commands take."""
+    import typer.main
+    import typer.testing
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cli.main import app
-from tests.catalogue.conftest import one_study
+from tests.catalogue.conftest import little_published
 from tests.support.tiny import TINY
 
 RUNNER = CliRunner()
@@ -23,7 +23,7 @@ def test_build_and_open(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(webbrowser, "open", show)
 
-    with one_study():
+    with little_published():
         built = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(out)])
     shown = RUNNER.invoke(app, ["catalogue", "open", "--out", str(out)])
 
