@@ -97,7 +97,7 @@ def one_process() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The dataset of `tests.support.tiny.TINY`; to be copied by who changes it."""
     from tests.support.tiny import TINY, make_tiny
