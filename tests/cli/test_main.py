@@ -24,6 +24,8 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 COMMAND = [
     sys.executable,
     "-c",

@@ -17,6 +17,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
 from tests.support.measured import references_at
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 TINY = Recipe(
     id="coop_nav-tiny-v0",
     tier="random",
