@@ -108,6 +108,7 @@ def test_reports_catalogues_and_exported_policies(home: Path, data: Path, tmp_pa
     assert ">bc</td>" in next((tmp_path / "site/results").glob("result-results-*")).read_text()
 
 
+@pytest.mark.slow
 def test_an_exported_policy(home: Path, data: Path, tmp_path: Path) -> None:
     for package in ("torch", "onnx", "onnxscript"):
         pytest.importorskip(package, reason="exports a policy")
