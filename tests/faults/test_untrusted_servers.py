@@ -96,14 +96,14 @@ def test_a_history_that_is_rewritten_meanwhile(
     assert not (tmp_path / ID).exists()
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
     "tag",
     [
         *("/../../../../../evil", "", "a\\b", "\x1b[2J"),
-        *(
-            pytest.param(tag, marks=pytest.mark.slow)
-            for tag in ("x" * 4_000, "e3b0c442", ".", "\u00fc")
-        ),
+        *(pytest.param(tag, marks=SLOW) for tag in ("x" * 4_000, "e3b0c442", ".", "\u00fc")),
     ],
 )
 def test_etags_that_lie(
