@@ -54,16 +54,6 @@ def test_open_says_how_to_build(tmp_path: Path) -> None:
     assert "swarmdata catalogue build" in result.output
 
 
-def test_a_folder_of_something_else_is_refused(tiny: Path, tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("years of work")
-
-    result = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(tmp_path)])
-
-    assert result.exit_code == 1
-    assert "is no catalogue" in result.output
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
-
-
 def test_all_episodes_and_a_number_of_them_exclude_each_other(tmp_path: Path) -> None:
     options = ["--out", str(tmp_path / "site"), "--all", "--episodes", "3"]
 

@@ -45,11 +45,6 @@ def test_list_shows_every_tier_and_its_mini() -> None:
     assert not mini.is_cached
 
 
-def test_unknown_id_names_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match="Did you mean 'coop_nav-scripted'"):
-        load("coop_nav-scirpted")
-
-
 @pytest.mark.usefixtures("tiny")
 def test_load_builds_once_then_reads_the_cache(cache_folder: Path) -> None:
     first = load("coop_nav-tiny", workers=1, progress=False)

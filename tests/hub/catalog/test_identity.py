@@ -265,11 +265,6 @@ def test_a_shortened_recipe_in_the_cache_is_not_the_shipped_one(
 # --- recipe and arrays are held together ---
 
 
-def test_the_hash_of_the_recipe_is_beside_the_arrays(dataset: Path) -> None:
-    attributes = json.loads((dataset / ROOT).read_bytes())["attributes"]
-    assert attributes["recipe_hash"] == TINY.hash()
-
-
 @pytest.mark.parametrize("key", ["recipe_hash", "id"])
 def test_another_identity_beside_the_arrays_is_refused(dataset: Path, key: str) -> None:
     """Though every checksum is right."""
