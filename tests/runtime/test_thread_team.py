@@ -128,7 +128,7 @@ def test_kernels_leave_the_interpreter() -> None:
     end = threading.Event()
 
     def work() -> None:
-        count_up(out, 60_000_000)
+        count_up(out, 300_000_000)
         end.set()
 
     def tick() -> None:
