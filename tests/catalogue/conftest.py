@@ -14,7 +14,7 @@ from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogu
 from swarmdata.catalogue.result_sources import own_sources
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
-from swarmdata.hub.catalog.catalog import list_datasets
+from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets
 from swarmdata.registry.presets import preset
 from swarmdata.runtime.batches import Failures
 from swarmdata.specs.model_choice import with_models
@@ -27,6 +27,11 @@ FEW = re.compile("(coop_nav|transport)-(random|scripted|medium|expert)-")
 TASKS = ("formation", "transport", "warehouse")
 
 
+def few_published() -> list[DatasetInfo]:
+    """The published datasets that catalogues of tests show."""
+    return [info for info in list_datasets() if FEW.match(info.id)]
+
+
 @contextmanager
 def little_published() -> Iterator[None]:
     """Of what is published, one study and a few datasets are shown.
@@ -35,10 +40,9 @@ def little_published() -> Iterator[None]:
     and `pages/test_card_html.py` read all, and a slow test makes a catalogue of all datasets.
     """
     sources = own_sources([STUDY], Failures(1))
-    few = [info for info in list_datasets() if FEW.match(info.id)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", lambda: sources)
-        patch.setattr("swarmdata.catalogue.entries.list_datasets", lambda: few)
+        patch.setattr("swarmdata.catalogue.entries.list_datasets", few_published)
         yield
 
 
