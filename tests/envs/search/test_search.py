@@ -151,7 +151,7 @@ def test_messages_are_worth_much() -> None:
     for channel in ("goal", "none"):
         spec = SPEC.with_updates(communication=channel)
         policy = make_policy("scripted", spec)
-        result = evaluate(policy, spec, name=channel, n_episodes=30, progress=False)
+        result = evaluate(policy, spec, name=channel, n_episodes=20, progress=False)
         success[channel] = result.metrics["success"].mean()
     assert success["goal"] >= 0.8  # 0.9 and more in 1,000 episodes
     assert success["none"] <= success["goal"] - 0.3

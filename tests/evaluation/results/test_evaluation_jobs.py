@@ -1,7 +1,7 @@
 """Evaluations as jobs: the same files from any engine, twice, at once, and in pieces."""
 
 import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -111,8 +111,11 @@ def test_a_failure_elsewhere_names_the_policy(
     there = [
         Evaluation(e.source, e.policy, e.provenance, e.spec, N, e.block, blocked) for e in every
     ]
-    with pytest.raises(BuildError, match="policy 0 of scripted failed: "):
-        run_evaluations(there, workers=2, progress=False)
+    with (
+        ThreadPoolExecutor(1) as elsewhere,
+        pytest.raises(BuildError, match="policy 0 of scripted failed: "),
+    ):
+        run_evaluations(there, engine=elsewhere, progress=False)
 
 
 @pytest.mark.parametrize("option", [("--workers", "2"), ("--engine", "dask://host:1")])

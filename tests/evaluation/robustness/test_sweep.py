@@ -286,15 +286,6 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_teams_with_and_without_messages_share_an_axis_of_observation(
-    runs: Path, tmp_path: Path
-) -> None:
-    (found,) = run_sweep([runs / "talks", runs / "silent"], [NOISE], tmp_path)
-    assert [line.label for line in found.lines] == ["talks", "silent"]
-    assert [point.value for point in found.lines[1].points] == [0.0, 0.2]
-
-
-@pytest.mark.usefixtures("without_figures")
 def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
     sight = parse_axis("range=2,1", "observation")
     (found,) = run_sweep([Path("expert")], [sight], tmp_path, n_episodes=2)
