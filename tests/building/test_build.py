@@ -75,11 +75,8 @@ def start_build(folder: Path, out: Path) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(command, start_new_session=True)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_any_number_of_workers_gives_the_same_digest(
-    tmp_path: Path, digest: str, workers: int
-) -> None:
-    folder = build(make_recipe(), tmp_path / "d", workers=workers, progress=False)
+def test_processes_give_the_digest_of_one(tmp_path: Path, digest: str) -> None:
+    folder = build(make_recipe(), tmp_path / "d", workers=2, progress=False)
 
     assert read_manifest(folder).digest == digest
     assert [path.name for path in tmp_path.iterdir()] == ["d"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.audit import content_checks, subject
@@ -40,6 +40,7 @@ def findings(path: Path) -> tuple[Finding, ...]:
     return audit(path, sample=2, progress=False).findings
 
 
+@settings(max_examples=5)
 @given(rows=st.integers(1, 300), ends=st.integers(1, 20))
 def test_an_audit_does_not_depend_on_its_blocks(tiny: Path, rows: int, ends: int) -> None:
     whole = findings_without_replay(tiny)

@@ -19,16 +19,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import (
-    STATE_FIELDS,
-    STEP_FIELDS,
-    Bool,
-    Double,
-    Episode,
-    Float,
-    Int,
-    Seeds,
-)
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Bool, Double, Episode, Float, Int, Seeds
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
 NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}

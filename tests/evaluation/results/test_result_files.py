@@ -170,13 +170,3 @@ def test_a_result_and_its_provenance_have_one_label(tmp_path: Path) -> None:
     torn = replace(result(), provenance=other)
     with pytest.raises(SchemaError, match="is of 'bc', its provenance of 'ours'"):
         save_result(torn, tmp_path)
-
-
-def test_results_are_shown_on_one_line(tmp_path: Path) -> None:
-    read = load_result(save_result(result(MEDIUM), tmp_path))
-    text = repr(read)
-    assert text.startswith(f"Result(EvalResult({read.evaluation.policy} in {read.evaluation.task}:")
-    assert f"{len(read.evaluation.seeds)} episodes, mean return " in text
-    assert str(tmp_path) in text
-    assert "\n" not in text
-    assert len(text) < 300

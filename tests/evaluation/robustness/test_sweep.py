@@ -165,13 +165,6 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
-@pytest.mark.usefixtures("without_figures")
-@pytest.mark.slow
-def test_processes_leave_the_tables_of_one(runs: Path, swept: Path, tmp_path: Path) -> None:
-    run_sweep([runs / "talks"], [DROP, NOISE], tmp_path, workers=2)
-    assert content(tmp_path) == content(swept)
-
-
 @pytest.mark.slow
 def test_points_are_run_by_schedulers_in_any_order_and_at_once(
     runs: Path, swept: Path, tmp_path: Path

@@ -118,10 +118,7 @@ def their_rows(lengths: list[int], cut: list[bool], n_agents: int = 2) -> Any:
         return rows[:, None].repeat(1, n_agents, 1)
 
     def group(columns: int) -> dict[str, Any]:
-        return {
-            "observation": seen(time, columns),
-            "action": time[:, None].repeat(1, n_agents) % 3,
-        }
+        return {"observation": seen(time, columns), "action": time[:, None].repeat(1, n_agents) % 3}
 
     def after(columns: int) -> dict[str, Any]:
         reward = (100 * episode + time).float()[:, None, None].repeat(1, n_agents, 1)

@@ -16,11 +16,7 @@ from swarmdata.datasets.dataset import Dataset  # noqa: E402
 from swarmdata.errors import CheckpointError, ProgramError, SchemaError  # noqa: E402
 from swarmdata.learn.networks import compilation  # noqa: E402
 from swarmdata.learn.networks.compilation import compilable, compiling, has_compilable, uncompiled  # noqa: E402
-from swarmdata.learn.networks.perceptrons import (  # noqa: E402
-    MLPShape,
-    StackedMLP,
-    initialize,
-)
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize  # noqa: E402
 from swarmdata.learn.training.run_folder import read_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402

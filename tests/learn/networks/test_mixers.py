@@ -9,12 +9,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch import Tensor  # noqa: E402
 from torch.nn.functional import elu  # noqa: E402
 
-from swarmdata.learn.networks.mixers import (  # noqa: E402
-    FreeMixer,
-    LinearMixer,
-    MeanMixer,
-    MonotonicMixer,
-)
+from swarmdata.learn.networks.mixers import FreeMixer, LinearMixer, MeanMixer, MonotonicMixer  # noqa: E402
 
 SEEDS = [4, 9]
 

@@ -22,14 +22,7 @@ from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
 from swarmdata.types import Float, Step  # noqa: E402
-from tests.learn.policies.recurrent_training import (  # noqa: E402
-    FLOW,
-    MEMORY,
-    bc,
-    mac_flow,
-    steps_of,
-    trained,
-)
+from tests.learn.policies.recurrent_training import FLOW, MEMORY, bc, mac_flow, steps_of, trained  # noqa: E402
 
 Train = Callable[..., Any]
 

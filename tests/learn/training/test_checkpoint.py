@@ -11,11 +11,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from safetensors.torch import save_file  # noqa: E402
 
 from swarmdata.errors import CheckpointError, DiskFullError  # noqa: E402
-from swarmdata.learn.training.checkpoint import (  # noqa: E402
-    load_checkpoint,
-    part,
-    save_checkpoint,
-)
+from swarmdata.learn.training.checkpoint import load_checkpoint, part, save_checkpoint  # noqa: E402
 from swarmdata.runtime.atomic import write_file  # noqa: E402
 
 TENSORS = {

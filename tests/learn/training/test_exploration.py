@@ -12,11 +12,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch import Generator, Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import (  # noqa: E402
-    generators,
-    normal_like,
-    uniform_like,
-)
+from swarmdata.learn.networks.network_inputs import generators, normal_like, uniform_like  # noqa: E402
 from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy, gaussian  # noqa: E402
 
 

@@ -13,10 +13,7 @@ from swarmdata.hub.catalog.catalog import load  # noqa: E402
 from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
-from swarmdata.learn.policies.drawn_policy import (  # noqa: E402
-    FlowPolicy,
-    LatentPolicy,
-)
+from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402

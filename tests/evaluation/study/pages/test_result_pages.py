@@ -8,11 +8,7 @@ import pytest
 
 from swarmdata.drawing.page_text import MADE
 from swarmdata.errors import OutputError, StudyError
-from swarmdata.evaluation.study.pages.result_pages import (
-    QUESTIONS,
-    STUDY_PAGES,
-    write_result_pages,
-)
+from swarmdata.evaluation.study.pages.result_pages import QUESTIONS, STUDY_PAGES, write_result_pages
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.runtime.output_folder import filled
 

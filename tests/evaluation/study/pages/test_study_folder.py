@@ -26,10 +26,7 @@ from tests.evaluation.study.conftest import BC, MADDPG
 
 pytestmark = pytest.mark.usefixtures("here")
 
-WHOLE = {
-    "algorithms": {"bc": BC, "maddpg": MADDPG},
-    "curves": {"points": 2, "episodes": 2},
-}
+WHOLE = {"algorithms": {"bc": BC, "maddpg": MADDPG}, "curves": {"points": 2, "episodes": 2}}
 
 
 @pytest.fixture
@@ -158,10 +155,7 @@ def test_pages_are_made_again_from_the_folder_alone(
 
 @pytest.mark.usefixtures("empty_figures")
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
-    make_study: Callable[..., Study],
-    data: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    make_study: Callable[..., Study], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = tmp_path / "other-v0"
     shutil.copytree(data, other)

@@ -23,10 +23,7 @@ def rows_below(page: str, title: str) -> list[list[str]]:
 
 
 def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
-    data: Path,
-    make_study: Callable[..., Study],
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
+    data: Path, make_study: Callable[..., Study], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     tasks = ["coop_nav-easy", "coop_nav-n8"]
     plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
