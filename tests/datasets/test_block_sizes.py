@@ -92,15 +92,6 @@ def test_a_copy_does_not_depend_on_reads(tiny: Path, tmp_path: Path) -> None:
     assert logical_digest(data.stored.manifest, raw) == data.digest
 
 
-def test_transitions_are_those_of_the_sampler(tiny: Path) -> None:
-    view = Dataset.open(tiny).filter(policy="b")
-    sampler, copied = view.sampler(), view.transitions()
-    batch = sampler.gather(sampler.rows.valid)
-    for name in set(copied) - {"log_probs"}:
-        assert np.array_equal(copied[name], getattr(batch, name)), name
-    assert np.array_equal(copied["log_probs"], batch.log_probs)
-
-
 @pytest.mark.usefixtures("tight")
 def test_other_rewards_do_not_depend_on_blocks(tiny: Path) -> None:
     data = Dataset.open(tiny)

@@ -23,16 +23,6 @@ from tests.numerics.test_weighted_terms import plain
 Values = dict[str, Any]
 """What formulas mention, each [E, N] or wider."""
 
-NAMES = (
-    "coop_nav",
-    "coop_nav-unassigned",
-    "formation-n8",
-    "transport",
-    "transport-hard",
-    "warehouse",
-    "intersection",
-    "search",
-)
 
 CLOSE = 1e-5
 """`store.attributes.PRECISION` says so."""

@@ -1,6 +1,5 @@
 """TorchRL: its replay buffers sample what we write, and we read what they stored."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from swarmdata.types import END_REASONS
 pytest.importorskip("torchrl", reason="the extra 'torchrl'")
 torch = pytest.importorskip("torch", reason="the extra 'torch'")
 
-RoundTrip = Callable[[Dataset, str], Dataset]
 pytestmark = pytest.mark.slow  # importing TorchRL takes seconds
 
 

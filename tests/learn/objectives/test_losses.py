@@ -13,7 +13,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go  # noqa: E402
-from swarmdata.learn.networks.network_inputs import RobotRewards, standardize, with_agent_id  # noqa: E402
+from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.objectives.losses import (  # noqa: E402
     anchored_loss,
@@ -208,12 +208,6 @@ def test_equal_returns_have_a_scale_of_one() -> None:
 def test_an_empty_dataset_cannot_be_measured() -> None:
     with pytest.raises(SchemaError, match="no episodes"):
         Statistics.measure(MemoryDataset([]), discount=1.0)
-
-
-def test_constant_features_are_only_centered() -> None:
-    values = torch.tensor([[3.0, 5.0]])
-    out = standardize(values, torch.tensor([1.0, 4.0]), torch.tensor([2.0, 0.0]))
-    assert out.tolist() == [[1.0, 1.0]]
 
 
 def test_agents_see_their_number() -> None:

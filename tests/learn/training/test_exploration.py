@@ -4,8 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
@@ -23,19 +21,6 @@ def test_a_schedule_falls_and_stays() -> None:
     )
     with pytest.raises(SchemaError, match="expected above 0"):
         LinearSchedule(1.0, 0.2, duration=0.0)
-
-
-@given(
-    start=st.floats(0, 1),
-    end=st.floats(0, 1),
-    duration=st.floats(0.01, 1),
-    progress=st.floats(0, 1),
-)
-def test_a_schedule_stays_between_its_ends(
-    start: float, end: float, duration: float, progress: float
-) -> None:
-    value = LinearSchedule(start, end, duration).at(progress)
-    assert min(start, end) - 1e-9 <= value <= max(start, end) + 1e-9
 
 
 def test_noise_has_its_deviation_and_stays_in_the_box() -> None:

@@ -2,11 +2,6 @@
 
 import csv
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -158,39 +153,6 @@ def test_a_batch_smaller_than_a_segment_is_refused(tmp_path: Path) -> None:
         run("bc", tmp_path, config=config_of("bc", memory="gru", window=9))
     with pytest.raises(SchemaError, match="memory_size=0, burn_in=10 and window=20"):
         run("bc", tmp_path, config=config_of("bc", memory="gru", memory_size=0))
-
-
-@pytest.mark.slow
-def test_a_killed_run_is_resumed_exactly(tmp_path: Path) -> None:
-    """SIGKILL in the middle, in a process of its own."""
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    code = (
-        "import importlib.util, sys, pathlib\n"
-        f"spec = importlib.util.spec_from_file_location('suite', {__file__!r})\n"
-        "suite = importlib.util.module_from_spec(spec); spec.loader.exec_module(suite)\n"
-        "suite.long_run(pathlib.Path(sys.argv[1]))\n"
-    )
-    victim = subprocess.Popen([sys.executable, "-c", code, str(broken)])
-    deadline = time.monotonic() + 300
-    while not (broken / CHECKPOINT).exists():
-        assert victim.poll() is None, "the run ended before it could be killed"
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-    os.kill(victim.pid, signal.SIGKILL)
-    assert victim.wait() == -signal.SIGKILL
-    assert load_checkpoint(broken / CHECKPOINT)[1]["update"] < LONG
-    long_run(broken)
-    long_run(whole)
-    assert_same_files(whole, broken)
-
-
-LONG = 300
-
-
-def long_run(folder: Path) -> None:
-    config = config_of("maddpg_bc", n_updates=LONG)
-    schedule = Schedule(log_every=10, checkpoint_every=20, evaluate_every=100)
-    run("maddpg_bc", folder, config=config, schedule=schedule)
 
 
 def test_a_finished_run_is_loaded_not_trained(
