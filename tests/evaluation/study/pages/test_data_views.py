@@ -41,7 +41,7 @@ def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
 
 
 def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Path) -> None:
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
@@ -67,7 +67,9 @@ def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Pat
 def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
     study: Study, tmp_path: Path
 ) -> None:
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/*", progress=False)
+    options = StudyOptions(
+        tmp_path / "out", tmp_path / "work", only="bc/*", workers=1, progress=False
+    )
     title = "## Information: learned with one, used with another"
     _, (page, *_) = run_study(study, options, "x")
     assert title not in page.read_text()
