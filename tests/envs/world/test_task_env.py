@@ -42,13 +42,6 @@ def assert_same(left: list[Step], right: list[Step]) -> None:
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
-def specs(task: str) -> list[TaskSpec]:
-    base = preset(task)
-    team = [role.model_dump() for role in base.team]
-    team[0]["robot"]["dynamics"] = "unicycle"
-    return [base, base.with_updates(team=team)]
-
-
 def test_a_partial_reset_leaves_the_other_copies_alone() -> None:
     env = make_env(TaskSpec(), 3)
     env.reset(seeds(1, 2, 3))
