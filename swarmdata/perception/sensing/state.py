@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from swarmdata.numerics.geometry import bounding_radius, nearest_of_shape
+from swarmdata.numerics.geometry import bounding_radius, nearest_of, nearest_of_shape
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import Scene
@@ -124,19 +124,21 @@ class State:
 
 
 @kernel(inline="always")
-def take_smallest(numbers: Double) -> int:
-    """Index of the smallest number, the first of equal ones, -1 if none is finite; it becomes inf.
-
-    A search without branches, since nobody can predict where the smallest is.
-    """
-    smallest, index = np.inf, -1
-    for m in range(numbers.shape[0]):
-        is_smaller = numbers[m] < smallest
-        smallest = numbers[m] if is_smaller else smallest
-        index = m if is_smaller else index
-    if index >= 0:
-        numbers[index] = np.inf
-    return index
+def _insert(found: Double, k: int, gap: float, index: int, vx: float, vy: float) -> None:
+    """Keeps the k smallest gaps in order, as rows (gap, index, vx, vy); ties by their index."""
+    slot = k
+    while slot > 0 and (
+        gap < found[slot - 1, 0] or (gap == found[slot - 1, 0] and index < found[slot - 1, 1])
+    ):
+        slot -= 1
+        if slot + 1 < k:
+            for c in range(4):
+                found[slot + 1, c] = found[slot, c]
+    if slot < k:
+        found[slot, 0] = gap
+        found[slot, 1] = index
+        found[slot, 2] = vx
+        found[slot, 3] = vy
 
 
 @kernel(inline="always")
@@ -172,6 +174,7 @@ def _neighbors(
     reach: float,
     limit: float,
     gaps: Double,
+    keys: Int,
 ) -> None:
     """Fills the neighbour slots of robot i, nearest first.
 
@@ -185,23 +188,25 @@ def _neighbors(
         reach: gap (m) at which closeness is 0.
         limit: gap (m) beyond which robots are not seen.
         gaps: scratch, [N].
+        keys: scratch, the same memory as the gaps, [N].
     """
     n, at, own = radii.shape[0], N_COLUMNS * i, radii[i]
     px, py = state[at + X], state[at + Y]
     for j in range(n):
         dx, dy = state[N_COLUMNS * j + X] - px, state[N_COLUMNS * j + Y] - py
         gap = math.sqrt(dx * dx + dy * dy) - own - radii[j]
-        gaps[j] = gap if gap <= limit else np.inf  # NaN: missed
+        gaps[j] = gap if gap <= limit else np.inf
     gaps[i] = np.inf
+    order_keys(keys)
     for slot in range(k):
         o = first + _NEIGHBOR * slot
-        j = take_smallest(gaps)
-        if j < 0:
+        j = take_smallest(keys) if slot < n else i
+        ddx, ddy = state[N_COLUMNS * j + X] - px, state[N_COLUMNS * j + Y] - py
+        gap = math.sqrt(ddx * ddx + ddy * ddy) - own - radii[j]
+        if j == i or not gap <= limit:  # NaN: missed
             for c in range(_NEIGHBOR):
                 out[o + c] = 0.0
             continue
-        ddx, ddy = state[N_COLUMNS * j + X] - px, state[N_COLUMNS * j + Y] - py
-        gap = math.sqrt(ddx * ddx + ddy * ddy) - own - radii[j]
         x, y = np.float64(ddx), np.float64(ddy)
         close = _closeness(gap, reach) / max(math.sqrt(x * x + y * y), 1e-9)
         out[o] = x
@@ -223,9 +228,11 @@ def _find_obstacles(
     k: int,
     limit: float,
     found: Double,
+    squares: Double,
     powers: Double,
+    keys: Int,
 ) -> None:
-    """Finds the k nearest surfaces; where there are many, likely ones are looked at first.
+    """Finds the k nearest surfaces: likely ones first, then the few that may be nearer yet.
 
     Args:
         px: of the robot, m.
@@ -235,41 +242,72 @@ def _find_obstacles(
         circles: centres and bounding radii, m, [3, M].
         k: slots.
         limit: gap (m) beyond which obstacles are not seen.
-        found: written, rows (gap, index, vx, vy), smallest gap first, ties by their index, [k, 4].
+        found: written, as by `_insert`, [k, 4].
+        squares: scratch, [M].
         powers: scratch, [M].
+        keys: scratch, the same memory as the powers, [M].
     """
-    n, last, bound = layout.shape[0], k - 1, np.inf
+    n = squares.shape[0]
+    for m in range(n):
+        dx, dy, size = circles[0, m] - px, circles[1, m] - py, circles[2, m]
+        square = dx * dx + dy * dy
+        squares[m] = square if square < np.inf else np.inf  # NaN: missed
+        powers[m] = squares[m] - size * size
+    order_keys(keys)
     for slot in range(k):
         found[slot, 0] = np.inf
         found[slot, 1] = -1.0
-    n_likely = k if n > 2 * k else 0
-    for m in range(n if n_likely > 0 else 0):
-        dx, dy, size = circles[0, m] - px, circles[1, m] - py, circles[2, m]
-        power = dx * dx + dy * dy - size * size
-        powers[m] = power if power < np.inf else np.inf  # NaN: missed
-    for turn in range(n_likely + n):
-        m = turn - n_likely if turn >= n_likely else take_smallest(powers)
-        if m < 0 or (0 < n_likely <= turn and powers[m] == np.inf):
-            continue  # there is none, or it was taken
+    for _ in range(min(k, n)):
+        m = take_smallest(keys)
+        squares[m] = np.inf
+        distance, vx, vy = nearest_of(px, py, layout, m)
+        if distance - radius <= limit:
+            _insert(found, k, distance - radius, m, vx, vy)
+    bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _FIRST_TEST_SLACK) + _FIRST_TEST_SLACK
+    n_nearer = 0
+    for m in range(n):
+        reach = bound + circles[2, m]
+        n_nearer += 1 if squares[m] < reach * reach else 0
+    for m in range(n if n_nearer > 0 else 0):
+        reach = bound + circles[2, m]
+        if squares[m] < reach * reach:
+            distance, vx, vy = nearest_of(px, py, layout, m)
+            if distance - radius <= limit:
+                _insert(found, k, distance - radius, m, vx, vy)
+
+
+@kernel(error_model="numpy")
+def _scan_obstacles(
+    px: float,
+    py: float,
+    radius: float,
+    layout: Float,
+    circles: Double,
+    k: int,
+    limit: float,
+    found: Double,
+) -> None:
+    """Does what `_find_obstacles` does, in the order of the layout: faster where k of few count."""
+    for slot in range(k):
+        found[slot, 0] = np.inf
+        found[slot, 1] = -1.0
+    bound = np.inf
+    for m in range(layout.shape[0]):
         dx, dy, reach = circles[0, m] - px, circles[1, m] - py, bound + circles[2, m]
         if not dx * dx + dy * dy < reach * reach:  # NaN: missed
             continue
-        distance, vx, vy = nearest_of_shape(  # in line, as the rest: see `nearest_of`
+        distance, vx, vy = nearest_of_shape(  # in line, which is faster here than `nearest_of`
             px, py, layout[m, 0], layout[m, 1], layout[m, 2], layout[m, 3], layout[m, 4],
             layout[m, 5], layout[m, 6], layout[m, 7],
         )  # fmt: skip
-        gap, slot = distance - radius, k
-        gap = gap if gap <= limit else np.inf
-        while slot > 0 and (
-            gap < found[slot - 1, 0] or (gap == found[slot - 1, 0] and m < found[slot - 1, 1])
-        ):
-            slot -= 1
-            if slot < last:
+        gap, slot = distance - radius, k - 1
+        if gap <= limit and gap < found[slot, 0]:
+            while slot > 0 and gap < found[slot - 1, 0]:
                 for c in range(4):
-                    found[slot + 1, c] = found[slot, c]
-        if slot < k:
+                    found[slot, c] = found[slot - 1, c]
+                slot -= 1
             found[slot, 0], found[slot, 1], found[slot, 2], found[slot, 3] = gap, m, vx, vy
-            bound = (min(found[last, 0], limit) + radius) * (1.0 + _FIRST_TEST_SLACK)
+            bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _FIRST_TEST_SLACK)
             bound += _FIRST_TEST_SLACK
 
 
@@ -322,7 +360,8 @@ def observe_states(
     radii, limits, n_own, n_neighbors, n_obstacles, reach = unpack(packed, STATE_CONSTANTS)
     n_agents, n_shapes = radii.shape[0], layouts.shape[1]
     found, circles = np.empty((n_obstacles, 4)), np.empty((3, n_shapes))
-    gaps, powers = np.empty(n_agents), np.empty(n_shapes)
+    gaps, squares, powers = np.empty(n_agents), np.empty(n_shapes), np.empty(n_shapes)
+    gap_keys, power_keys = gaps.view(np.int64), powers.view(np.int64)
     first = n_own + _NEIGHBOR * n_neighbors
     for b in range(states.shape[0]):
         if not active[b]:
@@ -337,9 +376,42 @@ def observe_states(
             px, py, radius = state[at + X], state[at + Y], radii[i]
             _own(out, state, at, n_own)
             if n_neighbors > 0:
-                _neighbors(out, n_own, state, i, radii, n_neighbors, reach, limits[i], gaps)
+                _neighbors(
+                    out, n_own, state, i, radii, n_neighbors, reach, limits[i], gaps, gap_keys
+                )
             if n_obstacles > 0:
-                _find_obstacles(
-                    px, py, radius, layout, circles, n_obstacles, limits[i], found, powers,
-                )  # fmt: skip
+                if n_shapes <= 2 * n_obstacles:
+                    _scan_obstacles(px, py, radius, layout, circles, n_obstacles, limits[i], found)
+                else:
+                    _find_obstacles(
+                        px, py, radius, layout, circles, n_obstacles, limits[i], found, squares,
+                        powers, power_keys,
+                    )  # fmt: skip
                 _obstacles(out, first, px, py, layout, circles, radius, n_obstacles, reach, found)
+
+
+TAKEN_KEY = np.int64(np.iinfo(np.int64).max)
+"""Key of a number that was taken: above that of any number."""
+
+
+@kernel(inline="always")
+def order_keys(keys: Int) -> None:
+    """Turns the bits of float64 numbers, none NaN or -0, into integers of the same order, in place.
+
+    The bits of positive floats are in the order of the floats, those of negative ones in reverse.
+    """
+    for m in range(keys.shape[0]):
+        keys[m] ^= (keys[m] >> 63) & TAKEN_KEY
+
+
+@kernel(inline="always")
+def take_smallest(keys: Int) -> int:
+    """Index of the smallest key, the first of equal ones; its key becomes `TAKEN`."""
+    best = TAKEN_KEY
+    for m in range(keys.shape[0]):
+        best = min(best, keys[m])
+    index = 0
+    while keys[index] != best:
+        index += 1
+    keys[index] = TAKEN_KEY
+    return index
