@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build, make_part
+from swarmdata.building.build import build, make_part, part_maker
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_env
@@ -266,3 +267,17 @@ def test_policy_that_does_not_exist_is_named(tmp_path: Path) -> None:
 
     with pytest.raises(BuildError, match=r"part 0 of x failed: UnknownNameError.*'random'"):
         build(recipe, tmp_path / "d", workers=1, progress=False)
+
+
+def test_of_two_makers_of_parts_one_begins_with_the_physics(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[int] = []
+    monkeypatch.setattr(TaskEnv, "compile_physics", lambda env: begun.append(env.n_copies))
+    parts, found = Parts(make_recipe(), tmp_path), []
+
+    for policy, part in ((0, 0), (1, 0), (1, 1)):  # the first two begin a dataset
+        part_maker()(parts.job(policy, part).payload, lambda steps: None)
+        found.append(len(begun))
+
+    assert found == [0, 1, 1]

@@ -130,3 +130,14 @@ def test_a_unicycle_drives_along_its_heading_only(backend: type[KinematicBackend
     )
     np.testing.assert_allclose(turned, 5 * 0.1 * 0.6 * 3.0, rtol=5e-3)
     assert Robot().wheel_grip > 0.6 * 3.0, "wheels that slip in every turn at top speed"
+
+
+@pytest.mark.parametrize("task", ["coop_nav", "transport"])
+def test_compiling_the_physics_first_changes_no_bit(task: str) -> None:
+    plain, prepared = make_env(preset(task), 2), make_env(preset(task), 2)
+    assert isinstance(plain, TaskEnv)
+    assert isinstance(prepared, TaskEnv)
+
+    prepared.compile_physics()
+
+    assert_same(play(plain, seeds(3, 4), 20), play(prepared, seeds(3, 4), 20))
