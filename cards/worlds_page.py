@@ -1,33 +1,29 @@
 """The pages of all worlds: how reference policies perform in every preset."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.registry.published import Interval, TaskReferences
-from swarmdata.rollouts.metrics import EPISODE_METRICS, SOLVED_TIME, metrics_of
+from swarmdata.registry.published import TaskReferences
 
-SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
-"""Metrics that every row has; those of the task follow."""
+FIGURES = (
+    "return", "success (%)", "clean success (%)", "robot collisions", "obstacle collisions"
+)  # fmt: skip
+"""Columns after the policy and its score."""
 
 INDEX_HEAD = """# Worlds
 
-The shares of episodes that teams solve in every preset, over {n} reserved evaluation seeds. A
-preset's name leads to its whole table. `swarmdata references PRESET --out cards/references.json`
-measures a preset again, and `swarmdata task table --out docs/worlds` writes these pages.
-
-Where policies were trained for a preset, `medium` and `expert` are means over their checkpoints,
-which act greedily, without noise. Where a team needs a convention, `expert` is the mean over the
-scripted teams that follow one, in the order of the [tiers](../tiers.md#conventions).
+How many of {n} reserved episodes reference teams solve in every preset, in per cent. `straight` drives
+straight to its target, `scripted` reads the map, and `medium` and `expert` are the means of the
+learned policies of a [tier](../tiers.md), without action noise; in presets that need a convention,
+`expert` is the mean of the two scripted teams. [references.json](../../cards/references.json) has
+every checkpoint, metric and interval.
 """
 
 TASK_HEAD = """# Worlds of {task}
 
-The performance of reference teams in every preset of `{task}`: idle, random, driving straight to
-the targets, scripted and, where they were trained, medium and expert, with a row for each
-checkpoint. Values are means over reserved evaluation seeds, with 95 % bootstrap intervals of return
-and success; times are those of solved episodes. The score is 0 for the better of the idle and the
-random team and 100 for the expert. The [index](README.md) says how to measure them again.
+How reference teams perform in every preset of `{task}`, on the [reserved
+episodes](../glossary.md#results). Collisions are means per episode.
 """
 
 POLICY_ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
@@ -62,7 +58,7 @@ def _success(entry: TaskReferences | None) -> list[str]:
     shares = []
     for policy in INDEX_POLICIES:
         measured = entry and entry.policies.get(policy, {}).get("success")
-        shares.append(f"{100 * measured.value:.1f} %" if measured else "")
+        shares.append(f"{100 * measured.value:.1f}" if measured else "")
     return shares
 
 
@@ -83,36 +79,19 @@ def preset_figures(name: str, entry: TaskReferences | None) -> str:
     )
     if entry is None or entry.spec_hash != spec.hash():
         return f"{head}This version of the preset was not measured.\n"
-    metrics = metrics_of(spec.task)
-    own = [metric for metric in metrics if metric not in EPISODE_METRICS]
-    columns = [*SHARED_METRICS, "time_to_goal", *own]
-    labels = [SOLVED_TIME if c == "time_to_goal" else metrics[c].label for c in columns]
-    units = [metrics[column].unit for column in columns]
-    titles = [f"{k} ({unit})" if unit else k for k, unit in zip(labels, units, strict=True)]
-    rows = []
-    for policy, values in sorted(entry.policies.items(), key=lambda item: _rank(item[0])):
-        team_return = entry.mean_return(policy)
-        score = None if team_return is None else entry.score(team_return)
-        shown = "no expert" if score is None else f"{score:.1f}"
-        rows.append([policy, shown, *(_cell(values.get(column), column) for column in columns)])
-    return head + table(["policy", "score", *titles], rows)
+    score = [] if entry.reference is None else ["score"]
+    rows = [_row(policy, entry) for policy in POLICY_ORDER if policy in entry.policies]
+    return head + table(["policy", *score, *FIGURES], rows, is_numeric=True)
 
 
-def _rank(policy: str) -> tuple[int, str]:
-    """Sorts policies as in `POLICY_ORDER`, the checkpoints of a tier after it."""
-    tier = policy.rstrip("0123456789").removesuffix("-")
-    return POLICY_ORDER.index(tier) if tier in POLICY_ORDER else len(POLICY_ORDER), policy
-
-
-def _cell(value: Interval | None, column: str) -> str:
-    if value is None:
-        return "never"
-    if column in ("success", "clean_success"):
-        shown = [f"{100 * v:.1f}" for v in (value.value, value.low, value.high)]
-        return f"{shown[0]} %" if column != "success" else _with_interval(shown, " %")
-    shown = [f"{v:.2f}" for v in (value.value, value.low, value.high)]
-    return _with_interval(shown, "") if column == "return" else shown[0]
-
-
-def _with_interval(shown: Sequence[str], unit: str) -> str:
-    return f"{shown[0]} [{shown[1]}, {shown[2]}]{unit}"
+def _row(policy: str, entry: TaskReferences) -> list[str]:
+    """The figures of one policy; without a score where the preset has no expert."""
+    means = {name: each.value if each else 0.0 for name, each in entry.policies[policy].items()}
+    score = entry.score(means["return"])
+    return [
+        policy,
+        *([] if score is None else [f"{score:.1f}"]),
+        f"{means['return']:.2f}",
+        *(f"{100 * means[name]:.1f}" for name in ("success", "clean_success")),
+        *(f"{means[name]:.2f}" for name in ("robot_collisions", "obstacle_collisions")),
+    ]

@@ -19,6 +19,8 @@ from swarmdata.errors import MissingExtraError, SchemaError
 if TYPE_CHECKING:
     import torch
 
+    from swarmdata.perception.frames import Frame
+
 Float = NDArray[np.float32]
 Double = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -327,6 +329,17 @@ class Batch:
     def __repr__(self) -> str:
         """Returns the shapes instead of the values, on one line."""
         return shortened(f"Batch({_shapes({f.name: getattr(self, f.name) for f in fields(self)})})")
+
+    def in_frame(self, frame: "Frame | None") -> "Batch":
+        """Returns the batch as robots see and act in `frame`, such as `dataset.frame`.
+
+        The algorithms of this library learn from such batches. States and rewards stay as they are.
+
+        Args:
+            frame: in which observations and actions are returned; None: the world's, in which data
+                are recorded, so that the batch is returned as it is.
+        """
+        return self if frame is None else frame.turned(self)
 
     def to_torch(self, device: "torch.device | str" = "cpu") -> "Batch":
         """Returns the batch as tensors on `device`; on the CPU they share the arrays' memory."""

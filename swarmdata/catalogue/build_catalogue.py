@@ -27,6 +27,7 @@ from swarmdata.catalogue.result_sources import (
     ResultSource,
     committed_sources,
     own_sources,
+    results_on,
     studies_without_episodes,
     with_families,
     with_keys,
@@ -63,6 +64,8 @@ class CatalogueChoices:
         observation: observation model through which replays are shown; None: the recorded one.
         communication: communication model, likewise.
         workers: processes that build datasets.
+        published: whether published datasets whose episodes are not shown have pages too, and all
+            committed results; if not, there are only the datasets that are named and their results.
     """
 
     episodes: int | None = DEFAULT_EPISODES
@@ -70,6 +73,7 @@ class CatalogueChoices:
     observation: Source | None = None
     communication: Source | None = None
     workers: int | None = None
+    published: bool = True
 
 
 def build_catalogue(
@@ -104,9 +108,13 @@ def build_catalogue(
     start = perf_counter()
     failures = Failures(len(names) + len(choices.results), note)
     own = own_sources(choices.results, failures)
-    entries = find_entries(names, failures, workers=choices.workers)
+    entries = find_entries(
+        names, failures, workers=choices.workers, with_published=choices.published
+    )
     failures.n_items = len(entries) + len(failures.reasons) + len(own)
     committed = committed_sources()
+    if not choices.published:
+        committed = results_on(committed, {entry.id for entry in entries})
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "

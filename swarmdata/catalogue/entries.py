@@ -50,7 +50,11 @@ class Entry:
 
 
 def find_entries(
-    names: Sequence[str], failures: Failures, *, workers: int | None = None
+    names: Sequence[str],
+    failures: Failures,
+    *,
+    workers: int | None = None,
+    with_published: bool = True,
 ) -> list[Entry]:
     """Returns the entries of a catalogue, in the order of their ids.
 
@@ -59,6 +63,7 @@ def find_entries(
             they are absent. Without any, those in the cache.
         failures: of the batch; gets the datasets that cannot be opened.
         workers: processes that build.
+        with_published: whether to add the published datasets whose episodes are not shown.
 
     Raises:
         SpecError: two of the names are different datasets with the same id.
@@ -76,7 +81,7 @@ def find_entries(
                 f"and {dataset.digest[:12]}. Show one of them, or rename the other."
             )
         found[dataset.id] = _of_dataset(dataset)
-    for info in list_datasets():
+    for info in list_datasets() if with_published else ():
         if info.id not in found:
             found[info.id] = _of_published(info.id, info.n_steps, info.score)
     return [found[key] for key in sorted(found)]

@@ -9,7 +9,7 @@ import csv
 import math
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -88,6 +88,18 @@ def studies_without_episodes() -> list[str]:
     """Names of the committed studies whose episodes are not part of this installation."""
     shown = (study for study in committed_studies() if not study.chose_settings)
     return [each.name for each in shown if not each.folder.joinpath(ARCHIVE_FILE).is_file()]
+
+
+def results_on(sources: Sequence[ResultSource], datasets: Container[str]) -> list[ResultSource]:
+    """Returns the results on some datasets, by their ids, without sources that have none."""
+    kept = (
+        replace(
+            source,
+            outcomes=tuple(o for o in source.outcomes if o.dataset.partition("@")[0] in datasets),
+        )
+        for source in sources
+    )
+    return [source for source in kept if source.outcomes]
 
 
 def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:

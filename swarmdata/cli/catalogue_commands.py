@@ -16,7 +16,7 @@ Datasets = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[ID_OR_PATH]...",
-        help="datasets whose episodes are shown; default: those in the cache",
+        help="datasets to show; default: those in the cache, and pages of all published ones",
     ),
 ]
 MostEpisodes = Annotated[
@@ -49,7 +49,8 @@ def build_command(
 ) -> None:
     """Write static pages of datasets, episodes and results, and print their sizes and times.
 
-    They need no server and no network. An earlier catalogue in the folder is replaced when the new
+    Datasets that are named have pages, with the committed results on them; without names, all
+    published datasets have. The pages need no server and no network. An earlier catalogue in the folder is replaced when the new
     one is complete.
     """
     from swarmdata.catalogue.build_catalogue import (
@@ -69,6 +70,7 @@ def build_command(
         observation=observation,
         communication=communication,
         workers=workers,
+        published=not datasets,
     )
     names = published_minis() if minis else datasets or ()
     typer.echo(build_catalogue(names, out, choices, note=_note))

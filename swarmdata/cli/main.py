@@ -53,6 +53,8 @@ class _Group(TyperGroup):
         """Lists the commands in sections."""
         limit = formatter.width - 6 - max(map(len, self.commands))
         for title, names in SECTIONS.items():
+            if title == MAINTENANCE:
+                continue
             rows = [(name, self.commands[name].get_short_help_str(limit)) for name in names]
             with formatter.section(title):
                 formatter.write_dl(rows)
@@ -394,6 +396,9 @@ def _put_or_print(path: Path | None, entries: dict[str, Any]) -> None:
         put_entries(path, entries)
 
 
+MAINTENANCE = "Maintenance"
+"""Section of the commands that only maintainers of this repository need; the help leaves it out."""
+
 SECTIONS: dict[str, dict[str, Any]] = {
     "First": {
         "list": list_command,
@@ -416,11 +421,10 @@ SECTIONS: dict[str, dict[str, Any]] = {
         "verify": integrity_commands.verify,
         "card": card,
     },
-    "Worlds": {"task": task_app, "references": references},
+    "Tasks": {"task": task_app},
     "Learning": {
         "algorithms": training_commands.algorithms,
         "study": study_commands.study,
-        "study-pages": study_commands.study_pages,
         "sweep": sweep_commands.sweep,
         "transfer": sweep_commands.transfer,
         "rank": result_commands.rank,
@@ -433,9 +437,11 @@ SECTIONS: dict[str, dict[str, Any]] = {
         "push": remote_commands.push,
         "remote": remote_commands.remote_app,
         "catalogue": catalogue_app,
-    },
-    "Maintenance": {
         "warm": registry_commands.warm,
+    },
+    MAINTENANCE: {
+        "references": references,
+        "study-pages": study_commands.study_pages,
         "registry": registry_commands.registry_app,
         "ship": training_commands.ship,
     },

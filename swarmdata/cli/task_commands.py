@@ -67,7 +67,7 @@ def validate(name: NameOrFile) -> None:
     )
 
 
-@task_app.command()
+@task_app.command(hidden=True)  # for maintainers
 def table(
     out: Annotated[Path, typer.Option(help="folder to write the pages to")],
 ) -> None:

@@ -99,6 +99,8 @@ def train(
         frame=frame, curve_every=curve_every, keep=keep, device=device, compile=compile,
         workers=workers, engine=engine, part=group,
     )  # fmt: skip
+    if (measured := _trainers().last_evaluation(folder, ids, weights)) is not None:
+        typer.echo(measured)
     typer.echo(folder)
 
 

@@ -50,6 +50,7 @@ from swarmdata.types import (
 
 if TYPE_CHECKING:
     from swarmdata.interfaces import VecEnv
+    from swarmdata.perception.frames import Frame
 
 S = TypeVar("S", bound=BatchStream)
 R = TypeVar("R", bound=RowSampler)
@@ -246,6 +247,18 @@ class View(TrainingData[R]):
             SpecError: the dataset was recorded in another environment.
         """
         return task_of(self.recipe, "this") if self._observed is None else self._observed
+
+    @property
+    def frame(self) -> "Frame | None":
+        """The frame in which the algorithms of this library learn; None for the world's.
+
+        `batch.in_frame(dataset.frame)` gives what they learn from, and
+        `FunctionPolicy(act, frame=dataset.frame)` turns what a policy does back. `frame_of` has
+        other frames.
+        """
+        from swarmdata.rollouts.task_frame import frame_of  # noqa: PLC0415  (it compiles kernels)
+
+        return frame_of(self.spec)
 
     @property
     def view(self) -> str | None:

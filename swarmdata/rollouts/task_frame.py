@@ -10,9 +10,11 @@ from swarmdata.specs.origins import Spec
 def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
     """Returns the frame in which robots see and act; None for the world's, as data are recorded.
 
-        >>> frame = swarmdata.frame_of(dataset.spec)
-        >>> batch = frame.turned(next(dataset.sampler(256)))
+        >>> frame = swarmdata.frame_of(dataset.spec, "reference.heading")
+        >>> batch = next(dataset.sampler(256, seed=0)).in_frame(frame)
         >>> policy = swarmdata.FunctionPolicy(act, frame=frame)
+
+    `dataset.frame` is the default one.
 
     Args:
         spec: of a dataset. Recorded environments have only the world frame.

@@ -30,6 +30,8 @@ def test_build_and_open(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert built.exit_code == 0, built.output
     assert f"{TINY.id}: " in built.stderr
     assert built.stdout.strip() == str(out / "index.html")
+    assert [page.stem for page in (out / "datasets").iterdir()] == [TINY.id]
+    assert not (out / "results").exists(), "no committed study has results on it"
     assert shown.exit_code == 0
     assert opened == [(out / "index.html").as_uri()]
     assert shown.stdout.strip() == opened[0]

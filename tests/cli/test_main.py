@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from swarmdata import __version__
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.cli import main
-from swarmdata.cli.main import SECTIONS, app
+from swarmdata.cli.main import MAINTENANCE, SECTIONS, app
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
@@ -239,13 +239,22 @@ def test_values_of_options_say_got_and_expected() -> None:
 
 def test_help_lists_every_command_in_a_section() -> None:
     text = run("--help")
-    places = [text.index(f"{title}:") for title in SECTIONS]
+    shown = [title for title in SECTIONS if title != MAINTENANCE]
+    places = [text.index(f"{title}:") for title in shown]
     assert places == sorted(places)
     listed = [name for names in SECTIONS.values() for name in names]
     assert len(set(listed)) == len(listed)
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     assert commands.keys() <= set(listed)
-    assert all(f"\n  {name} " in text for name in commands)
+    for title, names in SECTIONS.items():
+        for name in names:
+            assert (f"\n  {name} " in text) is (title in shown), name
+
+
+@pytest.mark.parametrize("name", [*SECTIONS[MAINTENANCE], "task table"])
+def test_commands_of_maintainers_have_help_of_their_own(name: str) -> None:
+    assert "Usage: " in run(*name.split(), "--help")
+    assert "\n  table " not in run("task", "--help")
 
 
 def test_help_lists_options_by_case() -> None:

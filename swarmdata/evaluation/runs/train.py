@@ -19,7 +19,7 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.overrides import as_texts, override
-from swarmdata.learn.training.run_files import CURVE_METRICS
+from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table, run_folders
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start
@@ -368,6 +368,41 @@ def open_data(
     for part in data.parts if isinstance(data, Mixture) else (data,):
         check_installed(part.recipe, "training")
     return data
+
+
+def last_evaluation(
+    run: Path, dataset_id: str | Sequence[str], weights: Sequence[float] | None
+) -> str | None:
+    """Says in one line how good the policies of an offline run are, beside the data.
+
+    Args:
+        run: its folder.
+        dataset_id: what it was trained on, as `open_data` takes it.
+        weights: likewise.
+
+    Returns:
+        The line; None where there is no learning curve, or no reference for a score.
+    """
+    tables = [part / CURVE for part in run_folders(run)]
+    rows = [row for table in tables if table.is_file() for row in read_table(table)]
+    if not rows:
+        return None
+    update = max(row["update"] for row in rows)
+    last = [row for row in rows if row["update"] == update]
+    data = open_data(dataset_id, weights, {"progress": False})
+    parts = data.parts if isinstance(data, Mixture) else (data,)
+    if parts[0].references is None:
+        return None
+    score = data.normalized_score([np.mean([row["return"] for row in last])])[0]
+    success = np.mean([row["success"] for row in last])
+    own = ", ".join(
+        f"{part.normalized_score([part.episodes.team_return.mean()])[0]:.1f} ({part.id})"
+        for part in parts
+    )
+    return (
+        f"After {update:,.0f} updates, {len(last)} seed{'s' * (len(last) > 1)} score {score:.1f} and "
+        f"solve {success:.0%} of {CURVE_EPISODES} validation episodes; the data score {own}."
+    )
 
 
 def _check_replay(algorithm: str) -> None:

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -20,15 +21,17 @@ from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.train import read_settings, train, train_online
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.training.overrides import override
-from swarmdata.learn.training.run_files import run_hash
+from swarmdata.learn.training.run_files import read_table, run_hash
 from swarmdata.learn.training.run_folder import read_run
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.registry.presets import preset
+from swarmdata.registry.published import Reference
 from swarmdata.registry.recipes import FAMILIES, checkpoints
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
@@ -291,6 +294,37 @@ def test_online_training_begins_with_an_offline_run_and_mixes_data(
     assert description.recorded is not None
     assert description.recorded.share == 0.25
     assert description.config["actor_hidden"] == [8]
+
+
+def test_training_ends_with_the_score_of_its_last_evaluation_and_that_of_the_data(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from swarmdata.evaluation.runs import train as module
+
+    data = replace(load(tiny), references=Reference(-20.0, 10.0))
+    monkeypatch.setattr(module, "open_data", lambda *_: data)
+    out = tmp_path / "run"
+    sizes = ("--seeds", "2", "--updates", "4", "--set", "hidden=8", "--set", "batch_size=8")
+    text = run("train", "bc", tiny, "--out", out, *sizes, "--curve-every", "3")
+
+    rows = [row for row in read_table(out / "curve.csv") if row["update"] == 4]
+    assert len(rows) == 2
+    score = data.normalized_score([sum(row["return"] for row in rows) / 2])[0]
+    own = data.normalized_score([data.episodes.team_return.mean()])[0]
+    line, folder = text.splitlines()[-2:]
+    assert line.startswith(f"After 4 updates, 2 seeds score {score:.1f} and solve ")
+    assert line.endswith(f"the data score {own:.1f} ({TINY.id}).")
+    assert folder == str(out)
+
+
+def test_training_without_a_score_ends_with_its_folder(tiny: Path, tmp_path: Path) -> None:
+    """No references of the tiny task are known, and a recording has no learning curve."""
+    from swarmdata.evaluation.runs.train import last_evaluation
+
+    (tmp_path / "config.json").write_text("{}")
+    assert last_evaluation(tmp_path, str(tiny), None) is None
+    (tmp_path / "curve.csv").write_text("update,seed,return,success\n1,0,2.0,0.5\n")
+    assert last_evaluation(tmp_path, str(tiny), None) is None
 
 
 def test_a_device_that_is_not_here_is_one_sentence(tmp_path: Path) -> None:

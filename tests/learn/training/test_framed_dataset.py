@@ -39,6 +39,22 @@ def frame(data: Dataset) -> Frame:
     return found
 
 
+def test_a_loop_of_ones_own_gets_the_batches_that_algorithms_learn_from(
+    data: Dataset, frame: Frame
+) -> None:
+    """`batch.in_frame(dataset.frame)` is public; without a frame a batch stays as recorded."""
+    ours = framed(data.split("train"), frame).sampler(16, seed=3)
+    theirs = data.split("train").sampler(16, seed=3)
+    for _ in range(2):
+        expected, recorded = ours.gather(ours.draw()), next(theirs)
+        got = recorded.in_frame(data.frame)
+        for field in dataclasses.fields(expected):
+            assert np.array_equal(getattr(got, field.name), getattr(expected, field.name))
+    assert not np.array_equal(got.actions, recorded.actions)
+    assert recorded.in_frame(None) is recorded
+    assert data.reobserve(observation="lidar").frame is None
+
+
 def test_batches_are_those_of_the_data_turned(data: Dataset, frame: Frame) -> None:
     plain, turned = (each.sampler(32, seed=3) for each in (data, framed(data, frame)))
     index = plain.draw()
