@@ -13,11 +13,11 @@ FIGURES = (
 
 INDEX_HEAD = """# Worlds
 
-How many of {n} reserved episodes reference teams solve in every preset, in per cent. `straight` drives
-straight to its target, `scripted` reads the map, and `medium` and `expert` are the means of the
-learned policies of a [tier](../tiers.md), without action noise; in presets that need a convention,
-`expert` is the mean of the two scripted teams. [references.json](../../cards/references.json) has
-every checkpoint, metric and interval.
+How many of {n} reserved episodes reference teams solve in every preset, in per cent. `straight`
+drives straight to its target, `scripted` knows the map, and `medium` and `expert` are the means of
+the learned policies of a [tier](../tiers.md), without action noise; in presets that need a
+convention, `expert` is the mean of the two scripted teams.
+[references.json](../../cards/references.json) has every checkpoint, metric and interval.
 """
 
 TASK_HEAD = """# Worlds of {task}

@@ -100,7 +100,8 @@ def _format_index() -> str:
         for each in all_formats()
     ]  # fmt: skip
     return (
-        "# Formats, one by one\n\n[The guide](../../docs/formats.md) compares what they keep.\n\n"
+        "# Formats, one by one\n\n"
+        "[Your data](../../docs/your-data.md#convert-files) is the guide.\n\n"
         f"{table(('format', 'name', 'can be'), rows)}"
     )
 

@@ -6,7 +6,6 @@ from pathlib import Path, PurePosixPath
 
 REFERENCE = (
     ("Tasks", "reference/tasks/index"),
-    ("Presets", "reference/presets/index"),
     ("Datasets", "cards/published/index"),
     ("Algorithms", "reference/algorithms/index"),
     ("Formats", "reference/formats/index"),
@@ -15,10 +14,10 @@ REFERENCE = (
     ("Python reference", "reference/api/index"),
     ("Studies", "cards/studies/index"),
 )
-"""Title and page of each part that is generated from registries."""
+"""Title and page of each part that is generated from registries, in the section of that name."""
 
 LISTING = (
-    "docs/results", "docs/worlds", "reference/tasks", "reference/algorithms", "reference/formats",
+    "docs/results", "reference/tasks", "reference/algorithms", "reference/formats",
     "reference/layouts", "reference/schemas", "reference/api",
 )  # fmt: skip
 """Folders whose pages the sidebar lists below their index.
@@ -48,17 +47,16 @@ def add_navigation(tree: Path, *, has_catalogue: bool) -> None:
     """
     overview = tree / "docs/index.md"
     text = overview.read_text(encoding="utf-8")
-    contents = "".join(
-        toctree(
-            [(title, _from_docs(target)) for title, target in PAGE.findall(section[2])], section[1]
-        )
-        for section in SECTION.finditer(text)
-    )
+    contents = ""
+    for _, caption, pages in (match.group(0, 1, 2) for match in SECTION.finditer(text)):
+        listed_pages = [(title, _from_docs(target)) for title, target in PAGE.findall(pages)]
+        generated = REFERENCE if caption == "Reference" else ()
+        contents += toctree([*listed_pages, *generated], caption)
     home = tree / "index.md"
     front = home.read_text(encoding="utf-8")
     if has_catalogue:
         front = front.replace("## Results\n", f"{CATALOGUE}## Results\n", 1)
-    home.write_text(front + contents + toctree(REFERENCE, "Reference"), encoding="utf-8")
+    home.write_text(front + contents, encoding="utf-8")
     listed = {f"{_from_docs(target)}.md" for _, target in PAGE.findall(text)}
     listed |= {"index.md", *(f"{page}.md" for _, page in REFERENCE)}
     for folder in LISTING:

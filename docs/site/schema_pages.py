@@ -28,8 +28,8 @@ INTRODUCTIONS = {
     ),
     "recipe": (
         "A recipe is a YAML or JSON file that `swarmdata generate` makes a dataset of, and the "
-        "`recipe.json` of every generated dataset. [Generating](../../docs/generating.md) is the "
-        "guide, and [task files](task.md) describe `spec`."
+        "`recipe.json` of every generated dataset. [Generating and editing]"
+        "(../../docs/generating.md) is the guide, and [task files](task.md) describe `spec`."
     ),
     "study": (
         "A study is a YAML file that `swarmdata study` runs. "
@@ -38,7 +38,7 @@ INTRODUCTIONS = {
     "logs": (
         "A map is a YAML file that says `swarmdata import` which columns and topics of logs are "
         "poses, commands and observations. `each` holds for every robot, and `{robot}` is its "
-        "name. [Bring your own data](../../docs/bring-your-own-data.md) is the guide."
+        "name. [Your data](../../docs/your-data.md) is the guide."
     ),
 }
 

@@ -12,9 +12,14 @@ from pathlib import Path, PurePosixPath
 
 ROOT = Path(__file__).parents[2]
 
-SEEDS = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/results/*.md",
-         "docs/tutorials/*.ipynb", "cards/published/*.md", "cards/studies/*/report.md")  # fmt: skip
+SEEDS = ("README.md", "docs/README.md", "docs/results/*.md", "docs/tutorials/*.ipynb",
+         "cards/published/*.md", "cards/studies/*/report.md")  # fmt: skip
 """Pages that the site has whether or not another page links to them."""
+
+WORLDS = "docs/worlds"
+"""Tables of all presets, which the site has on the generated page of each."""
+
+PRESETS = "reference/presets/index.md"
 
 LINK = re.compile(r"(\]\(|(?:src|href)=\")([^)\s\"]+)(?=[)\"\s])")
 FRONT_MATTER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
@@ -33,9 +38,11 @@ class BrokenLinkError(ValueError):
 def site_path(path: str) -> str:
     """Where a file or a folder of the repository is on the site.
 
-    A folder is its index, a tutorial the notebook that has its outputs.
+    A folder is its index, a tutorial the notebook that has its outputs, `WORLDS` the presets.
     """
     here = PurePosixPath(path)
+    if here.is_relative_to(WORLDS):
+        return PRESETS
     if here.name == "README.md":
         return (here.parent / "index.md").as_posix()
     if here.match("docs/tutorials/*.md"):

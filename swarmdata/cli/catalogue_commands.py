@@ -50,8 +50,8 @@ def build_command(
     """Write static pages of datasets, episodes and results, and print their sizes and times.
 
     Datasets that are named have pages, with the committed results on them; without names, all
-    published datasets have. The pages need no server and no network. An earlier catalogue in the folder is replaced when the new
-    one is complete.
+    published datasets have. The pages need no server and no network. An earlier catalogue in the
+    folder is replaced when the new one is complete.
     """
     from swarmdata.catalogue.build_catalogue import (
         DEFAULT_EPISODES,

@@ -26,7 +26,7 @@ def export_dataset(
     """Converts a view of a dataset, and returns the absolute path of the result.
 
     The result is written beside `path` and renamed, so it is never incomplete; leftovers of a
-    killed conversion are removed. docs/formats.md lists what each format loses.
+    killed conversion are removed. docs/your-data.md lists what each format loses.
 
     Args:
         dataset: a dataset, or a view by `filter` or `split`.

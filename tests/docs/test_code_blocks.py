@@ -37,18 +37,16 @@ COMMAND = re.compile(r"^    swarmdata ((?:.*\\\n)*.*)", re.MULTILINE)
 
 NEEDS = {
     "docs/extending.md": "torch",
-    "docs/recording.md": "mpe2",
-    "docs/torchrl.md": "torchrl",
+    "docs/other-software.md": "torchrl",
     "docs/tutorials/another-environment.md": "mpe2",
+    "docs/tutorials/first-steps.md": "torch",
     "docs/tutorials/own-task.md": "torch",
-    "docs/tutorials/results.md": "torch",
+    "docs/your-data.md": "mpe2",
 }
 """A library that a page needs beside the package."""
 
 EXECUTED = {
-    "README.md": {"list"},
-    "docs/datasets.md": {"list", "info", "registry list"},
-    "docs/first-steps.md": {"list", "info"},
+    "docs/datasets.md": {"list", "info"},
     "docs/tasks.md": {"task list", "task show", "task validate"},
     "docs/remotes.md": {"remote list", "remote add", "remote remove"},
 }
@@ -56,10 +54,9 @@ EXECUTED = {
 
 EXECUTED_ON_DATA = {
     "docs/catalogue.md": {f"catalogue build {MINI} --observation lidar --communication lossy-30"},
-    "docs/editing.md": {"audit", "filter", "combine", "subsample"},
-    "docs/first-steps.md": {"generate", "info", "catalogue build"},
-    "docs/formats.md": {"convert"},
+    "docs/generating.md": {f"audit {MINI}", "filter", "combine", "subsample"},
     "docs/remotes.md": {f"verify {MINI}"},
+    "docs/your-data.md": {"convert"},
 }
 """Commands that need a mini, by page: names, or whole lines."""
 

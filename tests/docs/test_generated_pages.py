@@ -105,7 +105,15 @@ def test_the_sidebar_has_every_page_of_the_documentation(tree: Path) -> None:
     home = (tree / "index.md").read_text(encoding="utf-8")
     for page in [*(tree / "docs").glob("*.md"), *(tree / "docs/tutorials").glob("*.ipynb")]:
         name = page.relative_to(tree).with_suffix("").as_posix()
-        assert name == "docs/index" or f"<{name}>" in home, name
+        assert name in ("docs/index", "docs/measurements") or f"<{name}>" in home, name
+
+
+def test_the_site_has_six_parts_and_no_page_of_maintainers(tree: Path) -> None:
+    home = (tree / "index.md").read_text(encoding="utf-8")
+    parts = re.findall(r"^:caption: (.+)$", home, re.MULTILINE)
+    assert parts == ["Start", "Datasets", "Tasks", "Learn", "Results", "Reference"]
+    assert not (tree / "docs/fault-tests.md").exists()
+    assert not (tree / "docs/worlds").exists()
 
 
 def test_headings_go_down_one_level_at_a_time(tree: Path) -> None:
@@ -123,7 +131,8 @@ def test_headings_go_down_one_level_at_a_time(tree: Path) -> None:
 def test_a_readme_is_the_index_of_its_folder() -> None:
     assert site_path("docs/results/README.md") == "docs/results/index.md"
     assert site_path("docs/results") == "docs/results/index.md"
-    assert site_path("docs/tutorials/results.md") == "docs/tutorials/results.ipynb"
+    assert site_path("docs/tutorials/own-task.md") == "docs/tutorials/own-task.ipynb"
+    assert site_path("docs/worlds/README.md") == "reference/presets/index.md"
     assert site_path("LICENSE") == "LICENSE"
     text, linked = staged_text("docs/tiers.md", "[a](../README.md#datasets) `[b](c)`\n", {})
     assert text.endswith("[a](../index.md#datasets) `[b](c)`\n")

@@ -22,7 +22,7 @@ from swarmdata.interop.convert import import_dataset, source_digest
 from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import FORMATS, all_formats, find_format
 
-PAGE = Path(__file__).parents[2] / "docs/formats.md"
+PAGE = Path(__file__).parents[2] / "docs/your-data.md"
 NEEDS = {"minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl", "vault": "flashbax.vault"}
 SLOW = ("torchrl", "vault")
 WRITTEN = [

@@ -399,9 +399,10 @@ def last_evaluation(
         f"{part.normalized_score([part.episodes.team_return.mean()])[0]:.1f} ({part.id})"
         for part in parts
     )
+    team = "1 seed scores" if len(last) == 1 else f"{len(last)} seeds score"
     return (
-        f"After {update:,.0f} updates, {len(last)} seed{'s' * (len(last) > 1)} score {score:.1f} and "
-        f"solve {success:.0%} of {CURVE_EPISODES} validation episodes; the data score {own}."
+        f"After {update:,.0f} updates, {team} {score:.1f}, with {success:.0%} success in "
+        f"{CURVE_EPISODES} validation episodes; the data score {own}."
     )
 
 

@@ -28,7 +28,7 @@ from tests.support.tiny import TINY, make_tiny
 pytest.importorskip("rosbags", reason="the extra of bags")
 pytest.importorskip("mcap", reason="the extra of bags")
 
-PAGE = Path(__file__).parents[3] / "docs/formats.md"
+PAGE = Path(__file__).parents[3] / "docs/your-data.md"
 
 Topics = dict[str, list[tuple[int, Any]]]
 
@@ -200,8 +200,8 @@ def test_scans_are_in_metres(tiny: Dataset, read_back: Callable[[Dataset, str], 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_bag_is_imported_as_a_log(name: str, tiny: Dataset, tmp_path: Path) -> None:
-    """With the map of docs/formats.md: the same poses, goals and commands, step by step."""
-    text = PAGE.read_text(encoding="utf-8").partition("```yaml\n")[2].partition("```")[0]
+    """With the last map of docs/your-data.md: the same poses, goals and commands, step by step."""
+    text = PAGE.read_text(encoding="utf-8").rpartition("```yaml\n")[2].partition("```")[0]
     (tmp_path / "team.yaml").write_text(text)
     path = export_dataset(tiny, tmp_path / NAMES[name], format=name)
     logged = import_logs(
