@@ -305,8 +305,8 @@ class Batch:
     and zero on padding. They are None where they were not recorded, as in online replay and in most
     recordings of other environments.
 
-    `episodes` are the positions of the transitions' episodes in the view that is sampled, and zero
-    on padding. They are None in online replay.
+    `episodes` are the positions of the transitions' episodes in the sampled subset, and zero on
+    padding. They are None in online replay.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]; uint8 of recorded images, as states may be

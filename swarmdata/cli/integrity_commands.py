@@ -24,10 +24,10 @@ def verify(
     replay: Replay = 0,
     workers: Workers = None,
 ) -> None:
-    """Compare every byte with the manifest and the published digest.
+    """Compare every byte with the published digest.
 
-    Reports every broken file with its first bad chunk and rows. The exit code is 1 if any file is
-    broken, or if the dataset is not the published one.
+    Reports every file that differs from the manifest, with its first bad chunk and rows. The exit
+    code is 1 if any file is broken, or if the dataset is not the published one.
     """
     if not repair:
         refuse(context, ("workers",), "without --repair")

@@ -291,7 +291,7 @@ def card(
     ] = None,
     pictures: Annotated[bool, typer.Option(help="with --out: also draw the picture")] = True,
 ) -> None:
-    """Print a dataset's card, or write it with its picture (--out)."""
+    """Print a dataset's card, or write it with its picture."""
     if out is None:
         refuse(context, ("pictures",), "without --out")
     from swarmdata.cards.card import card_of, write_card

@@ -118,7 +118,7 @@ def update(
 
 
 def warm(workers: Workers = None) -> None:
-    """Compile all kernels now, so that no later command waits for it.
+    """Compile all simulators now, so that no later command waits.
 
     Meant for images and CI. Kernels are kept in SWARMDATA_CACHE, or NUMBA_CACHE_DIR if it is set,
     and are good for this version of swarmdata and numba and for this kind of CPU.

@@ -17,7 +17,7 @@ RemoteAddress = Annotated[
 remote_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Show and configure the remotes that are searched for datasets.",
+    help="Show and configure the remotes of datasets.",
 )
 
 
@@ -25,7 +25,7 @@ def push(
     dataset: IdOrPath,
     address: RemoteAddress,
 ) -> None:
-    """Publish a dataset on a remote, after all checks have passed.
+    """Publish a dataset on a remote, after all checks.
 
     The upload is atomic: other users see the whole dataset or nothing of it.
     """

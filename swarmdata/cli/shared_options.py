@@ -73,7 +73,7 @@ Randomize = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=LOW..HIGH",
-        help="range from which each episode draws, such as mass=0.8..1.5, or none; may be repeated",
+        help="range of a value of each episode, such as mass=0.8..1.5, or none; may be repeated",
         show_default="that of the task, the dataset or the training",
     ),
 ]

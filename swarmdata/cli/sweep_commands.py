@@ -71,7 +71,7 @@ def sweep(
     point: OnePoint = None,
     collect: Collect = False,
 ) -> None:
-    """Evaluate policies under worse communication or sensing, or with other bodies.
+    """Evaluate policies with worse sensors, radios and robots.
 
     One parameter changes at a time; everything else is as in training, on the same seeds. An
     interrupted sweep resumes: run the same command again.
@@ -166,7 +166,7 @@ def transfer(
     workers: Processes = 1,
     engine: Engine = "local",
 ) -> None:
-    """Compare policies in two simulators, and write a page of tables.
+    """Compare policies in two simulators.
 
     Policies act as they are, on the same seeds and layouts. An interrupted comparison resumes: run
     the same command again. Text that stands above the made part of the page is kept.

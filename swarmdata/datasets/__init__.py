@@ -1,1 +1,1 @@
-"""A dataset as users see it: views, samplers, reobservation."""
+"""A dataset as users see it: subsets, samplers, re-observation."""

@@ -1,4 +1,4 @@
-"""Dataset, a lazy view of recorded episodes: open, select, iterate, sample, score."""
+"""Dataset, recorded episodes that are read lazily: open, select, iterate, sample, score."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ class Dataset(View[Sampler]):
 
     Attributes:
         stored: the open files; of a reobservation or reweighting, with the arrays it computed.
-        selection: stored episodes of this view, int64 [n].
+        selection: stored episodes of this subset, int64 [n].
         references: anchors of the normalized score, if known.
         source: where the files came from, for example `folder`, `cache` or `rebuilt`.
         reobservation: with which sensors and radios this was observed again, if it was.
@@ -93,7 +93,7 @@ class Dataset(View[Sampler]):
 
     @property
     def card(self) -> str:
-        """Text of the dataset's card, Markdown; of a view, below notes about models and weights.
+        """Text of the dataset's card, Markdown; with notes about changed models and weights.
 
         Raises:
             MissingFileError: the dataset has no card.
@@ -161,7 +161,7 @@ class Dataset(View[Sampler]):
 
         The new arrays have 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a channel only):
         1.1 GB for a million states of four robots with 16 lidar rays. More than 256 MiB are in
-        nameless files in the folder of the cache, which go with the last view of them.
+        nameless files in the folder of the cache, deleted with the last dataset that uses them.
 
         Args:
             observation: the new model: its fields, a file, or a name such as `lidar`,
@@ -190,7 +190,7 @@ class Dataset(View[Sampler]):
         return replace(self, stored=stored, reobservation=reobserved)
 
     def _rewarded(self, stored: StoredDataset) -> StoredDataset:
-        """Other files with the rewards and returns of this view."""
+        """Other files with the rewards and returns of this subset."""
         names = ("rewards", "episodes/team_return")
         return stored.with_arrays({name: self.stored.arrays[name] for name in names})
 
@@ -198,17 +198,17 @@ class Dataset(View[Sampler]):
         """Returns the same episodes with the rewards that other weights of their terms give.
 
         The rewards are computed from the stored `reward_terms` as worlds compute them, so the
-        recorded weights give the recorded rewards bit for bit. Returns, `statistics` and what is
-        drawn from the view follow them. `spec`, `make_env` and the scale of the score stay those of
+        recorded weights give the recorded rewards bit for bit. Returns, `statistics` and batches
+        follow them. `spec`, `make_env` and the scale of the score stay those of
         the task: policies that learn from other rewards are still evaluated on its own, and the
-        returns of the view itself have no score.
+        new returns have no score.
 
         The new rewards have 4 N bytes per step; more than 256 MiB are in a file without a name, as
         those of `reobserve` are.
 
         Args:
             weights: new weights of terms by name, such as `robot_collision=2.0`, or `team_share`;
-                the others stay those of this view. `dataset.task.rules.rewards` has the recorded.
+                the others stay as they are. `dataset.task.rules.rewards` has the recorded.
 
         Raises:
             UnknownNameError: no such weight; the message lists those that exist.
@@ -245,13 +245,13 @@ class Dataset(View[Sampler]):
         return columns_of(make_task(self.task), array, agent)
 
     def transitions(self) -> dict[str, NDArray[Any]]:
-        """Copies every transition of this view into memory, row-aligned.
+        """Copies every transition of this subset into memory, row-aligned.
 
         Memory holds the result and little more.
 
         The last transition of every episode is kept; its `next_observations` and `next_states` are
         those of its final state, never the start of another episode. `episodes` has the index of
-        each row's episode in this view.
+        each row's episode in this subset.
 
         Returns:
             observations, next_observations [n, N, O]; states, next_states [n, S]; actions
@@ -269,7 +269,7 @@ class Dataset(View[Sampler]):
         self, batch_size: int | None = 256, *, slice_length: int | None = None,
         keys: Sequence[tuple[str, ...] | str] | None = None,
     ) -> Any:  # fmt: skip
-        """Returns a TorchRL replay buffer of this view's transitions, in memory.
+        """Returns a TorchRL replay buffer of this subset's transitions, in memory.
 
         Keys are those of TorchRL's multi-agent environments, such as ("agents", "observation") and
         ("next", "agents", "reward"); actions are as they were recorded.
@@ -282,7 +282,7 @@ class Dataset(View[Sampler]):
 
         Raises:
             MissingExtraError: TorchRL is not installed.
-            SchemaError: the view has no episodes, or the transitions lack a key.
+            SchemaError: the subset has no episodes, or the transitions lack a key.
         """
         from swarmdata.registry.components import REPLAY_BUFFERS, resolve  # noqa: PLC0415
 

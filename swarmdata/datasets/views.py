@@ -116,7 +116,8 @@ class TrainingData(ABC, Generic[S]):
             seed: of the stream.
 
         Raises:
-            SchemaError: the view is empty, a size is below 1, or continuous actions have no bounds.
+            SchemaError: there are no episodes, a size is below 1, or continuous actions have no
+                bounds.
         """
         return self._sampler(batch_size=batch_size, horizon=horizon, burn_in=burn_in, seed=seed)
 
@@ -137,7 +138,7 @@ class TrainingData(ABC, Generic[S]):
         policy: str | None = None,
         split: str | None = None,
     ) -> Self:
-        """Returns the view of the episodes that meet every given condition.
+        """Returns the subset of the episodes that meet every given condition.
 
         A part of a mixture without such episodes is left out; the other weights keep their
         proportions.
@@ -163,7 +164,7 @@ class TrainingData(ABC, Generic[S]):
         return Statistics.of(self.moments)
 
     def split(self, name: Literal["train", "validation", "test"]) -> Self:
-        """Returns the view of one stored split.
+        """Returns the subset of one stored split.
 
         Raises:
             UnknownNameError: another name.
@@ -199,7 +200,7 @@ class View(TrainingData[R]):
 
     __slots__ = ()
 
-    selection: Int  # stored episodes of this view, [n]
+    selection: Int  # stored episodes of this subset, [n]
     references: Reference | None  # anchors of the normalized score, if known
 
     @property
@@ -218,7 +219,7 @@ class View(TrainingData[R]):
 
     @property
     def digest(self) -> str:
-        """Logical SHA-256 of the whole dataset, hex; a view has that of its dataset."""
+        """Logical SHA-256 of the whole dataset, hex; a subset has that of its dataset."""
         return self._rows.manifest.digest
 
     @property
@@ -274,17 +275,17 @@ class View(TrainingData[R]):
 
     @property
     def episodes(self) -> EpisodeTable:
-        """One row per episode of this view."""
+        """One row per episode of this subset."""
         return self._rows.table.take(self.selection)
 
     @property
     def n_episodes(self) -> int:
-        """Episodes of this view."""
+        """Number of episodes of this subset."""
         return len(self.selection)
 
     @property
     def n_steps(self) -> int:
-        """Joint steps of this view."""
+        """Number of joint steps of this subset."""
         return int(self._rows.table.lengths[self.selection].sum())
 
     def __len__(self) -> int:
@@ -296,7 +297,7 @@ class View(TrainingData[R]):
     @overload
     def __getitem__(self, index: slice) -> Self: ...
     def __getitem__(self, index: SupportsIndex | slice) -> Episode | Self:
-        """Returns one episode, or the view of a slice of episodes.
+        """Returns one episode, or the subset of a slice of episodes.
 
         Raises:
             IndexError: there is no such episode.

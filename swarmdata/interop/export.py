@@ -1,4 +1,4 @@
-"""Converts a dataset, or a view of one, to a foreign format."""
+"""Converts a dataset, or a subset of one, to a foreign format."""
 
 import warnings
 from dataclasses import replace
@@ -23,13 +23,13 @@ class MisplacedExportWarning(UserWarning):
 def export_dataset(
     dataset: Dataset, path: Path | str, *, format: str, frame: str = "world"
 ) -> Path:
-    """Converts a view of a dataset, and returns the absolute path of the result.
+    """Converts a dataset or a subset of it, and returns the absolute path of the result.
 
     The result is written beside `path` and renamed, so it is never incomplete; leftovers of a
     killed conversion are removed. docs/your-data.md lists what each format loses.
 
     Args:
-        dataset: a dataset, or a view by `filter` or `split`.
+        dataset: a dataset, or a subset by `filter` or `split`.
         path: file or folder to write; may be relative, and begin with `~`.
         format: name of a format, such as `d4rl`.
         frame: of observations and actions: `target` turns them as algorithms of this library see
@@ -39,7 +39,7 @@ def export_dataset(
     Raises:
         UnknownNameError: there is no such format.
         SpecError: the dataset cannot have such a frame.
-        ConversionError: `path` exists, the view is empty, or the format cannot hold it.
+        ConversionError: `path` exists, the subset is empty, or the format cannot hold it.
         MissingExtraError: the format's library is not installed.
         DiskFullError: no space was left.
     """
@@ -58,7 +58,7 @@ def export_dataset(
 
 
 def in_frame(dataset: Dataset, anchor: str) -> Dataset:
-    """Returns the episodes of a view with observations and actions turned, all others as zeros.
+    """Returns the episodes of a subset with observations and actions turned, all others as zeros.
 
     They are those of `learn.training.framed_dataset`: after the observation's own numbers come the
     numbers that the frame adds, `Frame.names`. States, messages and layouts stay in the world's

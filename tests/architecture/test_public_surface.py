@@ -53,8 +53,10 @@ def test_documents_use_public_names_only() -> None:
         *(ROOT / "tests/examples").glob("[a-s]*.py"),
     ]
     # swarmdata.json is a file, swarmdata.tasks and so on are groups of entry points
-    allowed = {*swarmdata.__all__, *GROUPS, "__version__", "errors", "json"}
+    public = {*swarmdata.__all__, *GROUPS, "__version__", "errors", "json"}
+    subclassed = {"envs", "specs", "types"}  # of the task whose rules the tutorial changes
     for page in pages:
+        allowed = public | subclassed if page.name == "own-task.md" else public
         for name in re.findall(
             r"\bswarmdata\.([a-z_A-Z]+)\b(?!/)", page.read_text(encoding="utf-8")
         ):

@@ -249,6 +249,7 @@ def test_help_lists_every_command_in_a_section() -> None:
     for title, names in SECTIONS.items():
         for name in names:
             assert (f"\n  {name} " in text) is (title in shown), name
+    assert text.count("...\n") == 1, "a line of help is cut"  # `COMMAND [ARGS]...` is none
 
 
 @pytest.mark.parametrize("name", [*SECTIONS[MAINTENANCE], "task table"])

@@ -61,7 +61,7 @@ def combine_command(
     out: Out = None,
     tier: TierName = "edited",
 ) -> None:
-    """Make a dataset of all episodes of several datasets of a task."""
+    """Make a dataset of all episodes of several datasets."""
     from swarmdata.building.edit import combine_datasets
 
     opened = [_open(source) for source in sources]

@@ -91,7 +91,7 @@ def generate(
     remote: Remote = None,
     out: Out = None,
 ) -> None:
-    """Build a dataset from its recipe, or from a task and policies.
+    """Build a dataset of a recipe, or of a task and policies.
 
     With --task, networks of training runs are copied into the dataset, and its recipe.json makes it
     again. An interrupted build resumes: run the same command again.

@@ -393,10 +393,10 @@ def last_evaluation(
     parts = data.parts if isinstance(data, Mixture) else (data,)
     if parts[0].references is None:
         return None
-    score = data.normalized_score([np.mean([row["return"] for row in last])])[0]
+    score = data.normalized_score([row["return"] for row in last]).mean()
     success = np.mean([row["success"] for row in last])
     own = ", ".join(
-        f"{part.normalized_score([part.episodes.team_return.mean()])[0]:.1f} ({part.id})"
+        f"{part.normalized_score(part.episodes.team_return).mean():.1f} ({part.id})"
         for part in parts
     )
     team = "1 seed scores" if len(last) == 1 else f"{len(last)} seeds score"

@@ -71,7 +71,7 @@ class StreamedDataset(View[WindowSampler]):
 
     Attributes:
         blocks: the episodes, with the models through which they are observed.
-        selection: stored episodes of this view, int64 [n].
+        selection: stored episodes of this subset, int64 [n].
         stream: how it is streamed.
         references: anchors of the normalized score, if known.
         source: address of the release.

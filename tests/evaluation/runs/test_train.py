@@ -309,7 +309,7 @@ def test_training_ends_with_the_score_of_its_last_evaluation_and_that_of_the_dat
 
     rows = [row for row in read_table(out / "curve.csv") if row["update"] == 4]
     assert len(rows) == 2
-    score = data.normalized_score([sum(row["return"] for row in rows) / 2])[0]
+    score = data.normalized_score(sum(row["return"] for row in rows) / 2)
     own = data.normalized_score([data.episodes.team_return.mean()])[0]
     line, folder = text.splitlines()[-2:]
     assert line.startswith(f"After 4 updates, 2 seeds score {score:.1f}, with ")
