@@ -6,13 +6,21 @@ from importlib.metadata import version
 
 import numpy as np
 
+from swarmdata.drawing.markdown import table
 from swarmdata.errors import SchemaError
-from swarmdata.registry.published import Interval, TaskReferences
+from swarmdata.registry.published import GAP_METRICS, Interval, TaskReferences
 from swarmdata.rollouts.evaluate import check_comparable
 from swarmdata.rollouts.score_statistics import bootstrap, mean
 from swarmdata.types import Double, EvalResult
 
 BOOTSTRAP_SEED = 0
+
+LESS_COORDINATED = {
+    "scripted-alone": "each robot acts as if the others were not there",
+    "scripted-naive": "each robot takes the others for parked where they are",
+    "scripted-deaf": "no message arrives",
+}
+"""Policies of `behavior_policies.uncoordinated`, which the coordination gap compares."""
 
 
 def summarize(
@@ -46,7 +54,19 @@ def summarize(
             }
             for name, group in results.items()
         },
+        gaps={
+            name: {metric: _gap(results["scripted"], group, metric) for metric in GAP_METRICS}
+            for name, group in results.items()
+            if name in LESS_COORDINATED and "scripted" in results
+        },
     )
+
+
+def _gap(team: Sequence[EvalResult], less: Sequence[EvalResult], metric: str) -> Interval:
+    """By how much a team's metric is larger than that of a less coordinated one, by episode."""
+    found = interval(team[0].metrics[metric][None] - less[0].metrics[metric][None])
+    assert found is not None, metric  # metrics that every episode has
+    return found
 
 
 def made_with(backend: str = "pymunk") -> dict[str, str]:
@@ -71,3 +91,30 @@ def interval(values: Double) -> Interval | None:
     generator = np.random.Generator(np.random.PCG64(BOOTSTRAP_SEED))
     estimate = bootstrap(mean, per_episode[:, None], generator=generator)
     return Interval(value=estimate.value, low=estimate.low, high=estimate.high)
+
+
+def gap_section(known: TaskReferences) -> str:
+    """The coordination gaps of a task as Markdown; empty where they were not measured."""
+    if not known.gaps:
+        return ""
+    reference = known.reference
+    span = None if reference is None else reference.expert - reference.no_skill
+    scales = {"success": 100.0, "clean_success": 100.0, "score": span and 100.0 / span}
+    rows = [
+        (name, LESS_COORDINATED[name], *(_points(gaps, each, scales[each]) for each in scales))
+        for name, gaps in known.gaps.items()
+    ]
+    head = ("team", "in which", "success", "clean success", "score")
+    return (
+        "\nCoordination gap: by how many points the scripted team is better than the same "
+        "controllers with less coordination, with 95 % bootstrap intervals over the same "
+        "episodes.\n\n" + table(head, rows)
+    )
+
+
+def _points(gaps: Mapping[str, Interval], name: str, scale: float | None) -> str:
+    if scale is None:
+        return "no expert"
+    gap = gaps["return" if name == "score" else name]
+    value, low, high = (scale * each for each in (gap.value, gap.low, gap.high))
+    return f"{value:.1f} [{low:.1f}, {high:.1f}]"

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from swarmdata.cards.references import LESS_COORDINATED, gap_section
 from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Interval, TaskReferences
@@ -12,7 +13,7 @@ SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obs
 
 INDEX_HEAD = """# Worlds
 
-The shares of episodes that teams solve in every preset, over {n} reserved evaluation seeds. A
+The shares of episodes that teams solve in every preset, without any contact in brackets, over {n} reserved evaluation seeds. A
 preset's name leads to its whole table. `swarmdata references PRESET --out cards/references.json`
 measures a preset again, and `swarmdata task table --out docs/worlds` writes these pages.
 
@@ -30,10 +31,10 @@ and success; times are those of solved episodes. The score is 0 for the better o
 random team and 100 for the expert. The [index](README.md) says how to measure them again.
 """
 
-POLICY_ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
+POLICY_ORDER = ("idle", "random", "straight", *LESS_COORDINATED, "scripted", "medium", "expert")
 """Rows of a table."""
 
-INDEX_POLICIES = ("straight", "scripted", "medium", "expert")
+INDEX_POLICIES = ("straight", *LESS_COORDINATED, "scripted", "medium", "expert")
 """Columns of the index."""
 
 
@@ -58,11 +59,13 @@ def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
 
 
 def _success(entry: TaskReferences | None) -> list[str]:
-    """The shares of episodes that the policies of the index solve, in per cent."""
+    """The shares of episodes that the policies of the index solve, and solve cleanly, in %."""
     shares = []
     for policy in INDEX_POLICIES:
-        measured = entry and entry.policies.get(policy, {}).get("success")
-        shares.append(f"{100 * measured.value:.1f} %" if measured else "")
+        figures = entry.policies.get(policy, {}) if entry else {}
+        measured = [figures.get(metric) for metric in ("success", "clean_success")]
+        solved, clean = (each and f"{100 * each.value:.1f}" for each in measured)
+        shares.append(f"{solved} ({clean})" if solved else "")
     return shares
 
 
@@ -95,7 +98,7 @@ def preset_figures(name: str, entry: TaskReferences | None) -> str:
         score = None if team_return is None else entry.score(team_return)
         shown = "no expert" if score is None else f"{score:.1f}"
         rows.append([policy, shown, *(_cell(values.get(column), column) for column in columns)])
-    return head + table(["policy", "score", *titles], rows)
+    return head + table(["policy", "score", *titles], rows) + gap_section(entry)
 
 
 def _rank(policy: str) -> tuple[int, str]:

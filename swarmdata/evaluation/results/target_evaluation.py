@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from swarmdata.cards.references import summarize
+from swarmdata.cards.references import LESS_COORDINATED, summarize
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.policy_names import Target, find_target
 from swarmdata.evaluation.results.result_files import (
@@ -22,7 +22,9 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Seeds
 
-REFERENCE_POLICIES = ("idle", "random", "straight", "scripted", "medium", "expert")
+REFERENCE_POLICIES = (
+    "idle", "random", "straight", "scripted", *LESS_COORDINATED, "medium", "expert"
+)  # fmt: skip
 """Policies in the reference table of a task, if the task has them."""
 
 
@@ -126,8 +128,13 @@ def measure_references(
         UnknownNameError: no such task.
         SpecError: the file is not a spec.
     """
-    find_spec(task)
-    available = [name for name in names if name not in TIERS or sources(task, name)]
+    is_silent = find_spec(task).communication.kind == "none"
+    available = [
+        name
+        for name in names
+        if (name not in TIERS or sources(task, name))
+        and not (name == "scripted-deaf" and is_silent)
+    ]
     results: dict[str, list[EvalResult]] = {}
     for target in (find_target(name, task, backend=backend) for name in available):
         measured = evaluate_target(target, n_episodes, progress=progress)
