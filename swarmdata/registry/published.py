@@ -95,7 +95,7 @@ class TaskReferences(Frozen):
     n_episodes: Annotated[int, Field(ge=1)]
     made_with: dict[str, str]
     policies: dict[str, dict[str, Interval | None]]  # policy -> metric; None: never defined
-    gaps: dict[str, dict[str, Interval]] = {}
+    gaps: dict[str, dict[str, Interval]] = Field(default={})
     """Coordination gaps: by how much the scripted team is better than the same controllers with
     less coordination, by policy and metric of `GAP_METRICS`; paired by episode."""
 
