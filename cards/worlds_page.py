@@ -14,7 +14,8 @@ SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obs
 INDEX_HEAD = """# Worlds
 
 Percentages of episodes that teams solve in every preset, in brackets those solved without any
-contact, over {n} reserved evaluation seeds. A preset's name leads to its whole table. `swarmdata references PRESET --out cards/references.json`
+contact, over {n} reserved evaluation seeds. A preset's name leads to its whole table.
+`swarmdata references PRESET --out cards/references.json`
 measures a preset again, and `swarmdata task table --out docs/worlds` writes these pages.
 
 Where policies were trained for a preset, `medium` and `expert` are means over their checkpoints,
