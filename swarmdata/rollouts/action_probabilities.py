@@ -54,8 +54,8 @@ def certain_log_probs(chosen: Float, actions: Float) -> Float:
         actions: the actions taken, [E, N, A], A >= C; components beyond C are zero with certainty.
     """
     size = chosen.shape[-1]
-    beyond = _certain(np.float32(0.0), actions[..., size:])
-    return _joint(np.concatenate([_certain(chosen, actions[..., :size]), beyond], axis=-1))
+    is_taken = (actions[..., :size] == chosen).all(-1) & (actions[..., size:] == 0).all(-1)
+    return np.where(is_taken, np.float32(0.0), np.float32(-np.inf))
 
 
 def uniform_log_probs(actions: Float) -> Float:

@@ -82,9 +82,11 @@ def _run(
     ring = EpisodeRing(env, step)
     ring.write_start(step)
     while (wanted := positions != _NO_EPISODE).any():
+        ended = np.empty(0, np.int64)
         with limit:  # not while the caller works on an episode
-            step = ring.advance(env, policy, step, wanted)
-        ended = np.flatnonzero(step.ended & wanted)
+            while not len(ended):
+                step = ring.advance(env, policy, step, wanted)
+                ended = np.flatnonzero(step.ended & wanted)
         for copy in ended.tolist():
             finished[int(positions[copy])] = ring.cut(copy, step, policy_index)
             if progress is not None:

@@ -83,9 +83,11 @@ class TorchPolicy(Memoryless):
     frame: Frame | None = None
     uses_state: bool = False
     parameters: Parameters = "shared"
-    _folded: list[Layer] = field(default_factory=list, init=False, repr=False)  # at the first use
+    # by shape [N, O] of observations that were checked, at their first use
+    _folded: dict[tuple[int, ...], list[Layer]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
-    @torch.no_grad()
     def actions(self, observations: Float) -> Float:
         """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].
 
@@ -93,14 +95,15 @@ class TorchPolicy(Memoryless):
             SchemaError: the observations are not those the policy was trained on.
         """
         framed = observations if self.frame is None else self.frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
-        check_observations(self.layers[0], framed, mean, self.parameters)
-        if not self._folded:
-            self._folded.extend(fold(self.layers, mean, std, self.parameters))
-        rows = torch.from_numpy(framed.astype(np.float64)).transpose(0, 1)
-        outputs = mlp(self._folded, rows).transpose(0, 1)
-        actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
-        return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
+        layers = self._folded.get(framed.shape[1:])
+        if layers is None:
+            mean, std = self.observation_mean, self.observation_std
+            check_observations(self.layers[0], framed, mean, self.parameters)
+            layers = self._folded[framed.shape[1:]] = fold(self.layers, mean, std, self.parameters)
+        outputs = mlp(layers, torch.from_numpy(framed.astype(np.float64)).transpose(0, 1))
+        actions = outputs.tanh_() if self.squash else outputs.clamp_(-1, 1)
+        turned = in_world(self.frame, observations, actions.transpose(0, 1).numpy())
+        return turned.astype(np.float32)
 
 
 def fold(layers: Sequence[Layer], mean: Tensor, std: Tensor, parameters: Parameters) -> list[Layer]:
