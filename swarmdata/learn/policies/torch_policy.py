@@ -21,7 +21,7 @@ from swarmdata.types import Float, Int, Step
 class StepFunction(ABC):
     """Acting of a policy whose actions are a function of the step, its seeds and times included."""
 
-    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+    _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
 
     @abstractmethod
     def step_actions(self, step: Step) -> Float:
@@ -37,14 +37,13 @@ class StepFunction(ABC):
             SchemaError: the observations are not those the policy was trained on.
         """
         actions = self.step_actions(step)
-        self._last.keep(step, actions.astype(np.float64))
+        self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
 
     def log_probs(self, step: Step, actions: Float) -> Float:
         """Returns 0 for the robots that take the policy's actions, else -infinity, [E, N]."""
         kept = self._last.recall(step)  # right after `act`: the network need not run again
-        chosen = self.step_actions(step) if kept is None else kept.astype(np.float32)
-        return certain_log_probs(chosen, actions)
+        return certain_log_probs(self.step_actions(step) if kept is None else kept, actions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
