@@ -410,7 +410,8 @@ def random_team(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., 
 def test_policies_choose_again_on_one_thread(
     random_team: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen, act = [], Random.act
+    act = Random.act
+    seen: list[int] = []
 
     def watched(self: Random, step: Step) -> Float:
         seen.extend(info["num_threads"] for info in threadpool_info())

@@ -344,7 +344,7 @@ def test_batches_hold_what_the_algorithm_declares(
 
 def test_declared_fields_are_those_of_a_batch_and_of_the_class_itself() -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, "bc")
-    assert fields_of(kind) == {"observations", "actions"}
+    assert fields_of(kind) == frozenset({"observations", "actions"})
     assert fields_of(type("Derived", (kind,), {})) is None  # it may read more
     with pytest.raises(UnknownNameError, match="observation"):
         fields_of(type("Misspelt", (), {"FIELDS": ("observation",)}))
