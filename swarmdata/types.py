@@ -309,6 +309,9 @@ class Batch:
 
     `episodes` are the positions of the transitions' episodes in the view that is sampled, and zero
     on padding. They are None in online replay.
+
+    `costs` are those of `numerics.event_costs`, and zero on padding. They are None in online replay
+    and in recordings without events.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]; uint8 of recorded images, as states may be
@@ -323,6 +326,7 @@ class Batch:
     next_actions: Any = None  # as actions
     log_probs: Any = None  # as rewards
     episodes: Any = None  # as mask
+    costs: Any = None  # [B, N, C] or [B, L, N, C]
 
     def __len__(self) -> int:
         """Batch size, B."""

@@ -73,7 +73,9 @@ def train(
     communication: Communication = None,
     reward: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=WEIGHT", help="weight of a reward, may be repeated; or safe, or team"),
+        typer.Option(
+            metavar="NAME=WEIGHT", help="weight of a reward, may be repeated; or safe, or team"
+        ),
     ] = None,
     frame: Annotated[str, typer.Option(help="robots' frame: auto, world, or an anchor")] = "auto",
     workers: Processes = 1,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.errors import SchemaError
+from swarmdata.numerics.event_costs import costs_of
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import take_rows
 from swarmdata.store import EpisodeTable
@@ -111,7 +112,8 @@ def copy_transitions(
         for name in COPIED_FIELDS
     }
     later = {f"next_{name}": take_rows(arrays[name], states + 1) for name in of_states}
-    return copied | later
+    costs = costs_of(take_rows(arrays["events"], steps))
+    return copied | later | ({} if costs is None else {"costs": costs})
 
 
 def gather_windows(
@@ -188,6 +190,7 @@ def _gather(
         "next_actions": next_actions,
         "log_probs": log_probs,
         "episodes": lambda: rows.positions.take(episode),
+        "costs": lambda: costs_of(rows_of("events", index)),
     }
     return Batch(
         mask=mask,
