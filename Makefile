@@ -8,7 +8,7 @@
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
 #   make slow | learns           the long tests; tests that train until a threshold is beaten
 #   make docs | notebooks        the site, into dist/docs; the notebooks of the tutorials, which takes minutes
-#   make bench | wheel           the timings, into docs/benchmarks.md and docs/measurements.md; the installable files, into dist/
+#   make bench | wheel           the timings, into docs/benchmarks.md; the installable files, into dist/
 #   make digests                 builds every mini under many circumstances, compares digests; takes hours
 #   make clean                   removes what the targets made, except datasets in the user cache
 
@@ -137,7 +137,7 @@ notebooks: $(STAMPS)/docs
 	$(BIN)/python -m docs.site.make_notebooks $(ARGS)
 
 bench: $(STAMPS)/test
-	set -e; for file in $(filter-out %/bench_digests.py %/bench_memory_use.py,$(wildcard tests/benchmarks/bench_*.py)); do \
+	set -e; for file in $(filter-out %/bench_digests.py,$(wildcard tests/benchmarks/bench_*.py)); do \
 	echo "== $$file"; $(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
 
 digests: $(STAMPS)/test

@@ -14,7 +14,7 @@ all seeds have in common on an episode, c / E. Both variances are estimated. The
 quantile of Student's t at the degrees of freedom of Satterthwaite ("An Approximate Distribution of
 Estimates of Variance Components", Biometrics Bulletin 2:110, 1946). The decomposition is that of
 the two-way random-effects model, seeds by episodes (Searle, Casella and McCulloch, "Variance
-Components", 1992, section 4.3). `python -m tests.benchmarks.bench_intervals` measures the coverage.
+Components", 1992, section 4.3). docs/measurements.md has the coverage.
 
 Intervals of a quantity that cannot be below or above some value, such as a count or a share, end
 there (`Bounds`). The true mean lies within the bounds, so an interval that contains it still does

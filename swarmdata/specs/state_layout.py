@@ -4,8 +4,8 @@ Every task's state, float32 [S], starts with the N robots, `ROBOT` columns each.
 movable bodies, `BODY` columns for each follow. The task names the remaining columns.
 
 States are not exactly Markov: after a step with a contact they lack the memory of the solver, which
-moves robots by up to 4 mm in the next step, and by up to 31 mm where they press a payload.
-`python -m tests.benchmarks.bench_contacts` measures it.
+moves robots by up to 4 mm in the next step, and by up to 31 mm where they press a payload
+(docs/measurements.md, "Contacts").
 """
 
 from swarmdata.errors import SchemaError

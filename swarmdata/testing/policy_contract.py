@@ -5,6 +5,7 @@
 raises an AssertionError that names the broken promise of `interfaces.Policy`.
 """
 
+import pickle
 import random
 from collections.abc import Callable
 from dataclasses import fields
@@ -140,7 +141,7 @@ def _start(policy: Policy, spec: TaskSpec, make_env: MakeEnv) -> tuple[VecEnv, S
 
 def _global_generators() -> tuple[object, ...]:
     """The states of Python's and NumPy's global generators, to compare."""
-    return random.getstate(), repr(np.random.get_state())  # noqa: NPY002
+    return random.getstate(), pickle.dumps(np.random.get_state())  # noqa: NPY002
 
 
 def _actions(

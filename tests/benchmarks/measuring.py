@@ -15,12 +15,7 @@ PACKAGES = (
     "numpy", "numba", "pymunk", "vmas", "benchmarl", "torchrl", "torch", "mpe2", "pettingzoo",
 )  # fmt: skip
 
-DOCS = Path(__file__).parents[2] / "docs"
-
-MEASUREMENTS = (
-    "Contacts", "Contacts in datasets", "Coverage of intervals", "Memory of large datasets",
-)  # fmt: skip
-"""Sections of docs/measurements.md; the others are of speed."""
+PAGE = Path(__file__).parents[2] / "docs" / "benchmarks.md"
 
 
 class Rate(NamedTuple):
@@ -79,14 +74,13 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-def write_section(title: str, body: str, folder: Path = DOCS) -> None:
-    """Puts a section into its page: in its old place, or at the end."""
-    file = folder / ("measurements.md" if title in MEASUREMENTS else "benchmarks.md")
-    head, *old = file.read_text(encoding="utf-8").split("\n## ")
+def write_section(title: str, body: str) -> None:
+    """Puts a section into docs/benchmarks.md: in its old place, or at the end."""
+    head, *old = PAGE.read_text(encoding="utf-8").split("\n## ")
     parts = dict(part.split("\n", 1) for part in old)
     parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"
     sections = (f"## {section}\n{text.rstrip()}\n" for section, text in parts.items())
-    file.write_text("\n".join([head, *sections]), encoding="utf-8")
+    PAGE.write_text("\n".join([head, *sections]), encoding="utf-8")
 
 
 def _machine() -> str:

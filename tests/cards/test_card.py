@@ -162,13 +162,6 @@ def test_the_card_states_the_whole_reward() -> None:
     assert "`starts[e] + e + lengths[e]`" in text
 
 
-def test_a_collision_that_fails_is_stated() -> None:
-    spec = TaskSpec(on_collision="fail")
-    recipe = make_card_data().origin.model_copy(update={"spec": spec})
-    assert isinstance(recipe, Recipe)
-    assert "A contact that begins fails the episode" in render(make_card_data(recipe=recipe))
-
-
 def test_front_matter_is_yaml_for_the_hub() -> None:
     _, front, _ = render(make_card_data()).split("---\n", 2)
     content = yaml.safe_load(front)
@@ -187,12 +180,6 @@ def test_numbers_are_those_of_the_table() -> None:
     assert "| train | 36 |" in text
     score = 100 * (table.team_return.mean() + 4.0) / 10.0
     assert f"of this dataset scores {score:.1f}." in text
-
-
-def test_without_references_the_card_says_so() -> None:
-    assert "No reference policies were measured" in render(
-        replace(make_card_data(), references=None)
-    )
 
 
 @pytest.mark.parametrize(
@@ -269,12 +256,6 @@ def test_coverage_and_sides_are_read_from_the_findings() -> None:
     assert "No two robots passed each other head-on" in text
     assert "mutual information" not in text
     assert "Log-probabilities" not in text
-
-
-def test_undefined_log_probabilities_are_named() -> None:
-    text = render(make_card_data())
-    assert "| random | none | none | none | none | 100.0 % |" in text
-    assert "| expert-0 | 1.75 | -3.50 | 2.25 | 2.75 | 0.0 % |" in text
 
 
 def test_too_short_for_entropies() -> None:

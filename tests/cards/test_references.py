@@ -10,11 +10,9 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import (
     Interval,
     TaskReferences,
-    published,
     references,
     references_of,
 )
-from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.types import EvalResult
 
@@ -85,11 +83,6 @@ def test_shipped_references_are_of_the_shipped_specs() -> None:
         assert table.n_episodes == 1000
         assert set(table.policies) >= {"idle", "random", "straight", "scripted"}
     assert references_of("0" * 64) is None
-
-
-def test_published_datasets_have_recipes() -> None:
-    for dataset_id, entry in published().items():
-        assert shipped_recipes()[dataset_id].n_steps <= entry.n_steps
 
 
 def test_interval_is_strict() -> None:

@@ -1,6 +1,7 @@
 """One catalogue for all tests: every task, a lidar and a lossy radio, a recording with images."""
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogu
 from swarmdata.catalogue.result_sources import own_sources
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
+from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets
 from swarmdata.registry.presets import preset
 from swarmdata.runtime.batches import Failures
 from swarmdata.specs.model_choice import with_models
@@ -21,18 +23,26 @@ from tests.support.image_world import record_images
 from tests.support.tiny import TINY, make_tiny
 
 STUDY = Path(__file__).parents[2] / "cards" / "studies" / "goals"
+FEW = re.compile("(coop_nav|transport)-(random|scripted|medium|expert)-")
 TASKS = ("formation", "transport", "warehouse")
 
 
-@contextmanager
-def one_study() -> Iterator[None]:
-    """Of the committed studies, one is shown: reading all takes most of the time of a catalogue.
+def few_published() -> list[DatasetInfo]:
+    """The published datasets that catalogues of tests show."""
+    return [info for info in list_datasets() if FEW.match(info.id)]
 
-    `test_result_sources.py` reads all.
+
+@contextmanager
+def little_published() -> Iterator[None]:
+    """Of what is published, one study and a few datasets are shown.
+
+    Reading all studies and cards takes most of the time of a catalogue; `test_result_sources.py`
+    and `pages/test_card_html.py` read all, and a slow test makes a catalogue of all datasets.
     """
     sources = own_sources([STUDY], Failures(1))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", lambda: sources)
+        patch.setattr("swarmdata.catalogue.entries.list_datasets", few_published)
         yield
 
 
@@ -75,7 +85,7 @@ def measured(shown: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -
 def site(shown: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a catalogue of these datasets."""
     out = tmp_path_factory.mktemp("catalogue") / "site"
-    with one_study():
+    with little_published():
         build_catalogue([str(folder) for folder in shown.values()], out, CatalogueChoices())
     return out
 
@@ -83,7 +93,7 @@ def site(shown: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Pa
 @pytest.fixture(scope="session")
 def results_site(measured: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a catalogue with results whose run is at hand, and of committed studies."""
-    with pytest.MonkeyPatch.context() as patch, one_study():
+    with pytest.MonkeyPatch.context() as patch, little_published():
         patch.setenv("SWARMDATA_CACHE", str(tmp_path_factory.mktemp("empty")))
         out = tmp_path_factory.mktemp("results_catalogue") / "site"
         build_catalogue([], out, CatalogueChoices(results=(measured,)))

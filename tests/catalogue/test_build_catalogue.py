@@ -8,21 +8,22 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.catalogue import entries
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 from swarmdata.catalogue.entries import find_entries
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import list_datasets
 from swarmdata.runtime.batches import Failures
-from tests.catalogue.conftest import one_study
+from tests.catalogue.conftest import few_published, little_published
 from tests.support.tiny import TINY, make_tiny
 
 MOST_BYTES_OF_A_MINI = 2_000_000
 
 
 @pytest.fixture(autouse=True, scope="module")
-def committed_results() -> Iterator[None]:
-    """The studies of every catalogue in this file."""
-    with one_study():
+def published() -> Iterator[None]:
+    """The studies and published datasets of every catalogue in this file."""
+    with little_published():
         yield
 
 
@@ -48,7 +49,7 @@ def test_there_is_a_page_for_each_dataset(site: Path, shown: dict[str, Path]) ->
     index = (site / "index.html").read_text()
 
     ids = {TINY.id, "coop_nav-peer-v0", "formation-small-v0", "painting_v1-mine-v0"}
-    assert ids | {info.id for info in list_datasets()} <= pages
+    assert ids | {info.id for info in few_published()} <= pages
     assert all(f'href="datasets/{page}.html"' in index for page in pages)
     data = {path.name for path in (site / "data").iterdir()}
     assert {name for name in data if name in pages} == {
@@ -84,12 +85,17 @@ def test_the_table_says_what_the_dataset_has(site: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_catalogue_is_the_same_every_time(shown: dict[str, Path], tmp_path: Path) -> None:
+def test_a_catalogue_of_everything_is_the_same_every_time(
+    shown: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(entries, "list_datasets", list_datasets)
     names = [str(shown["tiny"]), str(shown["images"])]
     for out in ("one", "two"):
         build_catalogue(names, tmp_path / out, CatalogueChoices())
 
-    assert files_of(tmp_path / "one") == files_of(tmp_path / "two")
+    first = files_of(tmp_path / "one")
+    assert first == files_of(tmp_path / "two")
+    assert {f"datasets/{info.id}.html" for info in list_datasets()} <= first.keys()
 
 
 def test_a_sample_is_shown_and_the_page_says_so(shown: dict[str, Path], tmp_path: Path) -> None:
@@ -124,11 +130,11 @@ def test_without_names_the_cache_is_shown(
     (place / "broken-v0" / "manifest.json").write_text("{")
     failures = Failures(2)
 
-    entries = find_entries([], failures)
+    found = find_entries([], failures)
 
-    assert [entry.id for entry in entries if entry.dataset is not None] == [TINY.id]
+    assert [entry.id for entry in found if entry.dataset is not None] == [TINY.id]
     assert list(failures.reasons) == [str(place / "broken-v0")]
-    assert len(entries) == len(list_datasets()) + 1
+    assert len(found) == len(few_published()) + 1
 
 
 def test_two_datasets_of_one_id_are_refused(shown: dict[str, Path], tmp_path: Path) -> None:

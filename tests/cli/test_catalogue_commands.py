@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarmdata.cli.main import app
+from tests.catalogue.conftest import little_published
 from tests.support.tiny import TINY
 
 RUNNER = CliRunner()
@@ -22,7 +23,8 @@ def test_build_and_open(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(webbrowser, "open", show)
 
-    built = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(out)])
+    with little_published():
+        built = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(out)])
     shown = RUNNER.invoke(app, ["catalogue", "open", "--out", str(out)])
 
     assert built.exit_code == 0, built.output
@@ -50,16 +52,6 @@ def test_open_says_how_to_build(tmp_path: Path) -> None:
 
     assert result.exit_code == 1
     assert "swarmdata catalogue build" in result.output
-
-
-def test_a_folder_of_something_else_is_refused(tiny: Path, tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("years of work")
-
-    result = RUNNER.invoke(app, ["catalogue", "build", str(tiny), "--out", str(tmp_path)])
-
-    assert result.exit_code == 1
-    assert "is no catalogue" in result.output
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 def test_all_episodes_and_a_number_of_them_exclude_each_other(tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 COMMAND = [
     sys.executable,
     "-c",
@@ -255,10 +257,6 @@ def test_help_lists_options_by_case() -> None:
     assert {"With --to:", "With --from:"} <= set(run("convert", "--help").splitlines())
 
 
-def test_a_path_that_is_not_there_is_called_a_folder() -> None:
-    assert "runs/absent is no folder that is there" in run("evaluate", "runs/absent", code=1)
-
-
 def test_task_show_has_the_models_that_are_named() -> None:
     models = ("--observation", "lidar-8", "--communication", "lossy-30")
     text = CliRunner().invoke(app, ["task", "show", "coop_nav", *models]).stdout
@@ -333,10 +331,6 @@ def test_task_play_draws(tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_size > 2000
     assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
     assert "ends in" in run("task", "play", "coop_nav", "--out", tmp_path / "x.bmp", code=1)
-
-
-def test_unknown_target_is_named() -> None:
-    assert "Did you mean 'straight'" in run("evaluate", "strait", code=1)
 
 
 def test_warnings_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

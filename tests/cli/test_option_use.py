@@ -287,10 +287,6 @@ CASES = (
 )  # fmt: skip
 
 
-COMMAND_LINE = typer.main.get_command(app)
-"""Made once: it takes longer than most commands up to their boundary."""
-
-
 def commands() -> Iterator[tuple[str, Any]]:
     """Every command of the app by its words."""
 
@@ -301,7 +297,7 @@ def commands() -> Iterator[tuple[str, Any]]:
             else:
                 yield " ".join((*words, name)), command
 
-    return below(COMMAND_LINE, ())
+    return below(typer.main.get_command(app), ())
 
 
 COMMANDS = dict(commands())
@@ -361,7 +357,6 @@ def run_anew(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> t
             patch.setattr(name.replace(":", "."), work or (lambda *a, _v=value, **k: _v))
         for name in case.boundary:
             patch.setattr(name.replace(":", "."), boundary(name))
-        patch.setattr("typer.testing._get_command", lambda _: COMMAND_LINE)
         result = CliRunner().invoke(app, [*case.line.split(), *extra])
     if result.exception is not None and not isinstance(result.exception, Reached | SystemExit):
         raise result.exception

@@ -13,6 +13,8 @@ from swarmdata.registry.published import Published
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 TINY = Recipe(
     id="coop_nav-tiny-mini-v0",
     tier="random",

@@ -67,15 +67,6 @@ def test_what_is_nowhere(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run("pull", ID, code=1).count("there is no folder /nowhere") == 2
 
 
-@pytest.mark.parametrize("name", ["../x", "A B", "ü", "x" * 300, "coop_nav-medium-v1\n", "aux"])
-def test_strange_ids(name: str) -> None:
-    assert "is not the id of a dataset" in run("pull", name, code=1)
-
-
-def test_the_nearest_id_is_suggested() -> None:
-    assert "Did you mean 'coop_nav-medium-v1'?" in run("pull", "coop_nav-meduim", code=1)
-
-
 def test_the_gate_is_shut(dataset: Path, address: str, tmp_path: Path) -> None:
     bare = tmp_path / ID
     bare.mkdir()

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset
 from swarmdata.specs.recipe import PolicySource
+from tests.catalogue.conftest import little_published
 from tests.support.tiny import make_tiny
 
 MODELS = ("--observation", "noise-0.02", "--communication", "lossy-30")
@@ -85,9 +86,9 @@ def test_a_command_names_every_field_that_its_models_change_once(
     for boundary in BOUNDARIES:
         if "train" not in boundary or line.startswith("train"):
             monkeypatch.setattr(boundary, reach)
-    monkeypatch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", list)
     words = line.format(data=data, out=tmp_path).split()
-    result = CliRunner().invoke(app, [*words, *MODELS])
+    with little_published():
+        result = CliRunner().invoke(app, [*words, *MODELS])
     assert result.exit_code == 0 or isinstance(result.exception, Reached), result.output
     assert result.stderr.splitlines().count(SAID) == 1, result.output
     assert SAID not in result.stdout

@@ -28,33 +28,27 @@ from swarmdata.types import Batch, Step  # noqa: E402
 SIZES = sample_setup((0,)).sizes
 Draw = Callable[[Sequence[int], int], Batch]
 
-ACTOR_CRITIC: dict[str, Any] = {
-    "actor_hidden": (32, 32),
-    "critic_hidden": (32, 32),
-    "bc_warmup_updates": 2,
-    "n_updates": 200,
-}
+MEMORY: dict[str, Any] = {"memory": "gru", "memory_size": 8, "burn_in": 1, "window": 3}
+TWO: dict[str, Any] = {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200}
+ACTOR_CRITIC = {**TWO, "bc_warmup_updates": 2}
 FLOW: dict[str, Any] = {"flow_hidden": (32, 32), "n_flow_steps": 3, "n_updates": 200}
+ONE: dict[str, Any] = {"hidden": (32, 32), "n_updates": 200}
 SMALL: dict[str, dict[str, Any]] = {
-    "bc": {"hidden": (32, 32), "n_updates": 200},
-    "filtered_bc": {"hidden": (32, 32), "n_updates": 200},
-    "bc_flow": {"hidden": (32, 32), **FLOW},
-    "bc_latent": {"hidden": (32, 32), "n_updates": 200},
-    "mac_flow": {
-        "actor_hidden": (32, 32),
-        "critic_hidden": (32, 32),
-        **FLOW,
-    },
+    "bc": ONE,
+    "filtered_bc": ONE,
+    "bc_flow": {**ONE, **FLOW},
+    "bc_latent": ONE,
+    "mac_flow": {**TWO, **FLOW},
     "facmac_bc": ACTOR_CRITIC,
-    "iql": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
-    "omiga": {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200},
+    "iql": TWO,
+    "omiga": TWO,
     "maddpg_bc": ACTOR_CRITIC,
     "maddpg_cql": {**ACTOR_CRITIC, "n_samples": 2},
     "cfcql": {**ACTOR_CRITIC, "n_samples": 4},
     "icql_qs": {**ACTOR_CRITIC, "n_samples": 4},
     "omar": {**ACTOR_CRITIC, "n_samples": 2, "n_candidates": 4},
-    "vdn": {"hidden": (32, 32), "n_updates": 200},
-    "qmix": {"hidden": (32, 32), "n_updates": 200, "mixer_hidden": 16},
+    "vdn": ONE,
+    "qmix": {**ONE, "mixer_hidden": 16},
 }
 
 
@@ -82,10 +76,7 @@ def draw_choices(seeds: Sequence[int], index: int) -> Batch:
 @pytest.mark.parametrize("memory", ["none", "gru"])
 def test_algorithms_of_choices_keep_the_contract(name: str, memory: str) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    settings: dict[str, Any] = {}
-    if memory == "gru":
-        settings = {"memory": memory, "memory_size": 8, "burn_in": 1, "window": 3}
-    config = kind.Config(**SMALL[name], **settings)
+    config = kind.Config(**SMALL[name], **({} if memory == "none" else MEMORY))
 
     def build(seeds: Sequence[int]) -> Any:
         setup = sample_setup(seeds)
@@ -114,45 +105,23 @@ def test_its_policies_can_be_copied_into_a_dataset(name: str, memory: str, tmp_p
     np.testing.assert_array_equal(read.act(step()), policy.act(step()))
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"reward": "team", "mixer": "free", "mixer_hidden": 16},
-        {"noise": "own", "redraw": "episode"},
-    ],
+SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("mac_flow", {"reward": "team", "mixer": "free", "mixer_hidden": 16}),
+    ("mac_flow", {"noise": "own", "redraw": "episode"}),
+    ("maddpg_bc", {"joint_gradient": "own"}),
+    ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
+    ("vdn", {"regulariser": "none", "parameters": "separate"}),
+    ("qmix", {"regulariser": "bcq"}),
+    ("bc", MEMORY),
+    ("filtered_bc", MEMORY),
+    ("iql", MEMORY),
+    ("bc_flow", MEMORY),
+    ("mac_flow", MEMORY),
+    ("mac_flow", {**MEMORY, "noise": "own", "reward": "team", "n_updates": 20}),
+    ("vdn", {**MEMORY, "regulariser": "bc"}),
+    ("vdn", {**MEMORY, "regulariser": "cql", "parameters": "separate"}),
+    ("qmix", {**MEMORY, "regulariser": "bcq"}),
 )
-def test_other_ways_of_flowing_keep_the_contract(changes: dict[str, Any]) -> None:
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "mac_flow")
-    config = kind.Config(**SMALL["mac_flow"], **changes)
-
-    def build(seeds: Sequence[int]) -> Any:
-        return kind(Setup(SIZES, seeds, statistics()), config)
-
-    check_algorithm(build, draw, step())
-
-
-def test_own_joint_gradient_keeps_the_contract() -> None:
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "maddpg_bc")
-    config = kind.Config(**SMALL["maddpg_bc"], joint_gradient="own")
-    check_algorithm(lambda seeds: kind(Setup(SIZES, seeds, statistics()), config), draw, step())
-
-
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
-        ("vdn", {"regulariser": "none", "parameters": "separate"}),
-        ("qmix", {"regulariser": "bcq"}),
-    ],
-)
-def test_other_ways_of_valuing_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    config = kind.Config(**SMALL[name], **changes)
-
-    def build(seeds: Sequence[int]) -> Any:
-        return kind(Setup(SIZES, seeds, statistics()), config)
-
-    check_algorithm(build, draw, step(), n_updates=20)
 
 
 def in_windows(draw: Draw, seeds: Sequence[int], index: int) -> Batch:
@@ -165,26 +134,13 @@ def in_windows(draw: Draw, seeds: Sequence[int], index: int) -> Batch:
     return windows
 
 
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        ("bc", {}),
-        ("filtered_bc", {}),
-        ("iql", {}),
-        ("bc_flow", {}),
-        ("mac_flow", {}),
-        ("mac_flow", {"noise": "own", "reward": "team", "n_updates": 20}),
-        ("vdn", {"regulariser": "bc"}),
-        ("vdn", {"regulariser": "cql", "parameters": "separate"}),
-        ("qmix", {"regulariser": "bcq"}),
-    ],
-)
-def test_policies_with_a_memory_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("name", "changes"), SETTINGS)
+def test_other_settings_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    memory = {"memory": "gru", "memory_size": 8, "burn_in": 1, "window": 3}
-    config = kind.Config(**{**SMALL[name], **memory, **changes})
+    config = kind.Config(**{**SMALL[name], **changes})
 
     def build(seeds: Sequence[int]) -> Any:
         return kind(Setup(SIZES, seeds, statistics()), config)
 
-    check_algorithm(build, partial(in_windows, draw), step(), n_updates=20)
+    batches = partial(in_windows, draw) if "memory" in changes else draw
+    check_algorithm(build, batches, step(), n_updates=20)

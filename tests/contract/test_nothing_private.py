@@ -19,7 +19,7 @@ import swarmdata
 from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 from swarmdata.evaluation.study.plan import Study
-from tests.catalogue.conftest import one_study
+from tests.catalogue.conftest import little_published
 from tests.evaluation.study.conftest import here  # noqa: F401  # a fixture
 from tests.support.tiny import TINY, make_tiny
 
@@ -100,7 +100,7 @@ def test_reports_catalogues_and_exported_policies(home: Path, data: Path, tmp_pa
     run("train", "bc", data, "--out", home / "runs" / "bc", "--seeds", 2, *changes)
     run("evaluate", home / "runs" / "bc", "--episodes", 5, "--out", home / "results")
     run("report", home / "results", "--out", tmp_path / "report")
-    with one_study():
+    with little_published():
         options = ("--results", home / "results", "--out", tmp_path / "site")
         run("catalogue", "build", data, *options)
     for name in ("report", "site"):
@@ -108,6 +108,7 @@ def test_reports_catalogues_and_exported_policies(home: Path, data: Path, tmp_pa
     assert ">bc</td>" in next((tmp_path / "site/results").glob("result-results-*")).read_text()
 
 
+@pytest.mark.slow
 def test_an_exported_policy(home: Path, data: Path, tmp_path: Path) -> None:
     for package in ("torch", "onnx", "onnxscript"):
         pytest.importorskip(package, reason="exports a policy")

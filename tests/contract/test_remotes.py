@@ -2,6 +2,7 @@
 # ruff: noqa: F811  # fixtures of tests/hub/remotes are imported, and asked for by their names
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 from uuid import uuid4
@@ -30,6 +31,22 @@ from tests.hub.remotes.static_host import StaticHost
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
 
+@pytest.fixture(scope="module", autouse=True)
+def written_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The suite's datasets are written once and copied."""
+    root, kept = tmp_path_factory.mktemp("releases"), dict[str, Path]()
+
+    def copied(out: Path, lengths: list[int], dataset_id: str) -> Path:
+        key = f"{dataset_id} {lengths}"
+        if key not in kept:
+            kept[key] = write_release(root / str(len(kept)), lengths, dataset_id)
+        return Path(shutil.copytree(kept[key], out))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swarmdata.testing.remote_contract.write_release", copied)
+        yield
+
+
 @pytest.fixture
 def shelf(tmp_path: Path) -> FolderRemote:
     (tmp_path / "shelf").mkdir()
@@ -50,6 +67,7 @@ def test_object_stores(backoff: Backoff, here: Path) -> None:
     check_remote(BucketRemote(f"memory://{uuid4().hex}/prefix", backoff=backoff), here)
 
 
+@pytest.mark.slow
 def test_s3(backoff: Backoff, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
     with ObjectStore() as server:

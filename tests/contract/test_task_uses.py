@@ -43,7 +43,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.testing.task_contract import check_task
 from swarmdata.types import Float, Int
-from tests.catalogue.conftest import one_study
+from tests.catalogue.conftest import little_published
 from tests.support.own_task import Thrifty, ThriftyRules, nothing_registered, thrifty_installed
 from tests.support.tiny import make_tiny
 
@@ -127,7 +127,7 @@ def test_a_dataset_of_it_has_a_card_and_passes_the_audit(spec: TaskSpec, dataset
 
 @pytest.mark.parametrize("spec", ["search", OWN], indirect=True)  # tests/catalogue has others
 def test_a_catalogue_replays_it(spec: TaskSpec, dataset: Path, tmp_path: Path) -> None:
-    with one_study():
+    with little_published():
         build_catalogue([str(dataset)], tmp_path / "site", CatalogueChoices())
     files = {path.name for path in (tmp_path / "site").rglob("*.js")}
     assert {"episodes.js", "0.js"} <= files

@@ -227,21 +227,6 @@ def _close_figures() -> None:
         plt.close("all")
 
 
-def test_a_wrong_command_is_found() -> None:
-    for line, message in (
-        ("tarin bc coop_nav-medium", "No such command 'tarin'"),
-        ("train bc coop_nav-medium --seed 3 --out a", "No such option:? .?--seed"),
-        ("render --out a.gif", "Missing parameter: target"),
-        ("train bc coop_nav-medium --updates many --out a", "whole number"),
-    ):
-        with pytest.raises(Exception, match=message):
-            parse(line)
-
-
-def test_the_readme_shows_code() -> None:
-    assert python_of(ROOT / "README.md")
-
-
 @pytest.mark.parametrize("page", DOCUMENTS, ids=name_of)
 def test_other_commands_name_what_exists(page: Path) -> None:
     """Targets of `make`, and the scripts and modules that `python` runs."""

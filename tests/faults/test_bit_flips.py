@@ -88,14 +88,6 @@ def test_a_hundred_random_bit_flips_are_all_found_and_named(
         print(f"{tried.total() - tried['card']} are refused by load already; the rest are cards.")
 
 
-def test_two_flips_in_two_files_are_both_named(dataset: Path, tmp_path: Path) -> None:
-    """Row 09: not only the first."""
-    copy = Path(shutil.copytree(dataset, tmp_path / "d"))
-    flip(copy / "data.zarr/states/c.0.0", 11, 3)
-    flip(copy / "recipe.json", 40, 1)
-    assert [each.file for each in examine(copy)] == ["data.zarr/states/c.0.0", "recipe.json"]
-
-
 def test_a_flip_in_the_format_version_is_a_changed_file(dataset: Path, tmp_path: Path) -> None:
     """Row 09: not a dataset of a newer version."""
     copy = Path(shutil.copytree(dataset, tmp_path / "d"))

@@ -19,14 +19,13 @@ from swarmdata.errors import (
     ChecksumError,
     DatasetError,
     DatasetNotFoundError,
-    FormatVersionError,
     ManifestError,
     MissingFileError,
     MissingManifestError,
     TruncatedFileError,
 )
 from swarmdata.store import open_store, read_manifest
-from swarmdata.store.arrays.layout import FIELDS, FORMAT_VERSION, array_file, metadata_file
+from swarmdata.store.arrays.layout import FIELDS, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.damage import find_damage
 from swarmdata.store.manifest import Manifest
@@ -189,13 +188,6 @@ def test_garbage_manifest(dataset: Path, content: bytes) -> None:
 def test_huge_manifest_is_not_read(dataset: Path) -> None:
     os.truncate(dataset / "manifest.json", 1 << 40)
     with pytest.raises(ManifestError, match="more than"):
-        open_store(dataset)
-
-
-def test_newer_format(dataset: Path) -> None:
-    content = json.loads((dataset / "manifest.json").read_bytes())
-    sign(dataset, {**content, "format_version": FORMAT_VERSION + 1, "arrays": "in a new form"})
-    with pytest.raises(FormatVersionError, match="Upgrade"):
         open_store(dataset)
 
 

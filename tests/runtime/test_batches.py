@@ -13,7 +13,7 @@ from swarmdata.errors import BatchError, DiskFullError, SchemaError, SpecError
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import do_jobs
-from tests.catalogue.conftest import one_study
+from tests.catalogue.conftest import little_published
 from tests.support.own_task import make_thrifty, thrifty_installed
 from tests.support.tiny import TINY, make_tiny
 
@@ -120,7 +120,7 @@ def test_a_catalogue_has_all_that_can_be_shown(
         raise KeyError("thrifty")
 
     monkeypatch.setattr("swarmdata.catalogue.entries.list_datasets", list)
-    with thrifty_installed(), one_study():
+    with thrifty_installed(), little_published():
         monkeypatch.setattr(
             "swarmdata.catalogue.build_catalogue.write_data",
             lambda dataset, *rest: fail() if dataset.id == "thrifty-tiny-v0" else None,

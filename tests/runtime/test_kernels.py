@@ -49,12 +49,6 @@ def test_other_modules_do_not_matter(package: Path) -> None:
     assert digest_of("swarmdata.other") != before
 
 
-def test_the_engine_depends_on_geometry() -> None:
-    source = kernels.PACKAGE_FOLDER / "numerics" / "geometry.py"
-    assert "swarmdata.numerics.geometry" in kernels._imports_of("swarmdata.envs.physics.contacts")
-    assert kernels._source_of("swarmdata.numerics.geometry") == source.read_bytes()
-
-
 def test_kernels_compute_and_are_kept_on_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -59,9 +59,3 @@ def test_options_reach_the_library(source: Path, cache_folder: Path, tmp_path: P
     )  # fmt: skip
     made = Dataset.open(cache_folder / "datasets/coop_nav-some-v0")
     assert (made.digest, made.recipe) == (expected.digest, expected.recipe)
-
-
-def test_errors_are_messages(source: Path) -> None:
-    result = RUNNER.invoke(app, ["filter", str(source), "--id", "coop_nav-no-v0", "--seed", "777"])
-    assert result.exit_code == 1
-    assert "SchemaError: seeds of" in result.stderr

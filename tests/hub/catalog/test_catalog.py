@@ -17,6 +17,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
 from tests.support.measured import references_at
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 TINY = Recipe(
     id="coop_nav-tiny-v0",
     tier="random",
@@ -41,11 +43,6 @@ def test_list_shows_every_tier_and_its_mini() -> None:
     mini = infos["coop_nav-scripted-mini-v1"]
     assert (mini.task, mini.tier, mini.n_agents) == ("coop_nav", "scripted", 4)
     assert not mini.is_cached
-
-
-def test_unknown_id_names_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match="Did you mean 'coop_nav-scripted'"):
-        load("coop_nav-scirpted")
 
 
 @pytest.mark.usefixtures("tiny")

@@ -28,7 +28,7 @@ from swarmdata.hub.publishing.blockers import find_blockers
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.registry.published import Published
 from swarmdata.specs.recipe import Recipe
-from swarmdata.specs.task_spec import Role, TaskSpec
+from swarmdata.specs.task_spec import Role
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
@@ -265,11 +265,6 @@ def test_a_shortened_recipe_in_the_cache_is_not_the_shipped_one(
 # --- recipe and arrays are held together ---
 
 
-def test_the_hash_of_the_recipe_is_beside_the_arrays(dataset: Path) -> None:
-    attributes = json.loads((dataset / ROOT).read_bytes())["attributes"]
-    assert attributes["recipe_hash"] == TINY.hash()
-
-
 @pytest.mark.parametrize("key", ["recipe_hash", "id"])
 def test_another_identity_beside_the_arrays_is_refused(dataset: Path, key: str) -> None:
     """Though every checksum is right."""
@@ -353,19 +348,6 @@ def _rename(folder: Path, recipe: Recipe) -> None:
     root["attributes"]["id"] = recipe.id
     (folder / ROOT).write_text(json.dumps(root))
     sign_again(folder, recipe)
-
-
-def test_every_preset_has_the_shapes_of_its_worlds() -> None:
-    from swarmdata.registry.components import make_env
-    from swarmdata.registry.presets import preset, preset_names
-    from swarmdata.store.arrays.row_shapes import task_row_shapes
-
-    for name in preset_names():
-        spec: TaskSpec = preset(name)
-        env, shapes = make_env(spec, 1), task_row_shapes(spec)
-        assert shapes["observations"] == (spec.n_agents, env.observation_size), name
-        assert shapes["states"] == (env.state_size,), name
-        assert shapes["actions"] == (spec.n_agents, env.action_size), name
 
 
 def test_a_folder_named_like_another_dataset_says_so(

@@ -31,11 +31,16 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_tiny(tmp_path_factory.mktemp("other") / OTHER, id=OTHER)
+
+
 @pytest.fixture
-def place(cache_folder: Path, tiny: Path) -> Path:
+def place(cache_folder: Path, tiny: Path, other: Path) -> Path:
     """The cache's datasets: two of them."""
-    shutil.copytree(tiny, cache_folder / "datasets" / TINY.id)
-    make_tiny(cache_folder / "datasets" / OTHER, id=OTHER)
+    for folder in (tiny, other):
+        shutil.copytree(folder, cache_folder / "datasets" / folder.name)
     return cache_folder / "datasets"
 
 
@@ -134,7 +139,7 @@ def test_processes_that_write_it_at_once_agree(place: Path, opened: list[str]) -
     opened.clear()
     assert own_datasets() == first
     assert opened == []
-    assert {path.name for path in place.parent.iterdir()} == {"built", "datasets", INDEX}
+    assert {path.name for path in place.parent.iterdir()} == {"datasets", INDEX}
 
 
 def test_a_cache_without_an_index_is_listed_all_the_same(

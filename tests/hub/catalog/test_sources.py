@@ -105,12 +105,6 @@ def test_load_asks_the_remotes_in_order_then_reads_the_cache(
 
 
 @pytest.mark.usefixtures("shipped")
-def test_without_remotes_it_is_rebuilt(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SWARMDATA_REMOTES", "")
-    assert load("coop_nav-tiny", progress=False).source == "rebuilt"
-
-
-@pytest.mark.usefixtures("shipped")
 def test_a_remote_with_another_dataset_is_skipped_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path, other: Path
 ) -> None:

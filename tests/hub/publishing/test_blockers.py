@@ -7,14 +7,10 @@ from pathlib import Path
 import pytest
 
 from swarmdata.cards.card import write_card
-from swarmdata.hub.catalog import identity
-from swarmdata.hub.publishing import blockers
 from swarmdata.hub.publishing.blockers import find_blockers
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.release_files import push
-from swarmdata.registry.published import published
-from swarmdata.registry.recipes import FAMILY_SPECS, shipped_recipes
-from swarmdata.store import open_store
+from swarmdata.registry.recipes import FAMILY_SPECS
 
 
 @pytest.fixture(scope="module")
@@ -72,16 +68,3 @@ def test_a_version_that_is_taken(
     push(good, remote, lambda folder: ())
     (reason,) = find_blockers(another, remote)
     assert "a published version never changes" in reason
-
-
-def test_an_id_of_the_package_is_one_dataset(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    stored = open_store(good)
-    key = stored.recipe.id
-    shipped = next(iter(shipped_recipes().values()))
-    with monkeypatch.context() as patch:
-        patch.setattr(identity, "shipped_recipes", lambda: {key: shipped})
-        (reason,) = blockers._of_identity(stored)
-        assert "another dataset under the shipped name" in reason
-    monkeypatch.setattr(identity, "published", lambda: {key: next(iter(published().values()))})
-    (reason,) = blockers._of_identity(stored)
-    assert "another dataset under the published name" in reason

@@ -31,6 +31,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 TINY = Recipe(
     id="coop_nav-tiny-mini-v0",
     tier="random",
@@ -45,7 +47,7 @@ TINY = Recipe(
 
 
 @pytest.fixture(scope="module")
-def entry(tmp_path_factory: pytest.TempPathFactory) -> Published:
+def entry(one_process: None, tmp_path_factory: pytest.TempPathFactory) -> Published:
     """What is published of the tiny dataset."""
     folder = build(TINY, tmp_path_factory.mktemp("tiny") / "d", workers=1, progress=False)
     return publication(Dataset.open(folder).stored)

@@ -16,7 +16,6 @@ from swarmdata.hub.remotes.addresses import (
     parse_address,
     store_remotes,
 )
-from swarmdata.hub.remotes.outside_names import is_address
 from tests.hub.remotes.conftest import ID
 
 
@@ -120,12 +119,6 @@ def test_a_dataset_is_not_a_remote() -> None:
     with pytest.raises(AddressError, match="expected a remote such as hf://org"):
         open_remote("hf://org/coop_nav-medium")
     assert open_remote("hf://org").address == "hf://org"
-
-
-def test_is_address() -> None:
-    assert is_address("s3://bucket")
-    assert not is_address("coop_nav-medium-v1")
-    assert not is_address("/a/folder")
 
 
 def test_configured_remotes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -9,11 +9,6 @@ from swarmdata.hub.remotes.outside_names import hostile_names, is_id, split_id, 
 from swarmdata.store.arrays.layout import FIELDS, GROUP_FILES, array_file, metadata_file
 
 
-def test_ids() -> None:
-    assert split_id("coop_nav-medium-v1") == ("coop_nav-medium", "v1")
-    assert split_id("formation-n8-medium-expert-mini-v12")[1] == "v12"
-
-
 @given(st.text(max_size=120))
 def test_what_is_an_id_is_safe_everywhere(text: str) -> None:
     if is_id(text):

@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.hub.streaming.chunk_cache import SCANS, ChunkCache
 
-BOUND, SIZE = 16_000, 100
+BOUND, SIZE = 8_000, 100
 
 
 def kept(folder: Path) -> int:
@@ -16,17 +16,17 @@ def kept(folder: Path) -> int:
 
 def test_the_bound_holds_after_every_write(tmp_path: Path) -> None:
     cache = ChunkCache(tmp_path, BOUND)
-    for k in range(400):
+    for k in range(200):
         cache.write(f"a/{k}", bytes(SIZE + k % 50))
         assert kept(tmp_path) <= BOUND
     assert kept(tmp_path) > BOUND * (1 - 2 / SCANS)
-    assert cache.read("a/399") == bytes(SIZE + 399 % 50)
+    assert cache.read("a/199") == bytes(SIZE + 199 % 50)
     assert cache.read("a/0") is None
 
 
 def test_what_was_read_last_stays(tmp_path: Path) -> None:
     cache = ChunkCache(tmp_path, BOUND)
-    for k in range(400):
+    for k in range(200):
         cache.write(f"a/{k}", bytes(SIZE))
         os.utime(tmp_path / f"a/{k}.chunk", ns=(k, k))
         assert cache.read("a/0") == bytes(SIZE)
@@ -50,7 +50,7 @@ def test_files_are_looked_at_now_and_then(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_processes_share_the_bound(tmp_path: Path) -> None:
     caches = [ChunkCache(tmp_path, BOUND) for _ in range(3)]
-    for k in range(600):
+    for k in range(300):
         caches[k % 3].write(f"a/{k}", bytes(SIZE))
         assert kept(tmp_path) <= BOUND * (1 + 3 / SCANS)
 

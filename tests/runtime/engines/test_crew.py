@@ -36,14 +36,6 @@ def test_workers_leave_it_to_the_supervisor_to_say_once_that_kernels_are_compile
     assert said == ["compiling kernels"]
 
 
-def test_workers_do_many_jobs_with_one_thread_each(tmp_path: Path, entry: str) -> None:
-    with Crew(entry, 2) as crew:
-        crew.run([job(tmp_path, f"job-{k}") for k in range(5)])
-    started = [(tmp_path / f"job-{k}").read_text().split() for k in range(5)]
-    assert len({worker for worker, _ in started}) <= 2
-    assert all(threads == "1" for _, threads in started), "BLAS must use one thread"
-
-
 def test_bug_in_a_worker_is_an_error(tmp_path: Path, entry: str) -> None:
     with Crew(entry, 1) as crew, pytest.raises(BuildError, match="exit code 1 while doing buggy"):
         crew.run([job(tmp_path, "buggy", "crash")])

@@ -20,6 +20,7 @@ from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.attributes import FRAME_MEANINGS, attributes_of
 from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS
+from swarmdata.store.arrays.row_shapes import task_row_shapes
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
 from tests.support.one_process import use_one_process
@@ -93,7 +94,12 @@ def check(env: VecEnv) -> None:
 @pytest.mark.parametrize("name", preset_names())
 def test_every_column_of_every_preset_is_named(name: str) -> None:
     """Row 44: formation's own columns were "of the task; see its rules", others nothing at all."""
-    check(make_env(preset(name)))
+    env = make_env(preset(name))
+    check(env)
+    shapes, n = task_row_shapes(env.spec), env.spec.n_agents
+    assert shapes["observations"] == (n, env.observation_size)
+    assert shapes["states"] == (env.state_size,)
+    assert shapes["actions"] == (n, env.action_size)
 
 
 @pytest.mark.parametrize(
