@@ -7,7 +7,7 @@ a recording of another environment lacks are empty: `events` [T, N, 0], `log_pro
 [0, 8], states [T+1, 0].
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -287,6 +287,10 @@ class Episode:
     def team_return(self) -> float:
         """The sum over time, without discount, of the mean reward over agents."""
         return float(self.rewards.mean(axis=1, dtype=np.float64).sum())
+
+
+Wanted = Collection[str] | None
+"""Fields of a batch to read besides `mask`, which each has; the others are None. None: all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
