@@ -60,6 +60,12 @@ class CopyBlock:
         )
         self._scoring = ArgumentBlock(scoring, SCORING)
 
+    def compile_physics(self, blank: Step) -> None:
+        """See `TaskEnv.compile_physics`."""
+        nothing = np.arange(0)
+        self._world.reset(nothing, nothing.astype(np.uint64), blank.layouts, blank.states)
+        self._world.advance(blank)
+
     def spawn(self, seeds: Seeds, copies: Int, now: Step) -> None:
         """Draws episodes into the layouts and states of a step; the worlds stay as they are.
 
@@ -169,6 +175,14 @@ class TaskEnv:
         team = f"{self.spec.n_agents} robots, {self.observation_size} features each"
         size = f"{self.n_copies} copies, {team}, at most {self.spec.horizon} steps"
         return f"<{type(self).__name__} {self.spec.task}: {size}>"
+
+    def compile_physics(self) -> None:
+        """Compiles the kernels of the physics, or loads them; to be called before the first reset.
+
+        They take as long as all others together, so one process may begin with them while another
+        begins as a step does, with the layouts.
+        """
+        self._blocks[0].compile_physics(self._blank)
 
     def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
         """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""

@@ -13,6 +13,7 @@ from tqdm import tqdm
 from swarmdata.behavior_policies.learned import own_checkpoints
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.cards.side_files import finish
+from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
@@ -147,21 +148,25 @@ def make_part(
     return episodes
 
 
-def make_copies(recipe: Recipe) -> VecEnv:
+def make_copies(recipe: Recipe) -> TaskEnv:
     """Returns the copies of the recipe's task that parts are simulated in."""
     n_copies = min(SIMULATED_COPIES, recipe.part_episodes)  # more would have no episode to run
-    return make_env(recipe.spec, n_copies)
+    env = make_env(recipe.spec, n_copies)
+    assert isinstance(env, TaskEnv)
+    return env
 
 
 def part_maker() -> Handler:
     """Returns what makes parts in a worker process."""
-    copies: dict[tuple[TaskSpec, int], VecEnv] = {}  # kept from part to part
+    copies: dict[tuple[TaskSpec, int], TaskEnv] = {}  # kept from part to part
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         recipe = Recipe.from_text(payload["recipe"])
         kind = recipe.spec, recipe.part_episodes
         if kind not in copies:
             copies[kind] = make_copies(recipe)
+            if (payload["policy"] + payload["part"]) % 2:  # where two begin, they compile apart
+                copies[kind].compile_physics()
         env = copies[kind]
         out = Path(payload["folder"])
         episodes = make_part(recipe, payload["policy"], payload["part"], env, report, out.parent)

@@ -27,6 +27,7 @@ from swarmdata.catalogue.result_sources import (
     ResultSource,
     committed_sources,
     own_sources,
+    studies_without_episodes,
     with_families,
     with_keys,
 )
@@ -106,6 +107,11 @@ def build_catalogue(
     entries = find_entries(names, failures, workers=choices.workers)
     failures.n_items = len(entries) + len(failures.reasons) + len(own)
     committed = committed_sources()
+    if lacking := studies_without_episodes():
+        note(
+            f"{len(lacking)} committed studies are shown without pages of their episodes, which "
+            "only a clone of the repository has, in cards/studies"
+        )
     sources = with_keys([*committed, *with_families(own, committed)])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:

@@ -84,6 +84,12 @@ def committed_sources() -> list[ResultSource]:
         ]
 
 
+def studies_without_episodes() -> list[str]:
+    """Names of the committed studies whose episodes are not part of this installation."""
+    shown = (study for study in committed_studies() if not study.chose_settings)
+    return [each.name for each in shown if not each.folder.joinpath(ARCHIVE_FILE).is_file()]
+
+
 def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:
     """Reads results of one's own.
 

@@ -41,6 +41,14 @@ def test_data_files_of_the_package_are_inside(wheel_names: set[str]) -> None:
     assert expected <= wheel_names
 
 
+def test_studies_are_inside_without_their_episodes_and_pictures(wheel_names: set[str]) -> None:
+    cards = {name for name in wheel_names if name.startswith("swarmdata/cards/")}
+
+    assert "swarmdata/cards/studies/goals/estimates.csv" in cards
+    assert "swarmdata/cards/published/coop_nav-expert-mini-v1.md" in cards
+    assert not {name for name in cards if name.endswith((".png", ".gif", ".xz"))}
+
+
 def test_the_source_archive_makes_the_same_wheel(wheel_names: set[str]) -> None:
     builder = SdistBuilder(str(ROOT))
     inside = {file.distribution_path for file in builder.recurse_included_files()}

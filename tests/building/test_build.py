@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build, make_part
+from swarmdata.building.build import build, make_part, part_maker
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import BuildError, DatasetError, RecipeConflictError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_env
@@ -60,12 +61,16 @@ def one_process(monkeypatch: pytest.MonkeyPatch) -> type[OneProcessCrew]:
 
 
 @pytest.fixture(scope="module")
-def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Digest of the tiny recipe, built without workers."""
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny recipe's dataset, built without workers."""
     with pytest.MonkeyPatch.context() as patch:
         use_one_process(patch)
-        folder = build(make_recipe(), tmp_path_factory.mktemp("one") / "d", progress=False)
-    return read_manifest(folder).digest
+        return build(make_recipe(), tmp_path_factory.mktemp("one") / "d", progress=False)
+
+
+@pytest.fixture(scope="module")
+def digest(whole: Path) -> str:
+    return read_manifest(whole).digest
 
 
 def start_build(folder: Path, out: Path) -> "subprocess.Popen[bytes]":
@@ -75,11 +80,8 @@ def start_build(folder: Path, out: Path) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(command, start_new_session=True)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_any_number_of_workers_gives_the_same_digest(
-    tmp_path: Path, digest: str, workers: int
-) -> None:
-    folder = build(make_recipe(), tmp_path / "d", workers=workers, progress=False)
+def test_processes_give_the_digest_of_one(tmp_path: Path, digest: str) -> None:
+    folder = build(make_recipe(), tmp_path / "d", workers=2, progress=False)
 
     assert read_manifest(folder).digest == digest
     assert [path.name for path in tmp_path.iterdir()] == ["d"]
@@ -153,12 +155,16 @@ def test_little_is_made_in_vain(tmp_path: Path, one_process: type[OneProcessCrew
 
 
 @pytest.mark.usefixtures("one_process")
-def test_finished_dataset_is_not_touched(tmp_path: Path) -> None:
-    build(make_recipe(), tmp_path / "d", progress=False)
-    before = snapshot(tmp_path)
-    build(make_recipe(), tmp_path / "d", progress=False)
-
+def test_of_a_finished_dataset_only_a_lost_card_is_written_again(
+    whole: Path, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(whole, tmp_path / "d"))
+    before, card = snapshot(tmp_path), (out / "card.md").read_text()
+    build(make_recipe(), out, progress=False)
     assert snapshot(tmp_path) == before
+    (out / "card.md").unlink()
+    build(make_recipe(), out, progress=False)
+    assert (out / "card.md").read_text() == card
 
 
 def snapshot(folder: Path) -> dict[Path, int]:
@@ -166,21 +172,9 @@ def snapshot(folder: Path) -> dict[Path, int]:
 
 
 @pytest.mark.usefixtures("one_process")
-def test_lost_card_is_written_again(tmp_path: Path) -> None:
-    out = build(make_recipe(), tmp_path / "d", progress=False)
-    card = (out / "card.md").read_text()
-    (out / "card.md").unlink()
-    build(make_recipe(), out, progress=False)
-
-    assert (out / "card.md").read_text() == card
-
-
-@pytest.mark.usefixtures("one_process")
-def test_other_recipe_in_the_dataset_is_refused(tmp_path: Path) -> None:
-    out = build(make_recipe(), tmp_path / "d", progress=False)
-
+def test_other_recipe_in_the_dataset_is_refused(whole: Path) -> None:
     with pytest.raises(RecipeConflictError, match="another recipe"):
-        build(make_recipe(seed=6), out, progress=False)
+        build(make_recipe(seed=6), whole, progress=False)
 
 
 def test_other_recipe_in_the_parts_is_refused_with_what_differs(tmp_path: Path) -> None:
@@ -219,11 +213,10 @@ def test_full_disk_is_noticed_before_most_of_the_work(
 
 @pytest.mark.usefixtures("one_process")
 def test_parts_are_joined_without_room_for_a_copy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, digest: str
 ) -> None:
     """Files of parts are deleted as they are copied; what an interruption leaves is made again."""
     recipe = make_recipe()
-    expected = read_manifest(build(recipe, tmp_path / "with-room", progress=False)).digest
     monkeypatch.setattr(Parts, "has_room_for_copy", lambda self: False)
     written: list[str] = []
 
@@ -242,7 +235,7 @@ def test_parts_are_joined_without_room_for_a_copy(
     assert gone
     assert len(gone) < len(parts)  # the last of each policy is there until all is done
     made = len(OneProcessCrew.made)
-    assert read_manifest(build(recipe, tmp_path / "d", progress=False)).digest == expected
+    assert read_manifest(build(recipe, tmp_path / "d", progress=False)).digest == digest
     assert len(OneProcessCrew.made) == made + len(gone)
     assert not (tmp_path / "d.build").exists()
 
@@ -274,3 +267,17 @@ def test_policy_that_does_not_exist_is_named(tmp_path: Path) -> None:
 
     with pytest.raises(BuildError, match=r"part 0 of x failed: UnknownNameError.*'random'"):
         build(recipe, tmp_path / "d", workers=1, progress=False)
+
+
+def test_of_two_makers_of_parts_one_begins_with_the_physics(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[int] = []
+    monkeypatch.setattr(TaskEnv, "compile_physics", lambda env: begun.append(env.n_copies))
+    parts, found = Parts(make_recipe(), tmp_path), []
+
+    for policy, part in ((0, 0), (1, 0), (1, 1)):  # the first two begin a dataset
+        part_maker()(parts.job(policy, part).payload, lambda steps: None)
+        found.append(len(begun))
+
+    assert found == [0, 1, 1]

@@ -203,3 +203,17 @@ def test_bytes_for_each_joint_step_stay_below_those_of_a_mini(site: Path, key: s
     n_bytes = sum(path.stat().st_size for path in chunks)
 
     assert n_bytes / sum(episodes["length"]) < MOST_BYTES_OF_A_MINI / 50_000
+
+
+def test_the_build_says_which_studies_have_no_pages_of_episodes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    module = "swarmdata.catalogue.build_catalogue"
+    monkeypatch.setattr(f"{module}.committed_sources", list)
+    monkeypatch.setattr(f"{module}.studies_without_episodes", lambda: ["goals"])
+    monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "cache"))
+    notes: list[str] = []
+
+    build_catalogue((), tmp_path / "site", CatalogueChoices(), note=notes.append)
+
+    assert any("cards/studies" in text for text in notes)

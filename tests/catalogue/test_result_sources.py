@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.cards.committed_studies import read_studies
 from swarmdata.catalogue import result_sources
 from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.result_sources import ResultSource, committed_sources, own_sources
@@ -76,6 +77,23 @@ def test_studies_on_validation_seeds_are_no_committed_results(
 
     assert "cards/studies/goals" in places
     assert "cards/studies/validation" not in places
+
+
+def test_a_study_whose_episodes_are_not_installed_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, archive in (("whole", "cells.tar.xz"), ("without", "other")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "estimates.csv").write_text(HEAD + ROW.format("score", 50, 45, 55))
+        (tmp_path / name / "study.yaml").write_text("block: evaluation\n")
+        (tmp_path / name / archive).touch()
+    monkeypatch.setattr(result_sources, "committed_studies", lambda: read_studies(tmp_path))
+
+    assert result_sources.studies_without_episodes() == ["without"]
+
+
+def test_a_clone_has_the_episodes_of_all_committed_studies() -> None:
+    assert result_sources.studies_without_episodes() == []
 
 
 def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:

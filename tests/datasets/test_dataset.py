@@ -14,7 +14,7 @@ from swarmdata.errors import MissingExtraError, MissingFileError, SchemaError, U
 from swarmdata.registry.published import Reference
 from swarmdata.store import SPLITS
 from swarmdata.testing import dataset_contract as contract
-from swarmdata.testing.synthetic import N_AGENTS, N_FEATURES, N_OBSTACLES, STATE_SIZE, make_dataset
+from swarmdata.testing.synthetic import N_AGENTS, N_FEATURES, make_dataset
 from swarmdata.types import Episode
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 1, 1, 12], [5, 5, 1, 8, 1, 1, 3, 2, 9, 9, 9]]
@@ -157,14 +157,6 @@ def test_transitions_are_aligned_and_complete(dataset: Dataset) -> None:
     assert np.array_equal(transitions["log_probs"], np.concatenate([e.log_probs for e in view]))
     ends = transitions["terminations"] | transitions["truncations"]
     assert np.array_equal(np.flatnonzero(ends), np.cumsum(lengths) - 1)
-
-
-def test_shapes(dataset: Dataset) -> None:
-    batch = next(dataset.sampler(batch_size=7))
-    assert batch.observations.shape == batch.next_observations.shape == (7, N_AGENTS, N_FEATURES)
-    assert batch.states.shape == (7, STATE_SIZE)
-    assert dataset.episodes.layouts.shape == (len(dataset), N_OBSTACLES, 8)
-    assert len(batch) == 7
 
 
 def test_normalized_score(dataset: Dataset, stored: tuple[Path, list[Episode]]) -> None:

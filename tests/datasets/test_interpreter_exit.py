@@ -40,7 +40,10 @@ print(len(dataset))
 """
 
 
-@pytest.mark.parametrize(("beside", "backend"), [("torch", "fast"), ("nothing", "public")])
+@pytest.mark.parametrize(
+    ("beside", "backend"),
+    [("torch", "fast"), pytest.param("nothing", "public", marks=pytest.mark.slow)],
+)
 def test_nothing_is_printed_at_exit(tmp_path: Path, beside: str, backend: str) -> None:
     if beside == "torch":
         pytest.importorskip("torch", reason="an extra")

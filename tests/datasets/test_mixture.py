@@ -48,9 +48,7 @@ def test_rows_are_drawn_with_the_weights(mixture: Mixture) -> None:
     assert shares(mixture) == pytest.approx(0.8, abs=0.02)
 
 
-def test_without_weights_every_transition_is_equally_likely(
-    parts: tuple[Dataset, Dataset],
-) -> None:
+def test_without_weights_every_transition_is_equally_likely(parts: tuple[Dataset, Dataset]) -> None:
     whole = mix(parts)
     n_steps = [part.n_steps for part in parts]
     assert whole.weights == pytest.approx(np.array(n_steps) / sum(n_steps))

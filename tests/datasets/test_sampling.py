@@ -290,10 +290,6 @@ def test_without_recorded_log_probs_a_batch_has_none(dataset: Dataset, horizon: 
     assert batch.to_torch().log_probs is None
 
 
-def test_sampler_is_the_documented_type(dataset: Dataset) -> None:
-    assert isinstance(dataset.sampler(), Sampler)
-
-
 @pytest.mark.parametrize("horizon", [None, 5])
 def test_next_actions_are_scaled_as_actions_are(dataset: Dataset, horizon: int | None) -> None:
     """The middle is not 0; what an agent that is gone did is out of bounds, and never looked at."""
@@ -316,13 +312,3 @@ def test_next_actions_are_scaled_as_actions_are(dataset: Dataset, horizon: int |
         both = batch.mask[:, 1:]
         np.testing.assert_array_equal(batch.next_actions[:, :-1][both], batch.actions[:, 1:][both])
         assert not batch.next_actions[~batch.mask].any()
-
-
-def test_a_batch_is_shown_by_its_shapes(dataset: Dataset) -> None:
-    batch = next(dataset.sampler(7, seed=0))
-    text = repr(batch)
-    assert text.startswith(f"Batch(observations={batch.observations.shape}, ")
-    assert "mask=(7,)" in text
-    assert "\n" not in text
-    pytest.importorskip("torch", reason="tensors need torch")
-    assert repr(batch.to_torch()) == text

@@ -20,8 +20,6 @@ from swarmdata.store.scratch import scratch_folder
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import END_REASONS, Episode
 
-RoundTrip = Callable[[Dataset, str], Dataset]
-
 
 def read_all(path: Path) -> dict[str, Any]:
     """As D4RL's `get_dataset` does: every array by its path."""

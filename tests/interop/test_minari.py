@@ -1,6 +1,5 @@
 """Minari: its own library reads what we write, and we read what it wrote."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,6 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.types import END_REASONS
 
 minari = pytest.importorskip("minari", reason="the extra 'minari'")
-
-RoundTrip = Callable[[Dataset, str], Dataset]
 
 
 def test_minari_loads_it_by_name(

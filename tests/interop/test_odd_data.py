@@ -176,12 +176,7 @@ def _narrow(values: Any) -> Any:
 
 
 slow = pytest.mark.slow  # importing TorchRL and JAX takes seconds
-KINDS = {
-    **WRITERS,
-    "minari": minari_folder,
-    "torchrl": torchrl,
-    "vault": vault,
-}
+KINDS = {**WRITERS, "minari": minari_folder, "torchrl": torchrl, "vault": vault}
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -1,7 +1,6 @@
 """Vault: Flashbax reads what we write, and we read what it wrote, OG-MARL's keys included."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -19,7 +18,6 @@ from swarmdata.types import END_REASONS
 jax = pytest.importorskip("jax", reason="the extra 'vault'")
 flashbax_vault = pytest.importorskip("flashbax.vault", reason="the extra 'vault'")
 
-RoundTrip = Callable[[Dataset, str], Dataset]
 pytestmark = pytest.mark.slow  # importing JAX takes seconds
 
 

@@ -11,11 +11,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.critics import RobotView  # noqa: E402
-from swarmdata.learn.training.actor_critic import (  # noqa: E402
-    Extraction,
-    ExtractionConfig,
-    scale_and_stage,
-)
+from swarmdata.learn.training.actor_critic import Extraction, ExtractionConfig, scale_and_stage  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402

@@ -15,14 +15,7 @@ from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc_latent import BCLatent, BCLatentConfig  # noqa: E402
 from swarmdata.types import Step  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
-    SIZES,
-    random_batch,
-    same_side,
-    statistics,
-    step_of,
-    trained,
-)
+from tests.offline_algos.toys import SIZES, random_batch, same_side, statistics, step_of, trained  # noqa: E402
 
 N_EPISODES = 6
 

@@ -10,10 +10,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from swarmdata.learn.networks.mixers import MixerKind  # noqa: E402
 from swarmdata.learn.objectives.losses import cloning_loss  # noqa: E402
 from swarmdata.offline_algos.facmac_bc import FACMACBC  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
-    made,
-    random_batch,
-)
+from tests.offline_algos.toys import made, random_batch  # noqa: E402
 
 
 @pytest.mark.parametrize("mixer", get_args(MixerKind))

@@ -8,11 +8,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
-    made,
-    random_batch,
-    set_bias,
-)
+from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
 
 
 @pytest.mark.parametrize("critic", ["centralized", "decentralized"])

@@ -9,11 +9,7 @@ from hypothesis import strategies as st  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from swarmdata.offline_algos.omar import OMAR, by_agent  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
-    made,
-    random_batch,
-    set_bias,
-)
+from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
 
 
 def test_a_critic_sees_one_agents_observation_and_number() -> None:

@@ -8,11 +8,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.offline_algos.omiga import OMIGA  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
-    made,
-    random_batch,
-    two_episodes,
-)
+from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
 
 
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:

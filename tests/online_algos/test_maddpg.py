@@ -101,10 +101,7 @@ def test_actors_and_targets_move_every_other_update() -> None:
 
 def test_actors_rest_while_the_critics_warm_up() -> None:
     learner, batch = made(critic_warmup_updates=2), random_batch()
-    actors, targets = (
-        learner.actors.network.flat.clone(),
-        learner.critics.target.flat.clone(),
-    )
+    actors, targets = (learner.actors.network.flat.clone(), learner.critics.target.flat.clone())
     for _ in range(2):
         assert set(learner.update(batch)) == {"critic_loss", "q"}
     assert torch.equal(learner.actors.network.flat, actors)

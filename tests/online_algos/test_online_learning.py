@@ -63,7 +63,7 @@ def test_values_bootstrap_through_truncation_only(
     episode would make both larger.
     """
     run = kind(two_episodes, [3], kind.Config(**SMALL, **settings), tmp_path)
-    for _ in range(8):
+    for _ in range(6):
         run.update()
     q, states = values_of(run)
     time, even = states[:, 1], states[:, 2]

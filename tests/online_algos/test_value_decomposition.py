@@ -117,7 +117,7 @@ def play(payoff: Tensor, kind: str) -> tuple[Tensor, Tensor]:
         truncations=~ones,
         mask=ones,
     )
-    for _ in range(800):
+    for _ in range(500):
         learner.update(batch)
     q = learner.value(batch.observations, batch.states, cells[..., None]).detach().view(3, 3)
     return q, bins.greedy(learner.utilities(batch.observations))[0, 0, 0, :, 0]

@@ -40,10 +40,7 @@ def specs(draw: st.DrawFn) -> TaskSpec:
                     "team_share": draw(st.floats(0, 1)),
                 },
             },
-            "communication": {
-                "kind": "broadcast",
-                "range": draw(st.none() | st.floats(0.1, 10)),
-            },
+            "communication": {"kind": "broadcast", "range": draw(st.none() | st.floats(0.1, 10))},
         }
     )
 

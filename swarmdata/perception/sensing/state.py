@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from swarmdata.numerics.geometry import bounding_radius, nearest_of
+from swarmdata.numerics.geometry import bounding_radius, nearest_of, nearest_of_shape
 from swarmdata.perception.sensing.measured_world import World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import Scene
@@ -277,6 +277,41 @@ def _find_obstacles(
 
 
 @kernel(error_model="numpy")
+def _scan_obstacles(
+    px: float,
+    py: float,
+    radius: float,
+    layout: Float,
+    circles: Double,
+    k: int,
+    limit: float,
+    found: Double,
+) -> None:
+    """Does what `_find_obstacles` does, in the order of the layout: faster where k of few count."""
+    for slot in range(k):
+        found[slot, 0] = np.inf
+        found[slot, 1] = -1.0
+    bound = np.inf
+    for m in range(layout.shape[0]):
+        dx, dy, reach = circles[0, m] - px, circles[1, m] - py, bound + circles[2, m]
+        if not dx * dx + dy * dy < reach * reach:  # NaN: missed
+            continue
+        distance, vx, vy = nearest_of_shape(  # in line, which is faster here than `nearest_of`
+            px, py, layout[m, 0], layout[m, 1], layout[m, 2], layout[m, 3], layout[m, 4],
+            layout[m, 5], layout[m, 6], layout[m, 7],
+        )  # fmt: skip
+        gap, slot = distance - radius, k - 1
+        if gap <= limit and gap < found[slot, 0]:
+            while slot > 0 and gap < found[slot - 1, 0]:
+                for c in range(4):
+                    found[slot, c] = found[slot - 1, c]
+                slot -= 1
+            found[slot, 0], found[slot, 1], found[slot, 2], found[slot, 3] = gap, m, vx, vy
+            bound = (min(found[k - 1, 0], limit) + radius) * (1.0 + _FIRST_TEST_SLACK)
+            bound += _FIRST_TEST_SLACK
+
+
+@kernel(error_model="numpy")
 def _obstacles(
     out: Float, first: int, px: float, py: float, layout: Float, circles: Double, radius: float,
     k: int, reach: float, found: Double,
@@ -345,10 +380,13 @@ def observe_states(
                     out, n_own, state, i, radii, n_neighbors, reach, limits[i], gaps, gap_keys
                 )
             if n_obstacles > 0:
-                _find_obstacles(
-                    px, py, radius, layout, circles, n_obstacles, limits[i], found, squares,
-                    powers, power_keys,
-                )  # fmt: skip
+                if n_shapes <= 2 * n_obstacles:
+                    _scan_obstacles(px, py, radius, layout, circles, n_obstacles, limits[i], found)
+                else:
+                    _find_obstacles(
+                        px, py, radius, layout, circles, n_obstacles, limits[i], found, squares,
+                        powers, power_keys,
+                    )  # fmt: skip
                 _obstacles(out, first, px, py, layout, circles, radius, n_obstacles, reach, found)
 
 

@@ -80,9 +80,7 @@ def test_turning_never_leads_away(heading: float, wish: float) -> None:
 
 
 @given(
-    heading=ANGLES,
-    wish=ANGLES,
-    walls=st.lists(st.tuples(ANGLES, st.floats(0.0, 0.5)), max_size=5),
+    heading=ANGLES, wish=ANGLES, walls=st.lists(st.tuples(ANGLES, st.floats(0.0, 0.5)), max_size=5)
 )
 def test_the_speed_along_a_heading_is_the_best_that_all_half_planes_allow(
     heading: float, wish: float, walls: list[tuple[float, float]]

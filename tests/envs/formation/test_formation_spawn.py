@@ -132,8 +132,7 @@ def test_a_team_that_nothing_can_block_is_refused() -> None:
 
 def test_what_cannot_be_drawn_says_so() -> None:
     spec = with_rules(blocked=(0.39, 0.4)).with_updates(
-        obstacles={"circles": 0, "boxes": 0, "corners": 0, "pockets": 0},
-        spawn={"max_attempts": 20},
+        obstacles={"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}, spawn={"max_attempts": 20}
     )
     with pytest.raises(SpawnError, match=r"seed 3 in 20 attempts: .* block a slot 39% to 40%"):
         spawned(spec, np.array([3], dtype=np.uint64))

@@ -1,7 +1,6 @@
 """The reference's path against SciPy's idea of a B-spline, written out, and its three promises."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -59,18 +58,6 @@ def test_the_path_is_the_uniform_cubic_b_spline(seed: int, s: float) -> None:
     wanted = [0, 0, x, y, *(0.25 * d), *(d / speed), 0.25 * cross]
     np.testing.assert_allclose(motion, wanted, atol=1e-9)
     np.testing.assert_allclose(pose, [x, y, *(d / speed)], atol=1e-9)
-
-
-@given(seed=st.integers(0, 2**63))
-def test_velocity_and_turn_rate_are_what_positions_and_headings_do(seed: int) -> None:
-    points, h = drawn(seed, plan_of()), 1e-6
-    for s in (0.3, 1.5, 7.9):
-        now, later = np.zeros(7), np.zeros(7)
-        write_motion(points, 0, s, 0.25, now, 0)
-        write_motion(points, 0, s + 0.25 * h, 0.25, later, 0)
-        np.testing.assert_allclose((later[:2] - now[:2]) / h, now[2:4], atol=1e-5)
-        turned = now[4] * later[5] - now[5] * later[4]
-        assert turned / h == pytest.approx(now[6], abs=1e-4)
 
 
 @given(seed=st.integers(0, 2**63), max_turn=st.floats(0.6, 1.2))

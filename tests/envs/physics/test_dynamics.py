@@ -7,63 +7,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.physics.backend import Backend, Contacts, Plan
-from swarmdata.envs.physics.dynamics import limits_of
-from swarmdata.envs.physics.episode_bodies import payload_rows
-from swarmdata.envs.physics.public_backend import PublicBackend
-from swarmdata.envs.world.world import make_backend
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.specs.task_spec import Arena, Robot, Role, TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
+from tests.envs.physics.scenes import Numbers, Scene
 
-NOTHING = np.zeros((1, 0, 8), np.float32)
 SIMULATORS = ("pymunk", "public", "mujoco", "kinematic")
 WITH_CONTACTS = SIMULATORS[:3]
 ACROSS = 0.5**0.5
 
 
-def make(backend: str, spec: TaskSpec) -> Backend:
-    if backend == "mujoco":
-        pytest.importorskip("mujoco", reason="mujoco is not installed")
-    known = "pymunk" if backend == "public" else backend
-    plan = Plan(spec.with_updates(backend=known), np.zeros(0, np.int64), ())
-    return PublicBackend(plan, 1) if backend == "public" else make_backend(plan, 1)
-
-
 def drive(
-    backend: str,
-    robots: Sequence[dict[str, Any]],
-    rows: Sequence[Sequence[float]],
-    commands: Sequence[Sequence[float]],
-    n_steps: int,
+    backend: str, robots: Sequence[dict[str, Any]], rows: Numbers, commands: Numbers, n_steps: int
 ) -> Double:
-    """The robots of an empty arena of 4 m while they keep to commands, [n_steps, N, 8].
-
-    Args:
-        backend: simulator; `public` is that of Pymunk's own interface.
-        robots: fields of each robot.
-        rows: x, y, vx and vy of each at the start.
-        commands: of each.
-        n_steps: control steps.
-    """
-    team = [Role(name=f"r{k}", count=1, robot=Robot(**each)) for k, each in enumerate(robots)]
-    spec, n = TaskSpec(team=tuple(team), arena=Arena(width=4.0, height=4.0)), len(robots)
-    world, state = make(backend, spec), np.zeros((1, n, 6))
-    state[0, :, :4], state[0, :, 4] = rows, 1.0
-    world.reset(
-        np.arange(1), NOTHING, state, np.zeros((1, 0, 7)), limits_of(spec)[None], payload_rows(())
-    )
-    contacts = Contacts(
-        np.zeros((1, n, n), np.bool_), np.zeros((1, n, 4), np.bool_), np.zeros((1, n, 3))
-    )
-    states, events = np.zeros((1, 8 * n), np.float32), np.zeros((1, n, 4), np.uint8)
-    held, out = np.array([commands], dtype=np.float64), []
-    for _ in range(n_steps):
-        world.step(np.ones(1, np.bool_), held, contacts, events, states)
-        out.append(states[0].reshape(n, 8).astype(np.float64))
-    return np.array(out)
+    """The robots of an empty arena while they keep to commands, [n_steps, N, 8]."""
+    return Scene(robots, rows, backend).drive(commands, n_steps)[0]
 
 
 def test_usual_bodies_are_not_written() -> None:

@@ -1,6 +1,5 @@
 """MuJoCo as a simulator: commands and events as in Pymunk, repeatable, no deep overlaps."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,73 +7,37 @@ import pytest
 
 pytest.importorskip("mujoco", reason="mujoco is not installed")
 
-from swarmdata.envs.physics.backend import Contacts, Plan
-from swarmdata.envs.physics.dynamics import limits_of
-from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.mujoco_backend import MujocoBackend
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SimulationError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.specs.state_layout import N_COLUMNS
-from swarmdata.specs.task_spec import Arena, Role, TaskSpec
-from swarmdata.types import Double, Float
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Float
+from tests.envs.physics.scenes import NOTHING, Numbers, Scene
 
 RADIUS, SPEED = 0.12, 0.6
 DEEPEST = 0.015
 """m, of a touch at full speed: MuJoCo stops bodies after they have begun to overlap."""
 
 HALF = np.array([1.0, 1.0])
-NOTHING = np.zeros((0, 8), np.float32)
 
 
-class Scene:
-    """Robots at full speed among obstacles."""
-
-    def __init__(
-        self,
-        places: Sequence[Sequence[float] | Double],
-        layout: Float = NOTHING,
-        speed: Sequence[Sequence[float] | Double] | None = None,
-    ) -> None:
-        n = len(places)
-        spec = TaskSpec(team=(Role(count=n),), arena=Arena(width=2.0, height=2.0))
-        plan = Plan(spec, layout[:, 0].astype(np.int64), ())
-        self.backend = MujocoBackend(plan, 1)
-        robots, bodies = np.zeros((1, n, 6)), np.zeros((1, 0, 7))
-        robots[0, :, :2], robots[0, :, 4] = places, 1.0
-        if speed is not None:
-            robots[0, :, 2:4] = speed
-        self.contacts = Contacts(
-            np.zeros((1, n, n), np.bool_),
-            np.zeros((1, n, len(layout) + 4), np.bool_),
-            np.zeros((1, n, 3)),
-        )
-        self.states: Float = np.zeros((1, N_COLUMNS * n), np.float32)
-        self.events = np.zeros((1, n, 4), np.uint8)
-        self.backend.reset(
-            np.arange(1), layout[None], robots, bodies, limits_of(spec)[None],
-            payload_rows(()),
-        )  # fmt: skip
-
-    def drive(self, commands: Sequence[Sequence[float] | Double], n_steps: int) -> Double:
-        """The states while robots keep to commands, [n_steps, S]."""
-        rows = []
-        for _ in range(n_steps):
-            held = np.array([commands], dtype=np.float64)
-            self.backend.step(np.ones(1, np.bool_), held, self.contacts, self.events, self.states)
-            rows.append(self.states[0].astype(np.float64))
-        return np.array(rows)
+def scene_of(places: Numbers, layout: Float = NOTHING, speed: Numbers | None = None) -> Scene:
+    """Robots among obstacles, at rest or at a speed."""
+    speeds = speed or [(0, 0)] * len(places)
+    rows = [[*place, *velocity] for place, velocity in zip(places, speeds, strict=True)]
+    return Scene([{}] * len(rows), rows, "mujoco", layout=layout, size=2.0)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.1])
 def test_two_robots_that_meet_touch_once_and_overlap_little(offset: float) -> None:
     towards = np.array([1.0, 0.0])
     start = np.array([0.3, offset / 2])
-    scene = Scene([-start, start], speed=[SPEED * towards, -SPEED * towards])
-    rows = scene.drive([towards, -towards], 12)
-    apart = rows[:, [8, 9]] - rows[:, [0, 1]]
+    scene = scene_of([-start, start], speed=[SPEED * towards, -SPEED * towards])
+    rows, _ = scene.drive([towards, -towards], 12)
+    apart = rows[:, 1, :2] - rows[:, 0, :2]
     gaps = np.hypot(*apart.T) - 2 * RADIUS
     assert -2 * DEEPEST < gaps.min() < 0.01
     assert scene.events[0, :, 2].tolist() == [1, 1], "one contact began, and counts for both"
@@ -88,18 +51,18 @@ def test_an_obstacle_stops_a_robot(kind: int, angle: float) -> None:
     row = [kind, 0, 0, np.cos(turn), np.sin(turn), 0.2, 0.2 if kind != 1 else 0.15, 0.05]
     layout = np.array([row], np.float32)
     towards = np.array([np.cos(angle), np.sin(angle)])
-    scene = Scene([-0.6 * towards], layout, speed=[SPEED * towards])
-    rows = scene.drive([towards], 15)
-    gaps = [clearance(x, y, layout, HALF) - RADIUS for x, y in rows[:, :2]]
+    scene = scene_of([-0.6 * towards], layout, speed=[SPEED * towards])
+    rows, _ = scene.drive([towards], 15)
+    gaps = [clearance(x, y, layout, HALF) - RADIUS for x, y in rows[:, 0, :2]]
     assert -DEEPEST < min(gaps) < 0.005
     assert scene.events[0, 0, 3] == 1
 
 
 def test_walls_stop_robots() -> None:
-    scene = Scene([[0.5, 0.0], [-0.5, 0.3], [0.2, 0.5], [-0.2, -0.5]])
-    rows = scene.drive([[1, 0], [-1, 0], [0, 1], [0, -1]], 20)
+    scene = scene_of([[0.5, 0.0], [-0.5, 0.3], [0.2, 0.5], [-0.2, -0.5]])
+    rows, _ = scene.drive([[1, 0], [-1, 0], [0, 1], [0, -1]], 20)
     for i, (axis, sign) in enumerate([(0, 1), (0, -1), (1, 1), (1, -1)]):
-        gaps = 1.0 - RADIUS - sign * rows[:, 8 * i + axis]
+        gaps = 1.0 - RADIUS - sign * rows[:, i, axis]
         assert -DEEPEST < gaps.min() < 0.005
     assert scene.events[0, :, 3].tolist() == [1, 1, 1, 1]
 
@@ -144,7 +107,7 @@ def test_threads_and_batches_give_the_same_bits() -> None:
 def test_a_warning_of_mujoco_is_an_error() -> None:
     import mujoco
 
-    scene = Scene([[0.0, 0.0], [0.5, 0.0]])
+    scene = scene_of([[0.0, 0.0], [0.5, 0.0]])
     data = scene.backend._copy(0).data
     scene.drive([[1, 0], [-1, 0]], 1)
     data.warning[mujoco.mjtWarning.mjWARN_CONTACTFULL].number = 2

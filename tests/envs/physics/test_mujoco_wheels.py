@@ -8,57 +8,32 @@ import pytest
 
 pytest.importorskip("mujoco", reason="mujoco is not installed")
 
-from swarmdata.envs.physics.backend import Contacts, Plan
-from swarmdata.envs.physics.dynamics import limits_of
-from swarmdata.envs.physics.episode_bodies import payload_rows
-from swarmdata.envs.physics.mujoco_backend import MujocoBackend
 from swarmdata.envs.physics.mujoco_wheels import WHEEL_RADIUS
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.specs.task_spec import Arena, Robot, Role, TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double, Float
+from tests.envs.physics.scenes import NOTHING, Numbers, Scene
 
 WHEELS = {"dynamics": "unicycle", "base": "wheels"}
 SPEED, ACCELERATION, TURN_RATE, RADIUS = 0.6, 1.5, 3.0, 0.12
-NOTHING = np.zeros((0, 8), np.float32)
 
 
-class Scene:
-    """Robots of given kinds and states in an arena with walls alone, or with obstacles."""
+def scene_of(robots: Sequence[dict[str, Any]], rows: Numbers, layout: Float = NOTHING) -> Scene:
+    """Robots in an arena with walls alone, or with obstacles."""
+    return Scene(robots, rows, "mujoco", layout=layout)
 
-    def __init__(
-        self,
-        robots: Sequence[dict[str, Any]],
-        rows: Sequence[Sequence[float]],
-        layout: Float = NOTHING,
-    ) -> None:
-        team = [Role(name=f"r{k}", count=1, robot=Robot(**each)) for k, each in enumerate(robots)]
-        arena = Arena(width=4.0, height=4.0)
-        spec, n = TaskSpec(team=tuple(team), backend="mujoco", arena=arena), len(robots)
-        self.backend = MujocoBackend(Plan(spec, layout[:, 0].astype(np.int64), ()), 1)
-        state = np.zeros((1, n, 6))
-        state[0, :, : len(rows[0])] = rows
-        if len(rows[0]) == 4:
-            state[0, :, 4] = 1.0
-        bodies, limits = np.zeros((1, 0, 7)), limits_of(spec)[None]
-        self.backend.reset(np.arange(1), layout[None], state, bodies, limits, payload_rows(()))
-        self.contacts = Contacts(
-            np.zeros((1, n, n), np.bool_),
-            np.zeros((1, n, len(layout) + 4), np.bool_),
-            np.zeros((1, n, 3)),
-        )
-        self.states = np.zeros((1, 8 * n), np.float32)
-        self.events = np.zeros((1, n, 4), np.uint8)
 
-    def drive(self, commands: Sequence[Sequence[float]], n_steps: int) -> Double:
-        """The robots while they keep to commands, [n_steps, N, 8]."""
-        held, rows = np.array([commands], dtype=np.float64), []
-        for _ in range(n_steps):
-            active = np.ones(1, np.bool_)
-            self.backend.step(active, held, self.contacts, self.events, self.states)
-            rows.append(self.states[0].reshape(-1, 8).astype(np.float64))
-        return np.array(rows)
+def driven(
+    robots: Sequence[dict[str, Any]],
+    rows: Numbers,
+    commands: Numbers,
+    n_steps: int,
+    layout: Float = NOTHING,
+) -> Double:
+    """The robots while they keep to commands, [n_steps, N, 8]."""
+    return scene_of(robots, rows, layout).drive(commands, n_steps)[0]
 
 
 def aside(rows: Double) -> Double:
@@ -67,7 +42,7 @@ def aside(rows: Double) -> Double:
 
 
 def test_it_reaches_its_speed_with_the_acceleration_of_its_motors() -> None:
-    rows = Scene([WHEELS], [(0, 0, 0, 0)]).drive([(1, 0)], 12)[:, 0]
+    rows = driven([WHEELS], [(0, 0, 0, 0)], [(1, 0)], 12)[:, 0]
     np.testing.assert_allclose(rows[1, 2], 0.2 * ACCELERATION, rtol=0.08)
     np.testing.assert_allclose(rows[-1, 2], SPEED, rtol=0.01)
     np.testing.assert_allclose(rows[:, [1, 3, 5]], 0.0, atol=1e-6)
@@ -75,15 +50,14 @@ def test_it_reaches_its_speed_with_the_acceleration_of_its_motors() -> None:
 
 def test_it_starts_with_any_heading_and_velocity() -> None:
     u = np.array([np.cos(2.0), np.sin(2.0)])
-    scene = Scene([WHEELS], [(0.1, -0.2, *(SPEED * u), *u)])
-    row = scene.drive([(1, 0)], 1)[0, 0]
+    row = driven([WHEELS], [(0.1, -0.2, *(SPEED * u), *u)], [(1, 0)], 1)[0, 0]
     np.testing.assert_allclose(row[:2], [0.1, -0.2] + 0.1 * SPEED * u, atol=2e-3)
     np.testing.assert_allclose(row[2:4], SPEED * u, atol=0.01)
     np.testing.assert_allclose(row[4:6], u, atol=1e-3)
 
 
 def test_a_turn_takes_a_moment_and_reaches_its_rate() -> None:
-    rows = Scene([WHEELS], [(0, 0, 0, 0)]).drive([(0, 1)], 10)[:, 0]
+    rows = driven([WHEELS], [(0, 0, 0, 0)], [(0, 1)], 10)[:, 0]
     angles = np.unwrap(np.arctan2(rows[:, 5], rows[:, 4]))
     rates = np.diff(angles, prepend=0.0) / 0.1
     assert 0.2 < rates[0] / TURN_RATE < 0.7
@@ -93,30 +67,30 @@ def test_a_turn_takes_a_moment_and_reaches_its_rate() -> None:
 
 def test_a_heavy_robot_accelerates_less_and_one_without_grip_slips() -> None:
     speeds = [
-        Scene([{**WHEELS, "mass": mass}], [(0, 0, 0, 0)]).drive([(1, 0)], 2)[-1, 0, 2]
+        driven([{**WHEELS, "mass": mass}], [(0, 0, 0, 0)], [(1, 0)], 2)[-1, 0, 2]
         for mass in (1.0, 2.0, 5.0)
     ]
     np.testing.assert_allclose(speeds, 0.3 / np.array([1.0, 2.0, 5.0]), rtol=0.1)
     turns, starts = [], []
     for grip in (10.0, 1.0, 0.3):
         robot = {**WHEELS, "wheel_grip": grip}
-        turns.append(abs(aside(Scene([robot], [(0, 0, SPEED, 0)]).drive([(1, 1)], 4)[-1, 0])))
-        starts.append(Scene([robot], [(0, 0, 0, 0)]).drive([(1, 0)], 2)[-1, 0, 2])
+        turns.append(abs(aside(driven([robot], [(0, 0, SPEED, 0)], [(1, 1)], 4)[-1, 0])))
+        starts.append(driven([robot], [(0, 0, 0, 0)], [(1, 0)], 2)[-1, 0, 2])
     assert turns[0] < 0.04 < 0.08 < turns[1] < turns[2]  # noqa: PLR0133  (a chain of bounds)
     np.testing.assert_allclose(starts, [0.29, 0.2, 0.06], rtol=0.1)
 
 
 def test_a_blocked_robot_pushes_no_harder_than_its_motors() -> None:
     """Two robots that push each other stand still, and one of more force wins."""
-    scene = Scene([WHEELS, WHEELS], [(-0.14, 0, 0, 0, 1, 0), (0.14, 0, 0, 0, -1, 0)])
-    rows = scene.drive([(1, 0), (1, 0)], 20)
+    scene = scene_of([WHEELS, WHEELS], [(-0.14, 0, 0, 0, 1, 0), (0.14, 0, 0, 0, -1, 0)])
+    rows, _ = scene.drive([(1, 0), (1, 0)], 20)
     np.testing.assert_allclose(rows[-1, :, 2], 0.0, atol=0.01)
     assert scene.events[0, :, 2].tolist() == [1, 1]
     gaps = np.hypot(*(rows[:, 1, :2] - rows[:, 0, :2]).T) - 2 * RADIUS
     assert gaps.min() > -0.01
     strong = {**WHEELS, "max_acceleration": 2 * ACCELERATION}
-    scene = Scene([strong, WHEELS], [(-0.14, 0, 0, 0, 1, 0), (0.14, 0, 0, 0, -1, 0)])
-    assert scene.drive([(1, 0), (1, 0)], 20)[-1, 1, 0] > 0.2
+    scene = scene_of([strong, WHEELS], [(-0.14, 0, 0, 0, 1, 0), (0.14, 0, 0, 0, -1, 0)])
+    assert scene.drive([(1, 0), (1, 0)], 20)[0][-1, 1, 0] > 0.2
 
 
 def test_wheels_hold_where_a_planar_robot_slides_round_an_obstacle() -> None:
@@ -125,22 +99,22 @@ def test_wheels_hold_where_a_planar_robot_slides_round_an_obstacle() -> None:
     x, y = (0.205 + RADIUS) * np.array([-np.cos(angle), np.sin(angle)])
     found = {}
     for name, robot in (("wheels", WHEELS), ("planar", {"dynamics": "unicycle"})):
-        rows = Scene([robot], [(x, y, 0, 0)], disc).drive([(1, 0)], 60)
+        rows = driven([robot], [(x, y, 0, 0)], [(1, 0)], 60, disc)
         found[name] = rows[-1, 0, :2] - rows[9, 0, :2]
     assert np.hypot(*found["wheels"]) < 0.01
     assert found["planar"][0] > 1.0
 
 
 def test_a_push_turns_it_and_planar_robots_may_be_in_its_team() -> None:
-    scene = Scene([WHEELS, {}], [(0, 0, 0, 0), (-0.4, 0.08, SPEED, 0)])
-    rows = scene.drive([(0, 0), (1, 0)], 12)
+    scene = scene_of([WHEELS, {}], [(0, 0, 0, 0), (-0.4, 0.08, SPEED, 0)])
+    rows, _ = scene.drive([(0, 0), (1, 0)], 12)
     assert scene.events[0, :, 2].tolist() == [1, 1]
     assert rows[-1, 0, 0] > 0.03, "it was pushed"
     assert rows[-1, 1, 4:6].tolist() == [1.0, 0.0], "a planar heading is a command"
 
 
 def test_it_stands_on_the_floor() -> None:
-    scene = Scene([WHEELS, {}], [(0, 0, 0, 0), (1, 1, 0, 0)])
+    scene = scene_of([WHEELS, {}], [(0, 0, 0, 0), (1, 1, 0, 0)])
     scene.drive([(0.5, 0.5), (0, 0)], 10)
     copy = scene.backend._copies[0]
     assert copy is not None

@@ -5,10 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.search.search import Search
 from swarmdata.envs.search.search_rules import SearchRules
-from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.sight import is_in_sight
@@ -18,7 +16,7 @@ from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Episode, Float, Int, Seeds
+from swarmdata.types import Episode, Seeds
 
 SPEC = preset("search")
 BASE = np.array([-3.0, -3.0])
@@ -90,38 +88,6 @@ def test_memory_rewards_and_targets_are_those_of_the_docstring() -> None:
     assert episode.terminations[-1]
 
 
-class Placed(Search):
-    """Robots and the only victim are where the test says, and nothing is between them."""
-
-    places: Any = None
-
-    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        super().spawn(seeds, copies, layouts, states)
-        robots_of(states, 2)[:, :, : Y + 1] = self.places[:2]
-        c = self.columns
-        states[:, c.victims : c.rescued] = self.places[2]
-        states[:, c.known :] = 0.0
-
-
-def test_one_robot_is_not_enough_and_two_rescue() -> None:
-    nothing = dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)
-    spec = SPEC.with_updates(
-        rules={"task": "search", "victims": 1}, team=[{"count": 2}], obstacles=nothing
-    )
-    task = Placed(spec)
-    task.places = np.array([[0.0, 0.0], [0.9, 0.0], [0.2, 0.0]])
-    env = TaskEnv(task, 1, KinematicBackend)
-    step = env.reset(seeds(1))
-    commands = np.array([[[0.0, 0.0], [-1.0, 0.0]]])
-    steps = 0
-    while not step.terminations[0]:
-        gaps = np.abs(robots_of(step.states, 2)[0, :, 0] - 0.2)
-        assert steps == 0 or gaps[1] > 0.3
-        step, steps = env.step(commands), steps + 1
-    assert step.successes[0]
-    assert 3 < steps < 15
-
-
 def test_nothing_observed_depends_on_victims_out_of_sight() -> None:
     """Without messages, moving what nobody has seen changes no observation."""
     spec = SPEC.with_updates(communication="none")
@@ -151,7 +117,7 @@ def test_messages_are_worth_much() -> None:
     for channel in ("goal", "none"):
         spec = SPEC.with_updates(communication=channel)
         policy = make_policy("scripted", spec)
-        result = evaluate(policy, spec, name=channel, n_episodes=30, progress=False)
+        result = evaluate(policy, spec, name=channel, n_episodes=20, progress=False)
         success[channel] = result.metrics["success"].mean()
     assert success["goal"] >= 0.8  # 0.9 and more in 1,000 episodes
     assert success["none"] <= success["goal"] - 0.3

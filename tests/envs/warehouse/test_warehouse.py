@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, shortest_path_length
 from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
 from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
-from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import STREAMS, derive, uniform
@@ -19,16 +17,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import (
-    STATE_FIELDS,
-    STEP_FIELDS,
-    Bool,
-    Double,
-    Episode,
-    Float,
-    Int,
-    Seeds,
-)
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Bool, Double, Episode, Float, Seeds
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
 NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
@@ -140,22 +129,6 @@ def test_orders_and_rewards_are_those_of_the_docstring(name: str) -> None:
     np.testing.assert_allclose(episode.rewards, rewards, atol=1e-6)
     np.testing.assert_array_equal(solved, episode.terminations)
     assert own_of(episode.states[-1], spec.n_agents)[:, 1].sum() >= 2
-
-
-class Placed(Warehouse):
-    """Robots start where the test says."""
-
-    def __init__(self, spec: TaskSpec, *positions: Any) -> None:
-        super().__init__(spec)
-        self.positions = positions
-
-    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        super().spawn(seeds, copies, layouts, states)
-        robots_of(states, self.spec.n_agents)[:, :, : Y + 1] = self.positions
-
-
-def kinematic(spec: TaskSpec, *positions: Any) -> TaskEnv:
-    return TaskEnv(Placed(spec, *positions), 1, KinematicBackend)
 
 
 def test_features_tell_what_a_robot_carries_and_where_to_drive() -> None:

@@ -1,7 +1,6 @@
 """Deadlocks, counted by hand."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -84,10 +83,3 @@ def test_locked_pairs_are_what_the_definition_says(seed: int, n: int, dt: float)
                 assert locked[t, i, j] == (i != j and stand and gap <= 0.3)
     assert count_deadlocks(positions, radii, dt) <= locked.any(-1).sum()
     assert (count_deadlocks(positions, radii, dt) > 0) == locked.any()
-
-
-def test_the_window_is_three_seconds_at_any_rate() -> None:
-    positions = line(0.0, 0.4, n_steps=100)
-    for dt, first in ((0.1, 30), (0.05, 60), (0.07, 43)):
-        locked = locked_pairs(positions, np.full(2, 0.1), dt)
-        assert np.flatnonzero(locked[:, 0, 1])[0] == pytest.approx(first)

@@ -32,15 +32,18 @@ MODELS = [
 ]
 
 
-@pytest.mark.parametrize("models", MODELS)
-@pytest.mark.parametrize("world", [name for name in preset_names() if name in TASKS])
+WORLDS = [name for name in preset_names() if name in TASKS]
+CASES = [(WORLDS[0], models) for models in MODELS] + list(zip(WORLDS[1:], MODELS[1:], strict=False))
+"""All models in one world, and every other world with models of its own."""
+
+
+@pytest.mark.parametrize(("world", "models"), CASES)
 def test_passes_pettingzoo_api_test(world: str, models: tuple[str, str]) -> None:
     spec = with_models(preset(world).with_updates(horizon=25), *models)
     parallel_api_test(ParallelWorld(spec), num_cycles=60)
 
 
-@pytest.mark.parametrize("models", MODELS)
-@pytest.mark.parametrize("world", [name for name in preset_names() if name in TASKS])
+@pytest.mark.parametrize(("world", "models"), CASES)
 def test_passes_pettingzoo_seed_test(world: str, models: tuple[str, str]) -> None:
     spec = with_models(preset(world), *models)
     parallel_seed_test(lambda: ParallelWorld(spec), num_cycles=30)

@@ -23,16 +23,6 @@ from tests.numerics.test_weighted_terms import plain
 Values = dict[str, Any]
 """What formulas mention, each [E, N] or wider."""
 
-NAMES = (
-    "coop_nav",
-    "coop_nav-unassigned",
-    "formation-n8",
-    "transport",
-    "transport-hard",
-    "warehouse",
-    "intersection",
-    "search",
-)
 
 CLOSE = 1e-5
 """`store.attributes.PRECISION` says so."""
@@ -217,12 +207,13 @@ def evaluate(formula: str, weight: float, values: Values) -> Any:
 def test_the_formulas_are_what_is_computed(name: str) -> None:
     """Row 45: what was shared was nowhere written with its numbers."""
     spec = POSED if name == "posed" else preset(name)
-    env = make_env(spec, 16)
+    n_copies = 16 if name == "intersection" else 8  # its robots touch seldom
+    env = make_env(spec, n_copies)
     task: Task = env.task
     terms = reward_terms(task)
     weights = np.array([term.signed_weight for term in terms])
     rng, seen = np.random.default_rng(1), {"success": 0.0, "robot_contact": 0.0}
-    before = env.reset(np.arange(16, dtype=np.uint64))
+    before = env.reset(np.arange(n_copies, dtype=np.uint64))
     for _ in range(min(spec.horizon, 150)):
         r = robots(before.states, spec.n_agents)
         towards = np.clip(2 * (r[..., 6:] - r[..., :2]), -1, 1)
@@ -230,7 +221,7 @@ def test_the_formulas_are_what_is_computed(name: str) -> None:
         now = env.step(np.clip(actions, -1, 1))
         values = {**common(task, before, now), **VALUES[name](task, before, now)}
         active = ~before.ended
-        total = np.zeros((16, spec.n_agents))
+        total = np.zeros((n_copies, spec.n_agents))
         for column, term in zip(np.moveaxis(now.reward_terms, -1, 0), terms, strict=True):
             value = evaluate(term.value, 1.0, values) * np.ones_like(total)
             np.testing.assert_allclose(

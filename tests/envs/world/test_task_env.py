@@ -42,13 +42,6 @@ def assert_same(left: list[Step], right: list[Step]) -> None:
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
-def specs(task: str) -> list[TaskSpec]:
-    base = preset(task)
-    team = [role.model_dump() for role in base.team]
-    team[0]["robot"]["dynamics"] = "unicycle"
-    return [base, base.with_updates(team=team)]
-
-
 def test_a_partial_reset_leaves_the_other_copies_alone() -> None:
     env = make_env(TaskSpec(), 3)
     env.reset(seeds(1, 2, 3))
@@ -137,3 +130,14 @@ def test_a_unicycle_drives_along_its_heading_only(backend: type[KinematicBackend
     )
     np.testing.assert_allclose(turned, 5 * 0.1 * 0.6 * 3.0, rtol=5e-3)
     assert Robot().wheel_grip > 0.6 * 3.0, "wheels that slip in every turn at top speed"
+
+
+@pytest.mark.parametrize("task", ["coop_nav", "transport"])
+def test_compiling_the_physics_first_changes_no_bit(task: str) -> None:
+    plain, prepared = make_env(preset(task), 2), make_env(preset(task), 2)
+    assert isinstance(plain, TaskEnv)
+    assert isinstance(prepared, TaskEnv)
+
+    prepared.compile_physics()
+
+    assert_same(play(plain, seeds(3, 4), 20), play(prepared, seeds(3, 4), 20))

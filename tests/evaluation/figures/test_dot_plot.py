@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -34,7 +33,7 @@ SCORES = {
 }
 
 
-def test_panels_share_their_axis_and_the_best_row_is_on_top(
+def test_panels_share_their_axis_the_best_row_is_on_top_and_nothing_is_cut_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def draw() -> None:
@@ -50,24 +49,7 @@ def test_panels_share_their_axis_and_the_best_row_is_on_top(
     assert panels[0].get_ylim()[0] > panels[0].get_ylim()[1], "the first row is on top"
     names = {text.get_text() for text in drawing.legends[0].get_texts()}
     assert names == {*FAMILIES.values(), "mean of the data"}
-
-
-@pytest.mark.parametrize("n_datasets", [1, 6])
-def test_nothing_is_cut_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_datasets: int
-) -> None:
-    scores = dict(list(SCORES.items())[:n_datasets])
-
-    def draw() -> None:
-        plot_by_dataset(scores, {}, LOOKS, tmp_path / "a.png", label="score", families=FAMILIES)
-
-    drawing = shown_figure(monkeypatch, dot_plot, draw)
     assert drawing.get_figwidth() <= PAGE_WIDTH
-    _check_inside(drawing)
-
-
-def _check_inside(drawing: Any) -> None:
-    """All axes with their labels, and the legends, are within the figure."""
     for artist in [*drawing.axes, *drawing.legends]:
         if artist.get_visible():
             box = artist.get_tightbbox()

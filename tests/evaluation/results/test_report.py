@@ -14,8 +14,8 @@ from tests.support.measured import EXPERT, MEDIUM, foreign, grid, result
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_report_of_several_datasets(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="the report has pictures")
     folder, out = tmp_path / "results", tmp_path / "out"
     for each in [*grid(MEANS, 2), *grid({"iql": {MEDIUM: 0.0}}, 2), result("idle", None)]:
         save_result(each, folder)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata import __version__
-from swarmdata.errors import DiskFullError, FormatVersionError, SchemaError
+from swarmdata.errors import FormatVersionError, SchemaError
 from swarmdata.evaluation.results.result_files import Result, load_result, save_result
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.specs.model_choice import with_models
@@ -106,22 +106,6 @@ def test_what_json_cannot_hold_is_refused_and_the_old_file_stays(tmp_path: Path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_failed_write_leaves_the_old_file_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = save_result(result(), tmp_path)
-    before = path.read_bytes()
-
-    def full_disk(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full_disk)
-    with pytest.raises(DiskFullError, match="no space is left"):
-        save_result(result(mean=9.0), tmp_path)
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == [path.name]
-
-
 def edited(path: Path, **changes: Any) -> Path:
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
     return path
@@ -170,13 +154,3 @@ def test_a_result_and_its_provenance_have_one_label(tmp_path: Path) -> None:
     torn = replace(result(), provenance=other)
     with pytest.raises(SchemaError, match="is of 'bc', its provenance of 'ours'"):
         save_result(torn, tmp_path)
-
-
-def test_results_are_shown_on_one_line(tmp_path: Path) -> None:
-    read = load_result(save_result(result(MEDIUM), tmp_path))
-    text = repr(read)
-    assert text.startswith(f"Result(EvalResult({read.evaluation.policy} in {read.evaluation.task}:")
-    assert f"{len(read.evaluation.seeds)} episodes, mean return " in text
-    assert str(tmp_path) in text
-    assert "\n" not in text
-    assert len(text) < 300

@@ -7,12 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.errors import (
-    DatasetNotFoundError,
-    ResultsError,
-    SchemaError,
-    UnknownNameError,
-)
+from swarmdata.errors import DatasetNotFoundError, ResultsError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.evaluation.results.result_set import group_results, read_results, reference_of
 from swarmdata.evaluation.runs.provenance import file_name

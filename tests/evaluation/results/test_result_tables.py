@@ -25,7 +25,6 @@ from swarmdata.rollouts import score_statistics
 from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL, mean_interval, rate_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import models_of, with_models
-from swarmdata.specs.task_spec import TaskSpec
 from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
 
 
@@ -101,11 +100,6 @@ def test_the_caption_names_the_validation_seeds() -> None:
     (case,) = group_results([chosen]).cases
     table = case_table(case)
     assert "20 episodes of coop_nav on the validation seeds" in table.caption
-
-
-def test_without_references_there_is_no_score() -> None:
-    (case,) = group_results([result("idle", None, spec=TaskSpec(horizon=9))]).baselines
-    assert "score" not in cells(case_table(case), "idle")
 
 
 def test_other_environments_have_their_own_columns() -> None:

@@ -165,13 +165,6 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
-@pytest.mark.usefixtures("without_figures")
-@pytest.mark.slow
-def test_processes_leave_the_tables_of_one(runs: Path, swept: Path, tmp_path: Path) -> None:
-    run_sweep([runs / "talks"], [DROP, NOISE], tmp_path, workers=2)
-    assert content(tmp_path) == content(swept)
-
-
 @pytest.mark.slow
 def test_points_are_run_by_schedulers_in_any_order_and_at_once(
     runs: Path, swept: Path, tmp_path: Path
@@ -283,15 +276,6 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
         with pytest.raises(SpecError, match=message):
             run_sweep(names, axes, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.usefixtures("without_figures")
-def test_teams_with_and_without_messages_share_an_axis_of_observation(
-    runs: Path, tmp_path: Path
-) -> None:
-    (found,) = run_sweep([runs / "talks", runs / "silent"], [NOISE], tmp_path)
-    assert [line.label for line in found.lines] == ["talks", "silent"]
-    assert [point.value for point in found.lines[1].points] == [0.0, 0.2]
 
 
 @pytest.mark.usefixtures("without_figures")

@@ -135,7 +135,9 @@ def _is_accepted(spec: TaskSpec, places: tuple[Place, ...], value: float) -> boo
     return True
 
 
-@pytest.mark.parametrize("name", ["max_speed", "max_acceleration", "max_turn_rate", "actuator_lag"])
+@pytest.mark.parametrize(
+    "name", ["max_speed", "max_acceleration", "max_turn_rate", "wheel_grip", "actuator_lag"]
+)
 def test_an_axis_of_the_body_changes_the_robots_that_have_it(name: str) -> None:
     team = (Role(name="a"), Role(name="b", robot=Robot(dynamics="unicycle")))
     spec = TaskSpec(team=team)
@@ -143,7 +145,7 @@ def test_an_axis_of_the_body_changes_the_robots_that_have_it(name: str) -> None:
     assert found.trained == getattr(Robot(), name)
     for value, offered in zip((0.5, 0.25), found.specs, strict=True):
         paths = {path for path, _, there in differences(spec, offered) if there == value}
-        roles = (1,) if name == "max_turn_rate" else (0, 1)
+        roles = (1,) if name in {"max_turn_rate", "wheel_grip"} else (0, 1)
         assert paths == {f"team[{k}].robot.{name}" for k in roles}
         assert paths == {path for path, *_ in differences(spec, offered)}
 
@@ -220,14 +222,6 @@ def test_what_cannot_be_swept_is_refused(
     with pytest.raises(SwarmdataError, match=message) as error:
         specs_along_axis(parse_axis(text, part), "runs/bc", spec)
     assert isinstance(error.value, SpecError | UnknownNameError)
-
-
-@pytest.mark.parametrize("name", ["wheel_grip", "max_turn_rate"])
-def test_axes_of_wheels_are_those_of_unicycles(name: str) -> None:
-    assert name not in parameters(TaskSpec(), "body")
-    unicycle = TaskSpec(team=(Role(robot=Robot(dynamics="unicycle")),))
-    specs = specs_along_axis(parse_axis(f"{name}=4,2", "body"), "bc", unicycle).specs
-    assert [getattr(spec.robots[0], name) for spec in specs] == [4.0, 2.0]
 
 
 def test_an_axis_without_contacts_has_no_friction() -> None:

@@ -57,25 +57,6 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_cells, "open_engine", Here)
 
 
-def without_drawing(patched: pytest.MonkeyPatch) -> None:
-    """Figures are made, and saved as empty files: drawing them takes most of a study's time.
-
-    `tests/evaluation/figures` and `test_pages_are_made_again_from_the_folder_alone` draw theirs.
-    """
-    figure = pytest.importorskip("matplotlib.figure", reason="figures need the plots extra")
-
-    def save(self: object, target: Path, **settings: object) -> None:
-        Path(target).touch()
-
-    patched.setattr(figure.Figure, "savefig", save)
-
-
-@pytest.fixture
-def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are empty files."""
-    without_drawing(monkeypatch)
-
-
 @pytest.fixture(scope="session")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a tiny dataset."""

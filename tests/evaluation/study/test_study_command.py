@@ -29,18 +29,19 @@ def run(*arguments: str | Path, code: int = 0) -> str:
     return result.output
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "empty_figures")
 def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
     file, folders = tmp_path / "study.yaml", ("--out", tmp_path / "o", "--work", tmp_path / "w")
-    file.write_text(make_study(algorithms={"bc": BC}).to_yaml())
+    file.write_text(make_study(algorithms={"bc": BC}, seeds=[0]).to_yaml())
     assert str(tmp_path / "o" / "report.md") in run(file, *folders)
     assert "are the same" in run(file, *folders[2:], "--check", "bc/coop_nav-tiny-v0")
     assert str(tmp_path / "o" / "report.md") in run(tmp_path / "o")
     assert "--only: it has no effect" in run(tmp_path / "o", "--only", "bc/*", code=2)
-    file.write_text(make_study(algorithms={"bc": BC}, episodes=3).to_yaml())
+    file.write_text(make_study(algorithms={"bc": BC}, seeds=[0], episodes=3).to_yaml())
     assert "--again to delete these cells" in run(file, *folders, code=1)
-    file.write_text(make_study(algorithms={"bc": BC}, episodes=3).to_yaml() + "seed: 1\n")
+    file.write_text(
+        make_study(algorithms={"bc": BC}, seeds=[0], episodes=3).to_yaml() + "seed: 1\n"
+    )
     assert "Did you mean 'seeds'" in run(file, *folders, code=1)
 
 

@@ -1,6 +1,5 @@
 """TorchRL: its replay buffers sample what we write, and we read what they stored."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from swarmdata.types import END_REASONS
 pytest.importorskip("torchrl", reason="the extra 'torchrl'")
 torch = pytest.importorskip("torch", reason="the extra 'torch'")
 
-RoundTrip = Callable[[Dataset, str], Dataset]
 pytestmark = pytest.mark.slow  # importing TorchRL takes seconds
 
 
@@ -118,10 +116,7 @@ def their_rows(lengths: list[int], cut: list[bool], n_agents: int = 2) -> Any:
         return rows[:, None].repeat(1, n_agents, 1)
 
     def group(columns: int) -> dict[str, Any]:
-        return {
-            "observation": seen(time, columns),
-            "action": time[:, None].repeat(1, n_agents) % 3,
-        }
+        return {"observation": seen(time, columns), "action": time[:, None].repeat(1, n_agents) % 3}
 
     def after(columns: int) -> dict[str, Any]:
         reward = (100 * episode + time).float()[:, None, None].repeat(1, n_agents, 1)

@@ -16,13 +16,7 @@ from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
-    SIZES,
-    actions_of,
-    random_batch,
-    statistics,
-    two_episodes,
-)
+from tests.offline_algos.toys import SIZES, actions_of, random_batch, statistics, two_episodes  # noqa: E402
 
 DISCRETE = replace(SIZES, choices=((range(3), range(3)), (range(1, 3),)))
 

@@ -116,15 +116,6 @@ def test_targets_are_exact_and_do_not_cross_episodes(monkeypatch: pytest.MonkeyP
     assert clipped.max() == 0
 
 
-def test_nothing_is_bootstrapped_after_a_termination(monkeypatch: pytest.MonkeyPatch) -> None:
-    dataset = chain(3, ends=True)
-    split = asked(dataset)
-    set_values(monkeypatch, 1.0)
-    y, _ = FittedQ(split, 1.0, FQEConfig(**SMALL)).targets(split, torch.arange(1, 6, 2))
-    rewards = dataset.transitions["rewards"].mean(1)[1::2]
-    np.testing.assert_allclose(y[:, 0], np.stack([rewards, rewards]), rtol=1e-6)
-
-
 def test_targets_stay_attainable_and_tell_where_they_were_cut(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

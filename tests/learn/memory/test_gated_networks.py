@@ -6,12 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
-from swarmdata.learn.memory.gated_networks import (  # noqa: E402
-    GatedShape,
-    StackedGates,
-    memories,
-    next_memory,
-)
+from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates, memories, next_memory  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize  # noqa: E402
 
 F, M, T, B = 5, 4, 6, 3

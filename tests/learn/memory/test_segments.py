@@ -20,7 +20,6 @@ from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.conftest import play  # noqa: E402
 
 BURN_IN, WINDOW = 3, 5
-MISSING = ("log_probs", "episodes")
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.learn.networks.actor import (  # noqa: E402
-    BehaviorDensity,
-    StackedActor,
-)
+from swarmdata.learn.networks.actor import BehaviorDensity, StackedActor  # noqa: E402
 from tests.offline_algos.toys import SIZES, statistics  # noqa: E402
 
 

@@ -3,8 +3,6 @@
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
@@ -72,18 +70,6 @@ def test_policy_values_are_the_first_twins_with_constant_parameters(kind: Any) -
     leaves = [weight for weight, _ in critics.utilities._leaves()]
     with pytest.raises(RuntimeError, match="not have been used"):
         torch.autograd.grad(critics.policy_values(s, o, pi).sum(), leaves[:1])
-
-
-@settings(deadline=None, max_examples=30)
-@given(seed=st.integers(0, 999), agent=st.integers(0, 2))
-def test_monotonic_critics_rise_with_each_agents_own_value(seed: int, agent: int) -> None:
-    """What an agent prefers by its own value, the team prefers."""
-    critics, (s, o, a) = made(MonotonicMixer), drawn(seed=seed)
-    other = a.clone()
-    other[:, :, agent] = drawn(seed=seed + 1000)[2][:, :, agent]
-    gain = critics.agent_values(o, other) - critics.agent_values(o, a)
-    team = critics.q(s, o, other) - critics.q(s, o, a)
-    assert (team * gain[..., agent] >= -1e-6).all()
 
 
 def test_free_critics_need_not() -> None:

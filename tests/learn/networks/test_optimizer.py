@@ -6,13 +6,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.networks.optimizer import (  # noqa: E402
-    Descent,
-    StackedAdam,
-    clip_per_seed,
-    cosine,
-    linear,
-)
+from swarmdata.learn.networks.optimizer import Descent, StackedAdam, clip_per_seed, cosine, linear  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp  # noqa: E402
 
 SHAPE = MLPShape(3, (8,), 2)

@@ -9,11 +9,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
-from swarmdata.learn.networks.critics import (  # noqa: E402
-    Critic,
-    RobotCritics,
-    RobotViews,
-)
+from swarmdata.learn.networks.critics import Critic, RobotCritics, RobotViews  # noqa: E402
 from swarmdata.learn.networks.network_inputs import Normalizer  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
@@ -124,15 +120,7 @@ def test_robots_of_the_state_come_in_the_order_of_the_actions() -> None:
 def test_values_of_candidates_are_those_of_single_deviations(critic: Critic) -> None:
     states, observations, local = world()
     normalizer = Normalizer(MOMENTS, "cpu")
-    critics = RobotCritics(
-        SIZES,
-        normalizer,
-        critic,
-        [0],
-        (8,),
-        learning_rate=1e-3,
-        max_norm=None,
-    )
+    critics = RobotCritics(SIZES, normalizer, critic, [0], (8,), learning_rate=1e-3, max_norm=None)
     view = critics.view(states, observations)
     candidates = torch.stack([local, -local, local / 2], 3)
     values = critics.candidate_q(view, candidates, local)

@@ -13,11 +13,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go  # noqa: E402
-from swarmdata.learn.networks.network_inputs import (  # noqa: E402
-    RobotRewards,
-    standardize,
-    with_agent_id,
-)
+from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id  # noqa: E402
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.objectives.losses import (  # noqa: E402
     anchored_loss,
@@ -101,10 +97,7 @@ def best(loss: object, low: float = -5.0, high: float = 5.0) -> float:
 
 
 @settings(deadline=None, max_examples=30)
-@given(
-    q=st.lists(st.floats(-4, 4), min_size=2, max_size=6),
-    low=st.floats(0.5, 0.95),
-)
+@given(q=st.lists(st.floats(-4, 4), min_size=2, max_size=6), low=st.floats(0.5, 0.95))
 def test_expectiles_rise_from_the_mean_to_the_maximum(q: list[float], low: float) -> None:
     qs = torch.tensor(q, dtype=torch.float64)
 
@@ -215,12 +208,6 @@ def test_equal_returns_have_a_scale_of_one() -> None:
 def test_an_empty_dataset_cannot_be_measured() -> None:
     with pytest.raises(SchemaError, match="no episodes"):
         Statistics.measure(MemoryDataset([]), discount=1.0)
-
-
-def test_constant_features_are_only_centered() -> None:
-    values = torch.tensor([[3.0, 5.0]])
-    out = standardize(values, torch.tensor([1.0, 4.0]), torch.tensor([2.0, 0.0]))
-    assert out.tolist() == [[1.0, 1.0]]
 
 
 def test_agents_see_their_number() -> None:

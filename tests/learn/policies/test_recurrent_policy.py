@@ -1,7 +1,6 @@
 """Policies with a memory act as they were trained, forget at a reset, and keep copies apart."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,14 +21,7 @@ from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
 from swarmdata.types import Float, Step  # noqa: E402
-from tests.learn.policies.recurrent_training import (  # noqa: E402
-    FLOW,
-    MEMORY,
-    bc,
-    mac_flow,
-    steps_of,
-    trained,
-)
+from tests.learn.policies.recurrent_training import FLOW, MEMORY, bc, mac_flow, steps_of, trained  # noqa: E402
 
 Train = Callable[..., Any]
 
@@ -158,11 +150,3 @@ def test_students_of_a_flow_act_step_by_step_as_trained(
         wanted = used.to_world(observations[8:12], wanted).astype(np.float32)
         wanted /= np.maximum(np.linalg.norm(wanted, axis=-1, keepdims=True), 1)
     np.testing.assert_allclose(actions, wanted, atol=1e-5)
-
-
-def test_noise_is_scaled(data: Dataset) -> None:
-    policy = mac_flow(data).policy(0)
-    assert isinstance(policy, RecurrentFlowPolicy)
-    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
-    quiet = replace(policy, noise_scale=0.25)
-    np.testing.assert_array_equal(quiet.draw(step), 0.25 * policy.draw(step))

@@ -1,6 +1,5 @@
 """Checkpoints: what is saved comes back, and damage is an error."""
 
-import os
 import re
 from pathlib import Path
 
@@ -10,13 +9,8 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from safetensors.torch import save_file  # noqa: E402
 
-from swarmdata.errors import CheckpointError, DiskFullError  # noqa: E402
-from swarmdata.learn.training.checkpoint import (  # noqa: E402
-    load_checkpoint,
-    part,
-    save_checkpoint,
-)
-from swarmdata.runtime.atomic import write_file  # noqa: E402
+from swarmdata.errors import CheckpointError  # noqa: E402
+from swarmdata.learn.training.checkpoint import load_checkpoint, part, save_checkpoint  # noqa: E402
 
 TENSORS = {
     "a.x": torch.randn(3, 2),
@@ -71,21 +65,6 @@ def test_an_absent_file_and_another_programs_file_are_errors(tmp_path: Path) -> 
     save_file(TENSORS | {"c": torch.zeros(1)}, tmp_path / "other")
     with pytest.raises(CheckpointError, match="written by another program"):
         load_checkpoint(tmp_path / "other")
-
-
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before = path.read_bytes()
-
-    def no_space(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", no_space)
-    with pytest.raises(DiskFullError, match="no space is left"):
-        write_file(path, b"new")
-    assert path.read_bytes() == before
-    assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
 def test_part_selects_by_prefix() -> None:

@@ -4,19 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from torch import Generator, Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import (  # noqa: E402
-    generators,
-    normal_like,
-    uniform_like,
-)
+from swarmdata.learn.networks.network_inputs import generators, normal_like, uniform_like  # noqa: E402
 from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy, gaussian  # noqa: E402
 
 
@@ -27,19 +21,6 @@ def test_a_schedule_falls_and_stays() -> None:
     )
     with pytest.raises(SchemaError, match="expected above 0"):
         LinearSchedule(1.0, 0.2, duration=0.0)
-
-
-@given(
-    start=st.floats(0, 1),
-    end=st.floats(0, 1),
-    duration=st.floats(0.01, 1),
-    progress=st.floats(0, 1),
-)
-def test_a_schedule_stays_between_its_ends(
-    start: float, end: float, duration: float, progress: float
-) -> None:
-    value = LinearSchedule(start, end, duration).at(progress)
-    assert min(start, end) - 1e-9 <= value <= max(start, end) + 1e-9
 
 
 def test_noise_has_its_deviation_and_stays_in_the_box() -> None:

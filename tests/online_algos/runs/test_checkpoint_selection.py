@@ -15,11 +15,7 @@ from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.run_files import Seed, last_policy_path
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs import checkpoint_selection
-from swarmdata.online_algos.runs.checkpoint_selection import (
-    find_medium,
-    read_curve,
-    ship,
-)
+from swarmdata.online_algos.runs.checkpoint_selection import find_medium, read_curve, ship
 from swarmdata.online_algos.runs.export_policy import export
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.registry.components import make_env

@@ -18,12 +18,7 @@ from swarmdata.errors import CheckpointError, DivergedError, SwarmdataError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
-from swarmdata.learn.training.run_files import (
-    CHECKPOINT,
-    last_policy_path,
-    policy_path,
-    read_table,
-)
+from swarmdata.learn.training.run_files import CHECKPOINT, last_policy_path, policy_path, read_table
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo import initial_weights

@@ -106,3 +106,22 @@ def test_empty_slots_are_zero_with_mask_zero(scenes: Any) -> None:
     empty = [k for k, name in enumerate(names) if name.startswith(("neighbor_1", "neighbor_2"))]
     assert not out[..., empty].any()
     assert (out[..., names.index("neighbor_0.mask")] == 1).all()
+
+
+@given(seed=st.integers(0, 2**32), n_slots=st.integers(1, 2), dropout=st.sampled_from([0.0, 0.4]))
+def test_more_slots_begin_with_the_bits_of_fewer(
+    scenes: Any, seed: int, n_slots: int, dropout: float
+) -> None:
+    blocks = []
+    for n_obstacles in (n_slots, 6):  # of 6 obstacles: the likely ones first, and in order
+        model = {"kind": "state", "n_obstacles": n_obstacles, "n_neighbors": 0, "dropout": dropout}
+        task = scenes.task(model)
+        step = scenes.step(task, 3, seed)
+        step.layouts[:, [1, 5]] = step.layouts[:, [0, 4]]  # equally near
+        sensor = Sensor(task, 3)
+        out = np.zeros((3, 4, len(sensor.features)), np.float32)
+        sensor.observe(step, np.ones(3, np.bool_), out)
+        blocks.append(out[..., len(sensor.features) - 8 * n_obstacles :])
+
+    few, many = blocks
+    assert few.tobytes() == many[..., : 8 * n_slots].tobytes()

@@ -59,6 +59,9 @@ def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
     assert cost.attempts[0].curve_seconds > 0
     facts = DatasetFacts.from_file(tmp_path / "c" / DATA_FILE)
     assert (facts.id, facts.digest) == ("coop_nav-tiny-v0", cell.digest)
+    tensors, metadata = load_checkpoint(cell_run_folder(cell, tmp_path / "c") / CHECKPOINT)
+    assert not any("adam" in name for name in tensors), "a finished run is small"
+    assert metadata["update"] == 20
 
 
 def test_a_cell_learns_from_its_rewards_and_is_measured_by_the_tasks(
@@ -116,7 +119,7 @@ class KilledError(BaseException):
     """Stands for a signal."""
 
 
-@pytest.mark.parametrize("after", [1, 12, 20])
+@pytest.mark.parametrize("after", [1, 12])
 def test_a_killed_cell_goes_on_to_the_same_numbers(
     make_study: Make, tmp_path: Path, after: int
 ) -> None:
@@ -148,20 +151,6 @@ def test_a_folder_of_another_cell_is_refused(make_study: Make, tmp_path: Path) -
     assert find_conflict(other, tmp_path / "c") == "n_episodes is 4, not 5"
     with pytest.raises(BuildError, match="holds another bc/coop_nav-tiny-v0: n_episodes is"):
         run_cell(other, tmp_path / "c")
-
-
-def test_a_finished_run_is_small(make_study: Make, tmp_path: Path) -> None:
-    cell = cell_of(make_study(algorithms={"m": MADDPG}))
-    run_cell(cell, tmp_path / "c")
-    tensors, metadata = load_checkpoint(cell_run_folder(cell, tmp_path / "c") / CHECKPOINT)
-    assert [name for name in tensors if name.startswith("algorithm.")] == ["algorithm.actor"]
-    assert metadata["update"] == 10
-
-
-def test_other_content_under_the_same_name_is_refused(make_study: Make, tmp_path: Path) -> None:
-    cell = cell_of(make_study()).model_copy(update={"digest": "f" * 64})
-    with pytest.raises(SchemaError, match="the study expects ffffffffffff"):
-        run_cell(cell, tmp_path / "c")
 
 
 def test_failures_are_written_beside_the_cell(make_study: Make, tmp_path: Path) -> None:

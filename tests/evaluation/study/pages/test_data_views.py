@@ -6,9 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
-from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
@@ -32,7 +30,7 @@ def study(data: Path, make_study: Callable[..., Study]) -> Study:
         "transfer": ["bc"],
         "transfer_episodes": 3,
     }
-    return make_study(algorithms={"bc": BC}, information=plan)
+    return make_study(algorithms={"bc": BC}, seeds=[0], information=plan)
 
 
 def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
@@ -43,7 +41,7 @@ def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
 
 
 def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Path) -> None:
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
@@ -69,7 +67,9 @@ def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Pat
 def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
     study: Study, tmp_path: Path
 ) -> None:
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/*", progress=False)
+    options = StudyOptions(
+        tmp_path / "out", tmp_path / "work", only="bc/*", workers=1, progress=False
+    )
     title = "## Information: learned with one, used with another"
     _, (page, *_) = run_study(study, options, "x")
     assert title not in page.read_text()
@@ -84,11 +84,3 @@ def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
     assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
     rewrite_pages(tmp_path / "out")
     assert page.read_text().partition(title)[2].partition("\n## ")[0] == section
-
-
-def test_transfer_names_algorithms_of_the_views(
-    data: Path, make_study: Callable[..., Study]
-) -> None:
-    plan = {"datasets": [str(data)], "algorithms": ["bc"], "views": VIEWS, "transfer": ["other"]}
-    with pytest.raises((SpecError, ValidationError), match=r"information\.transfer has 'other'"):
-        make_study(information=plan)

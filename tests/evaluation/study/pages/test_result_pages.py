@@ -8,11 +8,7 @@ import pytest
 
 from swarmdata.drawing.page_text import MADE
 from swarmdata.errors import OutputError, StudyError
-from swarmdata.evaluation.study.pages.result_pages import (
-    QUESTIONS,
-    STUDY_PAGES,
-    write_result_pages,
-)
+from swarmdata.evaluation.study.pages.result_pages import QUESTIONS, STUDY_PAGES, write_result_pages
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.runtime.output_folder import filled
 
@@ -31,6 +27,14 @@ def test_committed_pages_are_what_the_command_writes(tmp_path: Path) -> None:
         assert page.read_text() == (ROOT / "docs/results" / page.name).read_text(), page.name
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All pages in a new folder."""
+    out = tmp_path_factory.mktemp("pages") / "results"
+    write_result_pages(STUDIES, out)
+    return out
+
+
 @pytest.mark.parametrize(
     ("stem", "row"),
     [
@@ -47,18 +51,16 @@ def test_committed_pages_are_what_the_command_writes(tmp_path: Path) -> None:
     ],
 )
 def test_a_new_folder_has_the_tables_and_figures_of_each_question(
-    tmp_path: Path, stem: str, row: str
+    made: Path, stem: str, row: str
 ) -> None:
-    out = tmp_path / "results"
-    write_result_pages(STUDIES, out)
-    page = (out / f"{stem}.md").read_text()
+    page = (made / f"{stem}.md").read_text()
     (question,) = (each for each in QUESTIONS if each.stem == stem)
     assert page.startswith(f"# {question.title}\n\n{MADE}\n\n## Study ")
     assert re.search(rf"\n\| {row}", page)
     links = re.findall(r"\]\(([^)#]+)\)", page)
     assert links
-    assert all((out / link).exists() for link in links)
-    assert f"- [{question.title}]({stem}.md)\n" in (out / "README.md").read_text()
+    assert all((made / link).exists() for link in links)
+    assert f"- [{question.title}]({stem}.md)\n" in (made / "README.md").read_text()
 
 
 def test_text_above_the_made_part_stays(tmp_path: Path) -> None:

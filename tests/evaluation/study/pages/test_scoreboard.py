@@ -18,9 +18,7 @@ SCORE = Column("score", "score", "", 1)
 
 
 def make_board(
-    scores: Mapping[str, Mapping[str, float]],
-    data: Mapping[str, float],
-    width: float = 1.0,
+    scores: Mapping[str, Mapping[str, float]], data: Mapping[str, float], width: float = 1.0
 ) -> Scoreboard:
     """Four seeds that agree on four episodes, which differ alike for all labels."""
     hard = mean_interval(HARD[None])

@@ -7,8 +7,6 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,17 +20,13 @@ from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells import cell_worker
 from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
-from swarmdata.evaluation.study.pages.training_curves import _by_algorithm
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG
 
 pytestmark = pytest.mark.usefixtures("here")
 
-WHOLE = {
-    "algorithms": {"bc": BC, "maddpg": MADDPG},
-    "curves": {"points": 2, "episodes": 2},
-}
+WHOLE = {"algorithms": {"bc": BC, "maddpg": MADDPG}, "curves": {"points": 2, "episodes": 2}}
 
 
 @pytest.fixture
@@ -136,6 +130,7 @@ def test_pages_are_made_again_from_the_folder_alone(
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
     study = make_study(
         algorithms={"maddpg": MADDPG},
+        seeds=[0],
         losses={"q": {"column": "q", "label": "mean Q", "datasets": [str(data)],
                       "algorithms": ["maddpg"]}},
     )  # fmt: skip
@@ -160,10 +155,7 @@ def test_pages_are_made_again_from_the_folder_alone(
 
 @pytest.mark.usefixtures("empty_figures")
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
-    make_study: Callable[..., Study],
-    data: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    make_study: Callable[..., Study], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = tmp_path / "other-v0"
     shutil.copytree(data, other)
@@ -244,15 +236,3 @@ def test_pairs_and_online_rows_have_sections(
     drawn = {path.name for path in report.parent.glob("*.png")}
     assert {"differences-doubling.png", "online-curves.png"} <= drawn
     assert "differences-more.png" not in drawn
-
-
-@pytest.mark.parametrize(
-    ("labels", "shown"), [(["learned"], ["mappo"]), (["one", "other"], ["one", "other"])]
-)
-def test_curves_are_named_by_algorithm_and_by_row_where_one_has_several(
-    labels: list[str], shown: list[str]
-) -> None:
-    online = dict.fromkeys(labels, SimpleNamespace(algorithm="mappo"))
-    found: Any = SimpleNamespace(study=SimpleNamespace(online=online))
-    curves: Any = dict.fromkeys(labels)
-    assert list(_by_algorithm(found, curves)) == shown
