@@ -8,7 +8,7 @@
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
 #   make slow | learns           the long tests; tests that train until a threshold is beaten
 #   make docs | notebooks        the site, into dist/docs; the notebooks of the tutorials, which takes minutes
-#   make bench | wheel           the timings, into docs/benchmarks.md; the installable files, into dist/
+#   make bench | wheel           the timings, into docs/measurements.md; the installable files, into dist/
 #   make digests                 builds every mini under many circumstances, compares digests; takes hours
 #   make clean                   removes what the targets made, except datasets in the user cache
 

@@ -1,4 +1,4 @@
-"""Seed-updates a second of offline training, into docs/benchmarks.md.
+"""Seed-updates a second of offline training, into docs/measurements.md.
 
     python -m tests.benchmarks.bench_offline [--eager]
 
