@@ -23,7 +23,17 @@ MIX_2 = 0x94D049BB133111EB
 STREAMS = {
     name: index
     for index, name in enumerate(
-        ("layout", "policy", "noise", "channel", "sensor", "split", "reset", "body")
+        (
+            "layout",
+            "policy",
+            "noise",
+            "channel",
+            "sensor",
+            "split",
+            "reset",
+            "body",
+            "odometry",
+        )
     )
 }
 """Independent streams of one episode's seed."""

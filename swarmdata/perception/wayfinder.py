@@ -115,7 +115,7 @@ class Wayfinder:
             half=np.array([half_width, half_height]),
             radius=max(robot.radius for robot in spec.robots),
             diagonal=2.0 * math.sqrt(half_width * half_width + half_height * half_height),
-            in_body=model.kind != "state",
+            in_body=model.in_body_frame,
             delay=model.delay,
             goal_steps=never if model.goal_steps is None else model.goal_steps,
         )
