@@ -213,7 +213,7 @@ def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> Non
 
 
 def test_the_bodys_frame_has_no_coordinates_of_the_world(scenes: Any) -> None:
-    """Neither the own position nor the heading: in a world that is moved and turned, all is same."""
+    """Neither the own position nor the heading: a world that is moved and turned looks the same."""
     task, world = (
         scenes.task(model, has_bodies=True, has_features=True)
         for model in (BODY_STATE, {"kind": "state"})
