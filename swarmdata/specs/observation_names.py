@@ -69,8 +69,8 @@ def observation_model(
             `drift-0.02` (of the pose that odometry gives: m and rad per metre driven, rad per
             radian turned), `landmarks-0.5` (m, from which landmarks correct it), `no-velocities`
             (no features that are velocities), `body-frame` (of `state`: no own position, vectors in
-            the own frame), `ways` (the way around obstacles to
-            each place that is observed). Without a kind, modifiers are of the kind of `own`.
+            the own frame), `ways` (the way around obstacles to each place that is observed).
+            Without a kind, modifiers are of the kind of `own`.
 
             A name modifies `own`, or the defaults of its kind if "=" stands before it. `noise`,
             `drift`, `dropout` and `delay` add to those of `own`, and another kind keeps what all

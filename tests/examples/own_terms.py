@@ -49,7 +49,7 @@ def differences(folder: Path) -> Any:  # of stored and computed rewards, by epis
 
         compute = search if "victim_0.x" in names else intersection
         terms = compute(of, *(of(name)[..., 0] for name in ("x", "y", "tx", "ty")))
-        own = 0.0  # the terms that all tasks share are taken as they are stored
+        own: Any = 0.0  # the terms that all tasks share are taken as they are stored
         for k, term in enumerate(data["rewards"].attrs["terms"]):
             stored = data["reward_terms"][rows][..., k].astype(float)
             own = own + term["sign"] * term["weight"] * terms.get(term["name"], stored)

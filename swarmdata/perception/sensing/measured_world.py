@@ -13,7 +13,8 @@ Measurements:
 
 Robots that localise (`state` in the world's frame) measure displacements in the world's frame. All
 others measure them in the body's frame, where an error of their own heading does not turn them.
-Drift of the heading turns neither: odometry is no part of these measurements.
+With drift, everybody measures from the body: what is told in the world's frame is turned by as much
+as the heading that the robot believes in, and what is told in the body's is not.
 
 All draws are functions of the episode's seed, the step, the robot that measures and the measured
 object; the order of slots plays no part.
