@@ -118,7 +118,7 @@ class Robot(Extended):
     actuator_lag: Lag = 0.0  # s, time constant with which the motors follow it
     mass: Mass = 1.0  # kg
     friction: Friction = SURFACE_FRICTION  # of its hull; engines multiply those of two bodies
-    wheel_grip: Acceleration = 10.0  # m/s^2 until wheels slip, along or across; unicycle only
+    wheel_grip: Acceleration = 10.0  # m/s^2 up to which wheels do not slip, unicycle only
     base: Literal["planar", "wheels"] = "planar"  # wheels: two and a caster, in MuJoCo, unicycle
 
     @model_validator(mode="after")
