@@ -28,9 +28,9 @@ class SensorNoise(Frozen):
 class Drift(Frozen):
     """How fast the pose drifts that a robot reckons from its odometry: see `sensing.odometry`.
 
-    Each rate is the deviation of a bias, which an episode draws for each robot, and that of a
-    random walk: after one metre (or radian) both are equal, then the bias grows with the way, the
-    walk with its root.
+    Each rate is the standard deviation of a bias, which an episode draws for each robot, and that
+    of a random walk after one metre (or radian). The error of the bias grows with the distance,
+    that of the walk with its square root.
     """
 
     position: NonNegative = 0.0  # m per metre driven

@@ -131,7 +131,7 @@ class MeasuredWorld:
         )  # fmt: skip
         if not self._odometry.is_exact:
             np.copyto(self._poses, self._known)
-            self._odometry.mislead(step, active, self._known)
+            self._odometry.advance(step, active, self._known)
         return self._known
 
     def measured_by(self, robot: int, step: Step, active: Bool) -> World:

@@ -1,15 +1,15 @@
-"""Odometry: where robots believe to be that add up how they drive and turn.
+"""Odometry: the pose that a robot believes in, from how it has driven and turned.
 
-A robot knows its pose when an episode begins. From then on it adds up its displacement and its
-turn in each control step, in its own frame, both measured with errors (`sensing_models.Drift`).
+A robot knows its pose when an episode begins. From then on it adds up its displacements and turns
+in each control step, in its own frame, both measured with errors (`sensing_models.Drift`).
 With rates p, h and t of position, heading and turning, a step of d metres and a turn of a radians,
 
     measured displacement = (1 + p B0) true one + p sqrt(d) (W0, W1)
     measured turn         = a + h B1 d + t B2 a + sqrt(h^2 d + t^2 |a|) W2
 
 B are normal draws of the episode and the robot, its bias; W are normal draws of the step, a random
-walk whose variance grows with the way. After one metre, bias and walk are equally large. The errors
-of the turns accumulate in the heading, along which displacements are added.
+walk whose variance grows with the distance. After one metre, both have the same deviation. Errors
+of turns accumulate in the heading, along which displacements are added.
 
 A holonomic robot has a compass: its commands are vectors in the world's frame, so that its heading
 does not drift. All robots know their pose again wherever a landmark is in range: the corners and
@@ -50,7 +50,7 @@ class Rates(NamedTuple):
 
 
 class Odometry:
-    """Adds up the ways of the robots of E copies.
+    """Adds up the displacements and turns of the robots of E copies.
 
     Args:
         spec: of the robots.
@@ -83,7 +83,7 @@ class Odometry:
         """Makes the next step of each of these copies the first of an episode."""
         self._begun[copies] = False
 
-    def mislead(self, step: Step, active: Bool, known: Float) -> None:
+    def advance(self, step: Step, active: Bool, known: Float) -> None:
         """Takes a step of the active copies, and adds its errors to what robots know of themselves.
 
         Call it once for every step of an episode, from its beginning.
