@@ -23,6 +23,7 @@ from swarmdata.cards.sections.origin import (
 )
 from swarmdata.cards.sections.problem import (
     arrays_section,
+    definitions_section,
     reward_section,
     senses_section,
     task_section,
@@ -120,6 +121,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         reward_section(task),
         senses_section(spec),
         arrays_section(task, data.manifest),
+        definitions_section(task),
         bullets("Checks passed", check(data)),
         origin_section(data.origin, data.manifest),
     )

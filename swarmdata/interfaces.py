@@ -30,10 +30,12 @@ from swarmdata.types import (
 class Task(Protocol):
     """A task with the constants of one spec: pure functions over arrays, without physics.
 
-    Three members are optional. `appearance(spec)`, a static method, says how the task is drawn, by
-    a `registry.appearance.Appearance`. `complete(states, copies)` writes the extras of states whose
-    robots and targets are set: with it, logs of robots can be scored by the task. `controller`, a
-    class, is the policy `scripted` of a task of another package.
+    Four members are optional. `appearance(spec)`, a static method, says how the task is drawn, by a
+    `registry.appearance.Appearance`. `definitions`, a mapping of names to texts, says on cards what
+    the names of columns, terms and metrics stand for where a line is too short. `complete(states,
+    copies)` writes the extras of states whose robots and targets are set: with it, logs of robots
+    can be scored by the task. `controller`, a class, is the policy `scripted` of a task of another
+    package.
 
     Built as `Task(spec)`. `state_layout` describes a row of the states: robots, movable bodies, and
     then the task's own numbers, whose columns are `extras`. Everything that these functions write

@@ -78,7 +78,7 @@ class SearchController:
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0, remembers: bool = True) -> None:
         rules, task = spec.rules_as(SearchRules), Search(spec)
         self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
-        self._n_agents, self._in_body = spec.n_agents, spec.observation.kind != "state"
+        self._n_agents, self._in_body = spec.n_agents, spec.observation.in_body_frame
         self._columns = _message_columns(task)
         dt = spec.control_dt
         self._floor = Floor(
