@@ -2,10 +2,10 @@
 
 Files are written for tools that expect one agent: joint observations [n, N * O], joint actions
 [n, N * A], and the team's rewards and costs [n]. Everything else is in `infos/`, which D4RL's
-loaders read as further keys. Such files are read, as well as files with an agent axis, and files of one agent as in
-D4RL (Fu et al. 2020, "D4RL: Datasets for Deep Data-Driven Reinforcement Learning", and its
-repository). `next_observations` is written, so that no transition is lost; if a file lacks them or
-`timeouts`, the user is asked.
+loaders read as further keys. Such files are read, as well as files with an agent axis, and files of
+one agent as in D4RL (Fu et al. 2020, "D4RL: Datasets for Deep Data-Driven Reinforcement Learning",
+and its repository). `next_observations` is written, so that no transition is lost; if a file lacks
+them or `timeouts`, the user is asked.
 """
 
 from collections.abc import Iterator, Mapping

@@ -85,7 +85,9 @@ def test_a_mixture_is_a_dataset_of_its_own(
         information={"datasets": ["both"], "algorithms": ["bc"], "views": views},
     )
     failures, files = run_study(
-        study, StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False), "swarmdata study"
+        study,
+        StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False),
+        "swarmdata study",
     )
     assert failures == {}
     found = {run["dataset"]: run for run in rows(tmp_path / "out" / "data.csv")}
