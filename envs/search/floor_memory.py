@@ -16,7 +16,7 @@ import numpy as np
 
 from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.numerics.geometry import clearance
-from swarmdata.numerics.sight import is_in_sight
+from swarmdata.numerics.sight import sees
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
@@ -60,15 +60,6 @@ def cell_middles(spec: TaskSpec, rules: SearchRules) -> Double:
         axes.append((low + high) / 2 - size / 2)
     x, y = np.meshgrid(*axes)
     return np.stack([x, y], axis=-1).reshape(-1, 2)
-
-
-@kernel
-def sees(x: float, y: float, px: float, py: float, sight_range: float, layout: Float) -> bool:
-    """Whether a robot at (x, y) sees the point (px, py)."""
-    dx, dy = px - x, py - y
-    if dx * dx + dy * dy > sight_range * sight_range:
-        return False
-    return bool(is_in_sight(x, y, px, py, layout))
 
 
 @kernel
