@@ -153,7 +153,8 @@ def _references(data: CardData) -> str:
         + markdown.table(("policy", *labels), rows)
         + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
         f"intervals; the policies act without noise. {anchors}"
-        f"`{REFERENCES}` beside this card has all metrics at full precision.\n" + gap_section(known)
+        f"`{REFERENCES}` beside this card has all metrics at full precision.\n"
+        + gap_section(known, task_of(data.origin, "a card of a task").rules.naive_teams)
     )
 
 

@@ -7,6 +7,7 @@ from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Interval, TaskReferences
 from swarmdata.rollouts.metrics import EPISODE_METRICS, SOLVED_TIME, metrics_of
+from swarmdata.specs.rules import rules_model
 
 SHARED_METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions")
 """Metrics that every row has; those of the task follow."""
@@ -36,7 +37,7 @@ POLICY_ORDER = ("idle", "random", "straight", *LESS_COORDINATED, "scripted", "me
 """Rows of a table."""
 
 INDEX_POLICIES = ("straight", *LESS_COORDINATED, "scripted", "medium", "expert")
-"""Columns of the index."""
+"""Columns of the index, behind the naive teams of the task."""
 
 
 def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
@@ -52,17 +53,20 @@ def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
     index = INDEX_HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
     pages = {}
     for task, names in tasks.items():
-        rows = [[f"[`{name}`]({task}.md#{name})", *_success(known.get(name))] for name in names]
-        index += f"\n## {task}\n\n{table(['preset', *INDEX_POLICIES], rows, is_numeric=True)}"
+        teams = (*rules_model(task).naive_teams, *INDEX_POLICIES)
+        rows = [
+            [f"[`{name}`]({task}.md#{name})", *_success(known.get(name), teams)] for name in names
+        ]
+        index += f"\n## {task}\n\n{table(['preset', *teams], rows, is_numeric=True)}"
         sections = (f"\n## `{name}`\n\n{preset_figures(name, known.get(name))}" for name in names)
         pages[f"{task}.md"] = TASK_HEAD.format(task=task) + "".join(sections)
     return {"README.md": index, **pages}
 
 
-def _success(entry: TaskReferences | None) -> list[str]:
-    """The shares of episodes that the policies of the index solve, and solve cleanly, in %."""
+def _success(entry: TaskReferences | None, teams: Sequence[str]) -> list[str]:
+    """The shares of episodes that teams solve, and solve cleanly, in %."""
     shares = []
-    for policy in INDEX_POLICIES:
+    for policy in teams:
         figures = entry.policies.get(policy, {}) if entry else {}
         measured = [figures.get(metric) for metric in ("success", "clean_success")]
         solved, clean = (each and f"{100 * each.value:.1f}" for each in measured)
@@ -99,7 +103,11 @@ def preset_figures(name: str, entry: TaskReferences | None) -> str:
         score = None if team_return is None else entry.score(team_return)
         shown = "no expert" if score is None else f"{score:.1f}"
         rows.append([policy, shown, *(_cell(values.get(column), column) for column in columns)])
-    return head + table(["policy", "score", *titles], rows) + gap_section(entry)
+    return (
+        head
+        + table(["policy", "score", *titles], rows)
+        + gap_section(entry, spec.rules.naive_teams)
+    )
 
 
 def _rank(policy: str) -> tuple[int, str]:

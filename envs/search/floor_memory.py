@@ -16,7 +16,7 @@ import numpy as np
 
 from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.numerics.geometry import clearance
-from swarmdata.numerics.sight import is_in_sight
+from swarmdata.numerics.sight import sees
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
@@ -95,15 +95,6 @@ def search_definitions(spec: TaskSpec, rules: SearchRules) -> dict[str, str]:
             f"without any the base, ({-spec.half_size[0]:g}, {-spec.half_size[1]:g})"
         ),
     }
-
-
-@kernel
-def sees(x: float, y: float, px: float, py: float, sight_range: float, layout: Float) -> bool:
-    """Whether a robot at (x, y) sees the point (px, py)."""
-    dx, dy = px - x, py - y
-    if dx * dx + dy * dy > sight_range * sight_range:
-        return False
-    return bool(is_in_sight(x, y, px, py, layout))
 
 
 @kernel

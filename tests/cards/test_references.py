@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.cards.references import interval, summarize
+from swarmdata.cards.references import gap_section, interval, summarize
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset, preset_names
@@ -67,6 +67,19 @@ def test_score_needs_all_its_references() -> None:
 
     assert only_idle.no_skill is None
     assert only_idle.score(0.0) is None
+
+
+def test_the_gap_of_a_task_names_its_best_naive_team() -> None:
+    naive = {"bold": "drives straight", "sly": "aims ahead"}
+    values = {"scripted": 0.9, "scripted-alone": 0.8, "bold": 0.1, "sly": 0.3, "idle": -4.0}
+    results = {name: [make_result(name, value)] for name, value in values.items()}
+    table = summarize(results, naive_teams=naive)
+
+    assert set(table.gaps) == {"scripted-alone", *naive}
+    page = gap_section(table, naive)
+    assert "The best of 2 teams that do not act together is `sly`, which solves 30.0 [" in page
+    assert "| bold | drives straight | 80.0" in page
+    assert "solves" not in gap_section(summarize(results), {})
 
 
 def test_summary_refuses_other_seeds_and_nothing() -> None:
