@@ -420,7 +420,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
     "Learning": {
         "algorithms": training_commands.algorithms,
         "study": study_commands.study,
-        "study-pages": study_commands.study_pages,
+        "study-cards": study_commands.study_cards,
         "sweep": sweep_commands.sweep,
         "transfer": sweep_commands.transfer,
         "rank": result_commands.rank,
