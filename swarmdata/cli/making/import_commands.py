@@ -20,8 +20,8 @@ Map = Annotated[
         "--map",
         metavar="FILE",
         help="YAML file that says which columns and topics are poses, commands and observations; "
-        "the name of one that the package has, such as mrclam; or the recipe.json of an imported dataset, to make it "
-        "again",
+        "the name of one that the package has, such as mrclam; or the recipe.json of an imported "
+        "dataset, to make it again",
     ),
 ]
 NewId = Annotated[
