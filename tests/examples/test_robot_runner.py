@@ -172,7 +172,7 @@ def test_every_drive_of_a_bad_day_ends_with_a_robot_that_stands(rehearsal: Rehea
 
 @pytest.mark.parametrize("failure", [OSError("no link"), KeyboardInterrupt()])
 def test_a_failure_stops_the_robot(rehearsal: Rehearsal, failure: BaseException) -> None:
-    def send(command: tuple[float, float]) -> None:
+    def send(command: tuple[float, ...]) -> None:
         rehearsal.send(command)
         if len(rehearsal.sent) == 3:
             raise failure

@@ -242,32 +242,31 @@ def _unrolled(table: LogTable, windows: WindowRows) -> LogTable:
         ConversionError: a column is named otherwise, or has other steps than the others.
     """
     pattern = re.escape(windows.columns).replace(r"\{step\}", r"(?P<step>[0-9]+)")
-    steps: dict[str, dict[int, Cells]] = {}
-    for name, cells in table.cells.items():
+    steps: dict[str, dict[int, list[str]]] = {}
+    for name in table.cells:
         match = re.fullmatch(pattern.replace(r"\{column\}", "(?P<column>.+)"), name)
         if match is None or match["column"] == "time":
             raise ConversionError(
                 f"{table.name} has a column {name!r}, expected columns of windows that are named "
                 f"{windows.columns}, none of them `time`"
             )
-        steps.setdefault(match["column"], {})[int(match["step"])] = cells
+        steps.setdefault(match["column"], {})[int(match["step"])] = table.texts(name)
     first = next(iter(steps.values()))
     numbers = list(range(min(first), min(first) + len(first)))
-    for column, found in steps.items():
-        if sorted(found) != numbers:
+    for column, numbered in steps.items():
+        if sorted(numbered) != numbers:
             raise ConversionError(
-                f"{table.name}: column {column!r} has {len(found)} steps from {min(found)} to "
-                f"{max(found)}, expected {numbers[0]} to {numbers[-1]} like the first column"
+                f"{table.name}: column {column!r} has {len(numbered)} steps from {min(numbered)} "
+                f"to {max(numbered)}, expected {numbers[0]} to {numbers[-1]} like the first column"
             )
     step, pause = (round(each * NANOSECONDS_IN["s"]) for each in (windows.step, windows.pause))
     starts = np.arange(table.n_rows) * (step * (len(numbers) - 1) + pause)
     times: NDArray[Any] = (starts[:, None] + step * np.arange(len(numbers))).ravel()
     rows = range(table.n_rows)
-    cells = {
-        column: [found[number][row] for row in rows for number in numbers]
-        for column, found in steps.items()
-    }
-    return LogTable(table.name, {"time": times, **cells}, {"time": "ns"})
+    found: dict[str, Cells] = {"time": times}
+    for column, numbered in steps.items():
+        found[column] = [numbered[number][row] for row in rows for number in numbers]
+    return LogTable(table.name, found, {"time": "ns"})
 
 
 def _text_columns(path: Path, form: TableForm) -> dict[str, list[str]]:

@@ -65,12 +65,11 @@ def export_numpy(
     step = fitting_step(policy, path, features)
     known = description(step, robots, features, about)
     program = _Program(step)
-    arrays = {name: _small(value) for name, value in program.constants.items()}
-    texts = {"about": known, "program": [program.calls, program.outputs]}
+    arrays: dict[str, Any] = {name: _small(each) for name, each in program.constants.items()}
+    arrays["about"] = json.dumps(known)
+    arrays["program"] = json.dumps([program.calls, program.outputs])
     content = io.BytesIO()
-    np.savez_compressed(
-        content, **arrays, **{name: np.array(json.dumps(text)) for name, text in texts.items()}
-    )
+    np.savez_compressed(content, **arrays)
     code = inspect.getsource(numpy_step)
     assert code.endswith(EMPTY)
     data = "\n".join(textwrap.wrap(base64.b64encode(content.getvalue()).decode(), LINE))
@@ -161,8 +160,9 @@ class _Program:
         """Computes a node if it is the same for all inputs, else adds its call."""
         name = _name_of(node)
         if name == "full_like":
-            shape, fill = node.meta["val"], node.args[1]
-            self._known[node] = torch.full(shape.shape, fill, dtype=shape.dtype)
+            like, fill = node.meta["val"], node.args[1]
+            assert isinstance(fill, int | float)
+            self._known[node] = torch.full(like.shape, fill, dtype=like.dtype)
         elif all(each in self._known for each in node.all_input_nodes):
             given = torch.fx.map_arg((node.args, node.kwargs), self._known.__getitem__)
             self._known[node] = node.target(*given[0], **given[1])  # type: ignore[operator]

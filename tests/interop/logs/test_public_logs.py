@@ -23,6 +23,7 @@ from swarmdata.errors import (
 from swarmdata.interop.logs import public_logs
 from swarmdata.interop.logs.map_files import shipped_maps
 from swarmdata.interop.logs.public_logs import PublicLogs, fetch_logs
+from swarmdata.specs.origins.log_origin import ImportedLogs
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.static_host import StaticHost
 from tests.interop.logs.test_windows_and_pixels import write_windows
@@ -80,7 +81,8 @@ def test_logs_are_fetched_once_and_found_by_their_id(host: StaticHost, digest: s
     assert fetch_logs(NAME, accept_terms=True).path == made.path
     found = swarmdata.load("retlo-alike-v0")
     assert (found.digest, found.path) == (digest, made.path)
-    assert found.recipe.metadata["license"] == "none stated"
+    assert isinstance(found.recipe, ImportedLogs)
+    assert found.recipe.license == "none stated"
     assert len(host.log) == 1
 
 

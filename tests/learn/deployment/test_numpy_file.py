@@ -107,7 +107,7 @@ def test_what_does_not_fit_is_refused(
     with pytest.raises(ConversionError, match="exists already"):
         exported(policy, tiny, path)
     assert path.read_text() == "mine"
-    monkeypatch.delitem(numpy_file.TRANSLATIONS, "tanh")  # type: ignore[arg-type]
+    monkeypatch.delitem(numpy_file.TRANSLATIONS, "tanh")
     with pytest.raises(PolicyFitError, match=r"aten\.tanh.*Export it as ONNX"):
         exported(policy, tiny, tmp_path / "other.py")
     assert not (tmp_path / "other.py").exists()
