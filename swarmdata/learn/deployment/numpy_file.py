@@ -21,7 +21,8 @@ from torch.fx import Node
 from swarmdata.errors import PolicyFitError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.deployment import numpy_step
-from swarmdata.learn.deployment.robot_step import RobotStep, description, fitting_step, quiet
+from swarmdata.learn.deployment.onnx_file import quiet
+from swarmdata.learn.deployment.robot_step import RobotStep, description, fitting_step
 from swarmdata.runtime.atomic import staged
 
 Arguments = Sequence[Any]

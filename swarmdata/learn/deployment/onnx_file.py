@@ -1,14 +1,17 @@
 """A policy of one seed as a file of ONNX, which a robot runs without this package or torch."""
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+import logging
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from swarmdata.interfaces import Policy
-from swarmdata.learn.deployment.robot_step import RobotStep, description, fitting_step, quiet
+from swarmdata.learn.deployment.robot_step import RobotStep, description, fitting_step
 from swarmdata.runtime.atomic import staged
 from swarmdata.runtime.extras import require_extra
 
@@ -71,3 +74,17 @@ def _traced(step: RobotStep) -> Any:
     for node in model.graph.node:  # torch's: the lines of code behind each, with their paths
         node.ClearField("metadata_props")
     return model
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Hides what torch says about its own exporter."""
+    log = logging.getLogger("torch.onnx")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        log.setLevel(level)

@@ -5,11 +5,8 @@ of the robot, and the limits of actions. Policies answer for all robots of a tea
 the team gets the same observation, and the slot of the robot counts. Networks are small.
 """
 
-import contextlib
-import logging
-import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -206,20 +203,6 @@ def description(
     """Returns what a file says of its policy, JSON; arguments as of `export_onnx`."""
     named = {name: list(each) for name, each in zip(robots, features, strict=True)}
     return {**about, "robots": list(robots), "features": named, "memory": step.memory}
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Hides what torch says about its own exporter."""
-    log = logging.getLogger("torch.onnx")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        log.setLevel(level)
 
 
 def directions(frame: Frame, observation: Tensor) -> tuple[Tensor, Tensor]:
