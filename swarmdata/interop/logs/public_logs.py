@@ -12,9 +12,9 @@ from pydantic import Field
 from swarmdata.audit import audit
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
-    AbsentFileError,
     ChecksumError,
     ConversionError,
+    HubError,
     OutputError,
     SpecError,
     UnknownNameError,
@@ -143,10 +143,10 @@ def _fetched(logs: PublicLogs, name: str) -> list[Path]:
             continue
         try:
             fetch_checked(remote, Release(logs.id, logs.address), file, entry, path)
-        except AbsentFileError as error:
-            raise AbsentFileError(
-                f"{error} Whoever published {name} there has removed it: look for another copy at "
-                f"{logs.source}, and name its folder with --from."
+        except HubError as error:
+            raise type(error)(
+                f"{error} Files that you have from elsewhere, such as {logs.source}, are taken "
+                "with --from FOLDER."
             ) from error
     return [folder / file for file in logs.files]
 

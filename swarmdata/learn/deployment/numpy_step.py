@@ -19,9 +19,9 @@ def _tuple(axes: Any) -> Any:
     return None if axes is None else tuple(axes)
 
 
-def _softmax(x: Any, axis: int) -> Any:
-    scaled = np.exp(x - x.max(axis, keepdims=True))
-    return scaled / scaled.sum(axis, keepdims=True)
+def _log_softmax(x: Any, axis: int) -> Any:
+    below = x - x.max(axis, keepdims=True)
+    return below - np.log(np.exp(below).sum(axis, keepdims=True))
 
 
 def _layer_norm(x: Any, scale: Any, shift: Any, epsilon: float) -> Any:
@@ -57,7 +57,7 @@ OPERATIONS: Any = {
     "amax": lambda x, axes=None, keep=False: np.amax(x, _tuple(axes), keepdims=keep),
     "any": lambda x, axes=None, keep=False: np.any(x, _tuple(axes), keepdims=keep),
     "argmax": lambda x, axis=None, keep=False: np.argmax(x, axis, keepdims=keep),
-    "softmax": _softmax, "log_softmax": lambda x, axis: np.log(_softmax(x, axis)),
+    "log_softmax": _log_softmax, "softmax": lambda x, axis: np.exp(_log_softmax(x, axis)),
     "layer_norm": _layer_norm,
 }  # fmt: skip
 
@@ -65,8 +65,8 @@ OPERATIONS: Any = {
 class Policy:
     """The policy of one training seed, for every robot of the team; `about` is what it is for."""
 
-    def __init__(self, data: str = "") -> None:
-        content = io.BytesIO(base64.b64decode(data or DATA))
+    def __init__(self) -> None:
+        content = io.BytesIO(base64.b64decode(DATA))
         with np.load(content, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         self.about = json.loads(str(arrays.pop("about")))

@@ -140,7 +140,7 @@ def test_a_lost_connection_is_resumed(
 
 def test_files_that_were_removed(tmp_path: Path, recipe: dict[str, Any]) -> None:
     recipe["address"] += "/elsewhere"
-    with pytest.raises(AbsentFileError, match=r"another copy at https://example\.org/robots"):
+    with pytest.raises(AbsentFileError, match=r"elsewhere, such as https://example\.org/robots"):
         fetch_logs(NAME, tmp_path / "data", accept_terms=True)
 
 
