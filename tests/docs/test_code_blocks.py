@@ -41,6 +41,7 @@ NEEDS = {
     "docs/torchrl.md": "torchrl",
     "docs/tutorials/another-environment.md": "mpe2",
     "docs/tutorials/own-task.md": "torch",
+    "docs/tutorials/real-robots.md": "torch",
     "docs/tutorials/results.md": "torch",
 }
 """A library that a page needs beside the package."""
