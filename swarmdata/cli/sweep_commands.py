@@ -173,7 +173,6 @@ def transfer(
     """
     refuse_workers(context, engine)
     from swarmdata.evaluation.transfer import simulator_transfer
-    from swarmdata.evaluation.transfer.transfer_table import transfer_table
     from swarmdata.store import write_file
 
     planned = simulator_transfer.plan_transfer(
@@ -181,5 +180,5 @@ def transfer(
     )
     teams = simulator_transfer.run_transfer(planned, engine=engine, workers=workers)
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_file(out, transfer_table(teams).encode())
+    write_file(out, simulator_transfer.transfer_table(teams).encode())
     typer.echo(out)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.cards.worlds_page import worlds_pages
-from swarmdata.registry.presets import preset, preset_names
+from swarmdata.registry.presets import preset
 from swarmdata.registry.published import TaskReferences, references
 
 FOLDER = Path(__file__).parents[2] / "docs/worlds"
@@ -30,7 +30,7 @@ def test_a_preset_that_was_not_measured_is_named() -> None:
     assert "[`formation`](formation.md#formation) |  |  |  |  |" in pages["README.md"]
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", references())
 def test_the_scripted_team_solves_what_others_do_not(name: str) -> None:
     entry = references()[name]
     assert value(entry, "scripted", "success") >= 0.8

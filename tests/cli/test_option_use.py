@@ -89,7 +89,6 @@ EDIT = "swarmdata.building.edit"
 REPAIR = "swarmdata.hub.catalog.repair"
 REGENERATE = "swarmdata.hub.publishing.regenerate"
 TRANSFER = "swarmdata.evaluation.transfer.simulator_transfer"
-TABLE = "swarmdata.evaluation.transfer.transfer_table"
 TRANSFER_LINE = "transfer idle --task coop_nav --results a --out b.csv"
 PLANNED = ("--task", "--results", "--backend", "--episodes")
 SWEEP = "swarmdata.evaluation.robustness.sweep"
@@ -238,7 +237,7 @@ CASES = (
                "--out": "the boundary ends the command before it writes"}),
     Case(TRANSFER_LINE, ("swarmdata.store:write_file",),
          {f"{TRANSFER}:plan_transfer": "a plan", f"{TRANSFER}:run_transfer": (),
-          f"{TABLE}:transfer_table": "task"}, {"--out": "c.csv"},
+          f"{TRANSFER}:transfer_table": "task"}, {"--out": "c.csv"},
          dict.fromkeys((*PLANNED, "--workers", "--engine"), "all but the file is a stub here")),
     Case("curves a.csv --out a.png", (f"{RESULTS}.curve_plots:draw_training",
                                       f"{RESULTS}.curve_plots:draw_learning")),

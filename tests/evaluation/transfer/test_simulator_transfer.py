@@ -13,8 +13,8 @@ from swarmdata.evaluation.transfer.simulator_transfer import (
     plan_transfer,
     rank_agreement,
     run_transfer,
+    transfer_table,
 )
-from swarmdata.evaluation.transfer.transfer_table import transfer_table
 
 ROOT = Path(__file__).parents[3]
 

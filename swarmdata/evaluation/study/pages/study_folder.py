@@ -8,7 +8,6 @@ from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
 from swarmdata.drawing import markdown
-from swarmdata.drawing.page_text import page_with
 from swarmdata.evaluation.figures.dot_plot import (
     MAX_PANELS_IN_A_LINE,
     fits_on_a_screen,
@@ -37,8 +36,10 @@ from swarmdata.evaluation.study.pages.csv_tables import (
 )
 from swarmdata.evaluation.study.pages.data_sizes import size_section
 from swarmdata.evaluation.study.pages.data_views import information_section, view_rows
-from swarmdata.evaluation.study.pages.differences_section import differences_sections
-from swarmdata.evaluation.study.pages.distance import distance_table
+from swarmdata.evaluation.study.pages.differences_section import (
+    differences_sections,
+    distance_table,
+)
 from swarmdata.evaluation.study.pages.row_differences import difference_rows
 from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
@@ -77,6 +78,8 @@ from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
 from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
+
+MADE = "<!-- What follows is made by swarmdata; what stands above this line is kept. -->"
 
 STUDY = OutputKind("study")
 
@@ -359,3 +362,15 @@ def _overall(found: Findings, out: Path) -> dict[str, str]:
         plot_differences(tables, out / "differences.png")
         body += "\n![paired differences of scores](differences.png)\n"
     return {"Aggregates over datasets": body}
+
+
+def page_with(made: str, file: Path, title: str) -> str:
+    """Returns a page whose tables and figures are new, and whose text is that of the file.
+
+    Args:
+        made: tables and figures.
+        file: the page before; it need not exist. Where it has no line `MADE`, all of it is text.
+        title: of a new page.
+    """
+    old = file.read_text(encoding="utf-8") if file.exists() else f"# {title}\n"
+    return f"{old.partition(MADE)[0].rstrip()}\n\n{MADE}\n\n{made.strip()}\n"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from swarmdata.drawing.page_text import MADE, page_with
+from swarmdata.evaluation.study.pages.study_folder import MADE, page_with
 
 
 def test_only_what_is_made_is_replaced(tmp_path: Path) -> None:
