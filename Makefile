@@ -8,7 +8,7 @@
 #   make check                   format, lint, types, layers, spelling (make fix repairs the first two)
 #   make slow | learns           the long tests; tests that train until a threshold is beaten
 #   make docs | notebooks        the site, into dist/docs; the notebooks of the tutorials, which takes minutes
-#   make bench | wheel           the timings, into docs/benchmarks.md; the installable files, into dist/
+#   make bench | wheel           the timings, into docs/measurements.md; the installable files, into dist/
 #   make digests                 builds every mini under many circumstances, compares digests; takes hours
 #   make clean                   removes what the targets made, except datasets in the user cache
 
@@ -46,6 +46,8 @@ INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINT_OF_$(PACKAGES))
 # With one version on all Pythons, so that findings do not change by the day.
 TOOLS = $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
+QUICK_DATA = coop_nav-medium-replay-mini
+
 .PHONY: quickstart clips test core matrix check fix slow learns docs notebooks bench digests wheel clean
 .DELETE_ON_ERROR:
 
@@ -81,12 +83,15 @@ $(STAMPS)/docs: $(STAMPS)/test
 	touch $@
 
 quickstart: $(STAMPS)/package
-	$(BIN)/swarmdata generate coop_nav-medium-mini
-	$(BIN)/swarmdata train bc coop_nav-medium-mini --seeds 3 --updates 3000 --curve-every 500 --out quickstart/bc
-	$(BIN)/swarmdata train maddpg_bc coop_nav-medium-mini --seeds 3 --updates 4000 --curve-every 500 --out quickstart/maddpg_bc
-	$(BIN)/swarmdata evaluate random coop_nav-medium expert quickstart/bc quickstart/maddpg_bc --out quickstart/results
+	$(BIN)/swarmdata generate $(QUICK_DATA)
+	$(MAKE) -j 2 quickstart-bc quickstart-maddpg_bc
+	$(BIN)/swarmdata evaluate random expert quickstart/bc quickstart/maddpg_bc --workers 2 --out quickstart/results
 	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart/report
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
+
+# one core each
+quickstart-%:
+	$(BIN)/swarmdata train $* $(QUICK_DATA) --seeds 3 --updates 1500 --curve-every 500 --out quickstart/$*
 
 clips: $(STAMPS)/package
 	for task in coop_nav formation transport warehouse intersection search; do \

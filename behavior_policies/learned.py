@@ -16,7 +16,7 @@ from swarmdata.specs.plain_names import checked_file_name
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import CHECKPOINTS
-from swarmdata.types import Float, Int, Step
+from swarmdata.types import Double, Float, Int, Step
 
 __all__ = [
     "Actor",
@@ -67,7 +67,7 @@ class Learned:
         data = read_checkpoint(checkpoint, sha256, folder)
         self._actor = load_actor(data, spec.n_agents, str(checkpoint))
         self._noise = check_noise(noise)
-        self._last = LastMeans()
+        self._last = LastMeans[Double]()
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy has no memory."""

@@ -70,7 +70,7 @@ class NoisyCommands:
 
     def __init__(self, spec: TaskSpec, noise: float) -> None:
         self._noise, self._action_size = check_noise(noise), spec.action_size
-        self._last = LastMeans()
+        self._last = LastMeans[Double]()
 
     def actions(self, step: Step, commands: Double) -> Float:
         """Returns commands [E, N, 2] with noise, then zeros for messages, as actions [E, N, A]."""

@@ -11,6 +11,7 @@ import numpy as np
 from swarmdata.cards.committed_studies import committed_studies
 from swarmdata.cards.recording_card import render_recorded
 from swarmdata.cards.reference_file import reference_bytes
+from swarmdata.cards.references import gap_section
 from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.measured_content import CardData, card_data_of
@@ -22,6 +23,7 @@ from swarmdata.cards.sections.origin import (
 )
 from swarmdata.cards.sections.problem import (
     arrays_section,
+    definitions_section,
     reward_section,
     senses_section,
     task_section,
@@ -119,6 +121,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         reward_section(task),
         senses_section(spec),
         arrays_section(task, data.manifest),
+        definitions_section(task),
         bullets("Checks passed", check(data)),
         origin_section(data.origin, data.manifest),
     )
@@ -151,6 +154,7 @@ def _references(data: CardData) -> str:
         + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
         f"intervals; the policies act without noise. {anchors}"
         f"`{REFERENCES}` beside this card has all metrics at full precision.\n"
+        + gap_section(known, task_of(data.origin, "a card of a task").rules.naive_teams)
     )
 
 

@@ -1,22 +1,32 @@
 """Turns evaluations of reference policies into the table that cards and scores use."""
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib.metadata import version
 
 import numpy as np
 
+from swarmdata.drawing.markdown import table
 from swarmdata.errors import SchemaError
-from swarmdata.registry.published import Interval, TaskReferences
+from swarmdata.registry.published import GAP_METRICS, Interval, TaskReferences
 from swarmdata.rollouts.evaluate import check_comparable
 from swarmdata.rollouts.score_statistics import bootstrap, mean
 from swarmdata.types import Double, EvalResult
 
 BOOTSTRAP_SEED = 0
 
+LESS_COORDINATED = {
+    "scripted-alone": "each robot acts as if the others were not there",
+    "scripted-naive": "each robot takes the others for parked where they are",
+    "scripted-deaf": "no message arrives",
+}
+"""Policies of `behavior_policies.uncoordinated`, which the coordination gap compares."""
+
 
 def summarize(
-    results: Mapping[str, Sequence[EvalResult]], backend: str = "pymunk"
+    results: Mapping[str, Sequence[EvalResult]],
+    backend: str = "pymunk",
+    naive_teams: Collection[str] = (),
 ) -> TaskReferences:
     """Returns the reference table of one spec.
 
@@ -26,6 +36,7 @@ def summarize(
     Args:
         results: by reference policy, one result per checkpoint; all on the same spec and seeds.
         backend: simulator of the spec.
+        naive_teams: of the task (`TaskRules.naive_teams`), which have a gap too.
 
     Raises:
         SchemaError: no results, or results that cannot be compared.
@@ -46,7 +57,19 @@ def summarize(
             }
             for name, group in results.items()
         },
+        gaps={
+            name: {metric: _gap(results["scripted"], group, metric) for metric in GAP_METRICS}
+            for name, group in results.items()
+            if (name in LESS_COORDINATED or name in naive_teams) and "scripted" in results
+        },
     )
+
+
+def _gap(team: Sequence[EvalResult], less: Sequence[EvalResult], metric: str) -> Interval:
+    """By how much a team's metric is larger than that of a less coordinated one, by episode."""
+    found = interval(team[0].metrics[metric][None] - less[0].metrics[metric][None])
+    assert found is not None, metric  # metrics that every episode has
+    return found
 
 
 def made_with(backend: str = "pymunk") -> dict[str, str]:
@@ -71,3 +94,50 @@ def interval(values: Double) -> Interval | None:
     generator = np.random.Generator(np.random.PCG64(BOOTSTRAP_SEED))
     estimate = bootstrap(mean, per_episode[:, None], generator=generator)
     return Interval(value=estimate.value, low=estimate.low, high=estimate.high)
+
+
+def gap_section(known: TaskReferences, naive_teams: Mapping[str, str]) -> str:
+    """The coordination gaps of a task as Markdown; empty where they were not measured.
+
+    Args:
+        known: measured references of the task.
+        naive_teams: of its rules, `TaskRules.naive_teams`.
+    """
+    if not known.gaps:
+        return ""
+    reference = known.reference
+    span = None if reference is None else reference.expert - reference.no_skill
+    scales = {"success": 100.0, "clean_success": 100.0, "score": span and 100.0 / span}
+    meanings = {**LESS_COORDINATED, **naive_teams}
+    rows = [
+        (name, meanings[name], *(_points(gaps, each, scales[each]) for each in scales))
+        for name, gaps in known.gaps.items()
+    ]
+    head = ("team", "in which", "success", "clean success", "score")
+    return (
+        "\nCoordination gap: by how many points the scripted team is better than the same "
+        "controllers with less coordination, with 95 % bootstrap intervals over the same "
+        "episodes.\n\n" + table(head, rows) + _best_naive(known, naive_teams)
+    )
+
+
+def _best_naive(known: TaskReferences, naive_teams: Collection[str]) -> str:
+    """A sentence on the naive team that solves most; empty where the task has none."""
+    solved = {name: known.policies[name]["success"] for name in known.gaps if name in naive_teams}
+    shares = {name: each for name, each in solved.items() if each is not None}
+    if not shares:
+        return ""
+    name, best = max(shares.items(), key=lambda item: item[1].value)
+    value, low, high = (100.0 * each for each in (best.value, best.low, best.high))
+    return (
+        f"\nThe best of {len(shares)} teams that do not act together is `{name}`, which solves "
+        f"{value:.1f} [{low:.1f}, {high:.1f}] %.\n"
+    )
+
+
+def _points(gaps: Mapping[str, Interval], name: str, scale: float | None) -> str:
+    if scale is None:
+        return "no expert"
+    gap = gaps["return" if name == "score" else name]
+    value, low, high = (scale * each for each in (gap.value, gap.low, gap.high))
+    return f"{value:.1f} [{low:.1f}, {high:.1f}]"

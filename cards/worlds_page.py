@@ -1,10 +1,12 @@
 """The pages of all worlds: how reference policies perform in every preset."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from swarmdata.cards.references import LESS_COORDINATED, gap_section
 from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import TaskReferences
+from swarmdata.specs.rules import rules_model
 
 FIGURES = (
     "return", "success (%)", "clean success (%)", "robot collisions", "obstacle collisions"
@@ -13,10 +15,12 @@ FIGURES = (
 
 INDEX_HEAD = """# Worlds
 
-How many of {n} reserved episodes reference teams solve in every preset, in per cent. `straight`
-drives straight to its target, `scripted` knows the map, and `medium` and `expert` are the means of
-the learned policies of a [tier](../tiers.md), without action noise; in presets that need a
-convention, `expert` is the mean of the two scripted teams.
+How many of {n} reserved episodes reference teams solve in every preset, in per cent, and in
+brackets how many without any contact. `straight` drives straight to its target, `scripted` knows
+the map; it is `-alone` as if there were no others, `-naive` as if others were parked, and `-deaf`
+without messages. Other columns are teams of the task that do not act together.
+`medium` and `expert` are the means of the learned policies of a [tier](../tiers.md), without
+action noise; in presets that need a convention, `expert` is the mean of the two scripted teams.
 [references.json](../../cards/references.json) has every checkpoint, metric and interval.
 """
 
@@ -27,10 +31,10 @@ episodes](../glossary.md#results). Collisions are means per episode.
 """
 
 POLICY_ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
-"""Rows of a table."""
+"""Rows of a table; the gaps of teams that coordinate less are below it."""
 
-INDEX_POLICIES = ("straight", "scripted", "medium", "expert")
-"""Columns of the index."""
+INDEX_POLICIES = ("straight", *LESS_COORDINATED, "scripted", "medium", "expert")
+"""Columns of the index, behind the naive teams of the task."""
 
 
 def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
@@ -46,19 +50,24 @@ def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
     index = INDEX_HEAD.format(n=" or ".join(f"{n:,}" for n in n_episodes))
     pages = {}
     for task, names in tasks.items():
-        rows = [[f"[`{name}`]({task}.md#{name})", *_success(known.get(name))] for name in names]
-        index += f"\n## {task}\n\n{table(['preset', *INDEX_POLICIES], rows, is_numeric=True)}"
+        teams = (*rules_model(task).naive_teams, *INDEX_POLICIES)
+        rows = [
+            [f"[`{name}`]({task}.md#{name})", *_success(known.get(name), teams)] for name in names
+        ]
+        index += f"\n## {task}\n\n{table(['preset', *teams], rows, is_numeric=True)}"
         sections = (f"\n## `{name}`\n\n{preset_figures(name, known.get(name))}" for name in names)
         pages[f"{task}.md"] = TASK_HEAD.format(task=task) + "".join(sections)
     return {"README.md": index, **pages}
 
 
-def _success(entry: TaskReferences | None) -> list[str]:
-    """The shares of episodes that the policies of the index solve, in per cent."""
+def _success(entry: TaskReferences | None, teams: Sequence[str]) -> list[str]:
+    """The shares of episodes that teams solve, and solve cleanly, in %."""
     shares = []
-    for policy in INDEX_POLICIES:
-        measured = entry and entry.policies.get(policy, {}).get("success")
-        shares.append(f"{100 * measured.value:.1f}" if measured else "")
+    for policy in teams:
+        figures = entry.policies.get(policy, {}) if entry else {}
+        measured = [figures.get(metric) for metric in ("success", "clean_success")]
+        solved, clean = (each and f"{100 * each.value:.1f}" for each in measured)
+        shares.append(f"{solved} ({clean})" if solved else "")
     return shares
 
 
@@ -81,7 +90,8 @@ def preset_figures(name: str, entry: TaskReferences | None) -> str:
         return f"{head}This version of the preset was not measured.\n"
     score = [] if entry.reference is None else ["score"]
     rows = [_row(policy, entry) for policy in POLICY_ORDER if policy in entry.policies]
-    return head + table(["policy", *score, *FIGURES], rows, is_numeric=True)
+    figures = table(["policy", *score, *FIGURES], rows, is_numeric=True)
+    return head + figures + gap_section(entry, spec.rules.naive_teams)
 
 
 def _row(policy: str, entry: TaskReferences) -> list[str]:

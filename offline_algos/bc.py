@@ -66,6 +66,7 @@ class BC(OfflineLearner):
     """K actors, one per seed, trained at once."""
 
     Config = BCConfig
+    FIELDS = ("observations", "actions")
     LOSSES = ("bc_loss",)
 
     def __init__(self, setup: Setup, config: BCConfig) -> None:

@@ -45,6 +45,7 @@ class BCFlow(OfflineLearner):
     """K seeds of joint flows and their students, trained at once."""
 
     Config = BCFlowConfig
+    FIELDS = ("observations", "actions", "states")
     LOSSES = ("flow_loss", "distillation_loss")
 
     def __init__(self, setup: Setup, config: BCFlowConfig) -> None:

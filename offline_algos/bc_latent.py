@@ -53,6 +53,7 @@ class BCLatent(OfflineLearner):
     """
 
     Config = BCLatentConfig
+    FIELDS = ("observations", "actions", "episodes")
     LOSSES = ("bc_loss", "latent_size")
 
     def __init__(self, setup: Setup, config: BCLatentConfig) -> None:

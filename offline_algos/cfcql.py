@@ -56,6 +56,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     EXTRACTION_LOSSES,
+    TRANSITION,
     LossActorCritic,
     TwoStageConfig,
     Valuer,
@@ -89,6 +90,7 @@ class CFCQL(LossActorCritic):
     """K seeds of actors and two critics with counterfactual penalties, trained at once."""
 
     Config: type[ConservativeConfig] = CFCQLConfig
+    FIELDS = TRANSITION
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
 
     def __init__(self, setup: Setup, config: ConservativeConfig) -> None:

@@ -52,6 +52,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     EXTRACTION_LOSSES,
+    TRANSITION,
     LossActorCritic,
     TwoStageConfig,
     Valuer,
@@ -74,6 +75,7 @@ class FACMACBC(LossActorCritic):
     """K seeds of actors and two factored critics, trained at once."""
 
     Config = FACMACBCConfig
+    FIELDS = TRANSITION
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
 
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:

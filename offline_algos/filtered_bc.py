@@ -63,3 +63,4 @@ class FilteredBC(BC):
     """K actors trained as those of `BC`, which is all that it is: only the data differ."""
 
     Config = FilteredBCConfig
+    FIELDS = BC.FIELDS

@@ -45,6 +45,7 @@ class ICQLQS(CFCQL):
     """K seeds of actors and two critics whose targets let one agent leave the data."""
 
     Config = ICQLQSConfig
+    FIELDS = (*CFCQL.FIELDS, "next_actions", "truncations")
 
     def next_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns a robot's next action in its own value, and the others' in it, [K, B, N, A].

@@ -62,6 +62,7 @@ from swarmdata.learn.objectives.losses import (
 )
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import (
+    TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
     Part,
@@ -88,6 +89,7 @@ class IQL(OfflineLearner):
     """K seeds of actors, two critics and value networks, trained at once."""
 
     Config = IQLConfig
+    FIELDS = TRANSITION
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:

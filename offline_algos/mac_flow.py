@@ -83,7 +83,12 @@ from swarmdata.learn.objectives.losses import (
 )
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.trained import flow_policy
-from swarmdata.learn.training.actor_critic import ActorCriticConfig, OfflineLearner, Part
+from swarmdata.learn.training.actor_critic import (
+    TRANSITION,
+    ActorCriticConfig,
+    OfflineLearner,
+    Part,
+)
 from swarmdata.types import Batch
 
 N_DRAWS = 4
@@ -207,6 +212,7 @@ class MACFlow(OfflineLearner):
     """K seeds of joint flows, their students and two factored critics, trained at once."""
 
     Config = MACFlowConfig
+    FIELDS = TRANSITION
     LOSSES = ("critic_loss", "q", "flow_loss", "distillation_loss", "policy_q", "lambda")
 
     def __init__(self, setup: Setup, config: MACFlowConfig) -> None:

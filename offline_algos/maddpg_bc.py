@@ -68,6 +68,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     EXTRACTION_LOSSES,
+    TRANSITION,
     Extraction,
     TwoStageActorCritic,
     TwoStageConfig,
@@ -97,6 +98,7 @@ class MADDPGBC(TwoStageActorCritic):
     """K seeds of actors and two critics, trained at once; its gradients can be compiled."""
 
     Config = MADDPGBCConfig
+    FIELDS = TRANSITION
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
 
     def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:

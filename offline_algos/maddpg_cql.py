@@ -57,6 +57,7 @@ class MADDPGCQL(CFCQL):
     """K seeds of actors and two critics with penalties on joint actions, trained at once."""
 
     Config = MADDPGCQLConfig
+    FIELDS = CFCQL.FIELDS
 
     def gap(self, batch: Batch, x: RobotView, q: Tensor) -> Tensor:
         """Returns gap_j, [K, 2], given Q_ji(x, a), [K, 2, B, N]; draws joint actions."""

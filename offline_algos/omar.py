@@ -84,6 +84,7 @@ class OMAR(LossActorCritic):
     """K seeds of actors and two critics that see one agent, trained at once."""
 
     Config = OMARConfig
+    FIELDS = ("observations", "actions", "rewards", "next_observations", "terminations")
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss", *EXTRACTION_LOSSES)
 
     def __init__(self, setup: Setup, config: OMARConfig) -> None:

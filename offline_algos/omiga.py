@@ -54,6 +54,7 @@ from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
+    TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
     Part,
@@ -75,6 +76,7 @@ class OMIGA(OfflineLearner):
     """K seeds of actors, factored critics and local value networks, trained at once."""
 
     Config = OMIGAConfig
+    FIELDS = TRANSITION
     LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "weight")
 
     def __init__(self, setup: Setup, config: OMIGAConfig) -> None:

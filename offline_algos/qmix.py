@@ -49,6 +49,7 @@ class QMIX(VDN):
     """K seeds of offline QMIX, trained at once."""
 
     Config = QMIXConfig
+    FIELDS = VDN.FIELDS
 
     def __init__(self, setup: Setup, config: QMIXConfig) -> None:
         self.mixer = MonotonicMixer(

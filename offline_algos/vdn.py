@@ -69,7 +69,11 @@ from swarmdata.learn.objectives.value_losses import (
 )
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.trained import utility_policy
-from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.learn.training.actor_critic import (
+    TRANSITION,
+    OfflineLearner,
+    Part,
+)
 from swarmdata.types import Batch
 
 GREEDY_EVERY = 10
@@ -85,6 +89,7 @@ class VDN(OfflineLearner):
     """K seeds of offline VDN, trained at once."""
 
     Config: type[DecompositionConfig] = VDNConfig
+    FIELDS = (*TRANSITION, "log_probs")
     LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
     """`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the
     value of the data's actions, and both leave what the data return, values are overestimated."""

@@ -4,8 +4,10 @@ Any class with these members will do; none has to be inherited. Axis letters are
 """
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
+from swarmdata.errors import UnknownNameError
 from swarmdata.specs.features import Feature
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import TaskSpec
@@ -28,10 +30,12 @@ from swarmdata.types import (
 class Task(Protocol):
     """A task with the constants of one spec: pure functions over arrays, without physics.
 
-    Three members are optional. `appearance(spec)`, a static method, says how the task is drawn, by
-    a `registry.appearance.Appearance`. `complete(states, copies)` writes the extras of states whose
-    robots and targets are set: with it, logs of robots can be scored by the task. `controller`, a
-    class, is the policy `scripted` of a task of another package.
+    Four members are optional. `appearance(spec)`, a static method, says how the task is drawn, by a
+    `registry.appearance.Appearance`. `definitions`, a mapping of names to texts, says on cards what
+    the names of columns, terms and metrics stand for where a line is too short. `complete(states,
+    copies)` writes the extras of states whose robots and targets are set: with it, logs of robots
+    can be scored by the task. `controller`, a class, is the policy `scripted` of a task of another
+    package.
 
     Built as `Task(spec)`. `state_layout` describes a row of the states: robots, movable bodies, and
     then the task's own numbers, whose columns are `extras`. Everything that these functions write
@@ -225,7 +229,11 @@ class OnlineAlgorithm(Protocol):
 
 @runtime_checkable
 class Algorithm(Protocol):
-    """Updates K policies, one per seed, from batches of recorded data."""
+    """Updates K policies, one per seed, from batches of recorded data.
+
+    `Kind.FIELDS` may name the fields of `Batch` that `update` reads: the others, but for `mask`,
+    are not gathered and are None. A class that does not name them itself gets all.
+    """
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """Takes a gradient step on a batch of tensors [K, B, ...]; returns the losses, each [K]."""
@@ -242,3 +250,20 @@ class Algorithm(Protocol):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restores what `state_dict` returned."""
         ...
+
+
+def fields_of(kind: type) -> frozenset[str] | None:
+    """Returns the fields of a batch that an algorithm declares; None: it gets all.
+
+    Those of a base class do not count: who derives from an algorithm may read more.
+
+    Raises:
+        UnknownNameError: a batch has no such field.
+    """
+    if (declared := vars(kind).get("FIELDS")) is None:
+        return None
+    known = [field.name for field in fields(Batch)]
+    for name in declared:
+        if name not in known:
+            raise UnknownNameError(f"field of a batch in {kind.__name__}.FIELDS", name, known)
+    return frozenset(declared)

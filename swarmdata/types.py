@@ -7,7 +7,7 @@ a recording of another environment lacks are empty: `events` [T, N, 0], `log_pro
 [0, 8], states [T+1, 0].
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -291,6 +291,10 @@ class Episode:
         return float(self.rewards.mean(axis=1, dtype=np.float64).sum())
 
 
+Wanted = Collection[str] | None
+"""Fields of a batch to read besides `mask`, which each has; the others are None. None: all."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Batch:
     """Transitions (L = 1, time axis dropped) or fixed-length sequences, batch first.
@@ -307,6 +311,9 @@ class Batch:
 
     `episodes` are the positions of the transitions' episodes in the sampled subset, and zero on
     padding. They are None in online replay.
+
+    `costs` are those of `numerics.event_costs`, and zero on padding. They are None in online replay
+    and in recordings without events.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]; uint8 of recorded images, as states may be
@@ -321,6 +328,7 @@ class Batch:
     next_actions: Any = None  # as actions
     log_probs: Any = None  # as rewards
     episodes: Any = None  # as mask
+    costs: Any = None  # [B, N, C] or [B, L, N, C]
 
     def __len__(self) -> int:
         """Batch size, B."""

@@ -9,31 +9,22 @@ what it has seen, and two robots meet at a victim by chance.
 
 import numpy as np
 
+from swarmdata.behavior_policies.heard_goals import HeardGoals
 from swarmdata.behavior_policies.navigation.navigator import Navigator
 from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.behavior_policies.search.search_team import (
     GIVEN_UP_TIME,
-    HEARD_X,
-    HEARD_Y,
-    MASK,
     NO_INDEX,
     PATIENCE_TIME,
-    VICTIM_X,
-    VICTIM_Y,
     Floor,
     Notes,
     choose_goals,
 )
 from swarmdata.envs.search.search import Search
 from swarmdata.envs.search.search_rules import SearchRules
-from swarmdata.perception.observer import features_of
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Step
-
-_TOLD = ("mask", "position_x", "position_y", "target_x", "target_y")
-"""Features of a message that the controller reads, in the order of what a robot has heard."""
 
 
 @kernel
@@ -78,8 +69,7 @@ class SearchController:
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0, remembers: bool = True) -> None:
         rules, task = spec.rules_as(SearchRules), Search(spec)
         self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
-        self._n_agents, self._in_body = spec.n_agents, spec.observation.kind != "state"
-        self._columns = _message_columns(task)
+        self._n_agents, self._heard = spec.n_agents, HeardGoals(task)
         dt = spec.control_dt
         self._floor = Floor(
             task.columns, task.middles, np.array(spec.half_size), rules.sight_range,
@@ -103,7 +93,7 @@ class SearchController:
 
     def act(self, step: Step) -> Float:
         goals: Double = np.empty((len(step.seeds), self._n_agents, 2))
-        heard = self._heard(step)
+        heard = self._heard.of(step)
         choose_all(step.states, heard, step.layouts, step.times, self._floor, self._notes, goals)
         return self._noisy.actions(step, self._navigator.commands(step, goals))
 
@@ -120,41 +110,3 @@ class SearchController:
             arrivals=np.full((n_copies, n), NO_INDEX, dtype=np.int64),
             returns=np.zeros((n_copies, n, columns.n_victims), dtype=np.int64),
         )
-
-    def _heard(self, step: Step) -> Double:
-        """What each robot has heard of each, in the world's frame; of itself, where it is."""
-        n = self._n_agents
-        robots = robots_of(step.states, n).astype(np.float64)  # [E, N, 8]
-        heard: Double = np.zeros((len(robots), n, n, len(_TOLD)))
-        if self._columns is not None:
-            told = step.observations[..., self._columns].astype(np.float64)  # [E, N, N-1, 5]
-            if self._in_body:
-                told = _in_world(told, robots[..., UX], robots[..., UY])
-            told[..., HEARD_X::2] += robots[:, :, None, X : X + 1]
-            told[..., HEARD_Y::2] += robots[:, :, None, Y : Y + 1]
-            for i in range(n):
-                others = [j for j in range(n) if j != i]
-                heard[:, i, others] = told[:, i]
-        every = np.arange(n)
-        heard[:, every, every, MASK] = 1.0
-        heard[:, every, every, HEARD_X : HEARD_Y + 1] = robots[..., X : Y + 1]
-        heard[:, every, every, VICTIM_X : VICTIM_Y + 1] = robots[..., TX : TY + 1]
-        return heard
-
-
-def _message_columns(task: Search) -> Int | None:
-    """Columns of `_TOLD` in an observation for each slot, [N-1, 5]; None if messages lack them."""
-    names = [feature.name for feature in features_of(task)]
-    slots = [[f"message_{k}.{part}" for part in _TOLD] for k in range(task.spec.n_agents - 1)]
-    if not slots or not set(slots[0]) <= set(names):
-        return None
-    return np.array([[names.index(name) for name in slot] for slot in slots], dtype=np.int64)
-
-
-def _in_world(told: Double, ux: Double, uy: Double) -> Double:
-    """Rotates the vectors of messages from the receivers' body frames into the world's."""
-    c, s, out = ux[:, :, None], uy[:, :, None], told.copy()
-    for x in (HEARD_X, VICTIM_X):
-        out[..., x] = c * told[..., x] - s * told[..., x + 1]
-        out[..., x + 1] = s * told[..., x] + c * told[..., x + 1]
-    return out

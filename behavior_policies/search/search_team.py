@@ -24,14 +24,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmdata.behavior_policies.heard_goals import (
+    HEARD_X,
+    HEARD_Y,
+    MASK,
+    TARGET_X,
+    TARGET_Y,
+)
 from swarmdata.envs.search.floor_memory import (
     RESCUED,
     Columns,
     find_unsearched,
     knows_victim,
-    sees,
 )
 from swarmdata.envs.search.search import NEAREST_SQUARES
+from swarmdata.numerics.sight import sees
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Double, Float, Int
@@ -45,9 +52,8 @@ GIVEN_UP_TIME = 15.0
 SAME_PLACE_DISTANCE = 0.15
 """Metres below which two victims that robots tell of are the same."""
 
-MASK, HEARD_X, HEARD_Y, VICTIM_X, VICTIM_Y = range(5)
-"""Columns of what a robot has heard of another: whether it has a message, where the sender was, and
-which victim it knew, or the base."""
+VICTIM_X, VICTIM_Y = TARGET_X, TARGET_Y
+"""Columns of what a robot has heard of another: which victim it knew, or the base."""
 
 NO_INDEX = -1
 

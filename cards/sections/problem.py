@@ -10,6 +10,7 @@ from swarmdata.drawing.markdown import plain, table
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
+from swarmdata.perception.wayfinder import ways_definition
 from swarmdata.registry.components import reward_terms
 from swarmdata.specs.features import UNITS
 from swarmdata.specs.frozen import Frozen
@@ -191,6 +192,17 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
         + f"\nRobots i = 0, 1, ...: {', '.join(spec.agent_names)}. All vectors are in the world "
         f"frame: {FRAME_MEANINGS['world']}.\n"
     )
+
+
+def definitions_section(task: Task) -> str:
+    """What the names of columns, terms and metrics stand for where a line is too short, if any."""
+    definitions = dict(getattr(task, "definitions", {}))
+    if task.spec.observation.ways:
+        definitions["_way"] = ways_definition(task.spec)
+    if not definitions:
+        return ""
+    rows = [(f"`{name}`", meaning) for name, meaning in definitions.items()]
+    return "\n### Definitions\n\n" + table(("name", "definition"), rows)
 
 
 def _expect(what: str, got: int, expected: int) -> None:

@@ -54,10 +54,10 @@ from swarmdata.envs.intersection.junction import (
     arm_at,
     next_corner,
 )
-from swarmdata.envs.world.deadlocks import count_deadlocks
+from swarmdata.envs.world.deadlocks import DEADLOCK_MEANING, count_deadlocks
 from swarmdata.envs.world.spawn import LAYOUT_OFFSET, check_fixed_layout, next_uniform, put_at_rest
 from swarmdata.errors import SpecError
-from swarmdata.numerics.random import STREAMS
+from swarmdata.numerics.random import DRAW_MEANING, STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
@@ -317,6 +317,7 @@ class Intersection:
         self._headway = rules.headway
         self._rules = (rules.goal_radius, rules.headway, rules.quota, spec.control_dt)
         self.terms = _terms(rules)
+        self.definitions = _definitions(rules, self.junction)
         self.solved = f"the team has made {rules.quota} crossings"
 
     @staticmethod
@@ -361,6 +362,42 @@ class Intersection:
             "waiting_time": float(stands.sum()) * dt / n,
             "deadlocks": float(count_deadlocks(positions, self._starts.radii, dt)),
         }
+
+
+def _definitions(rules: IntersectionRules, junction: Junction) -> dict[str, str]:
+    """The floor, what an episode draws, and what metrics count, for readers of a dataset."""
+    gates = {
+        name: ", ".join(f"({x:.9g}, {y:.9g})" for x, y in places)
+        for name, places in (("Entries", junction.entries), ("exits", junction.exits))
+    }
+    half, stream = junction.half_width, _LAYOUT_STREAM
+    return {
+        "arm, entry, exit": (
+            "Arms 0 to 3 lead to +x, +y, -x and -y. A point is in an arm along x if |x| > |y|, "
+            "else along y; its sign says in which. "
+            + "; ".join(f"{name} of the arms, m: {places}" for name, places in gates.items())
+        ),
+        "corner": (
+            f"With h = {half:g} m: (x, ty) if |y| > h and |tx| > h; else (tx, y) if |x| > h and "
+            "|ty| > h; else (tx, ty). (x, y) is where the robot believes to be"
+        ),
+        "due": (
+            f"Trip q of robot i may begin (q + u) {rules.headway:g} s after the start of the "
+            f"episode, u = uniform(derive(seed, {stream}, i, q, 1)). `wait` is what is left of that"
+        ),
+        "tx, ty": (
+            "At first the entry of the arm in which the robot starts. After a step that it ends "
+            f"within {rules.goal_radius:g} m of it, when the trip is due, `crossing` turns 1 and "
+            "the target is the exit of arm (a + 1 + floor(3 u)) mod 4, a the arm of the entry, u "
+            f"= uniform(derive(seed, {stream}, i, q, 0)). After a step that it ends as near to "
+            "the exit, `crossing` turns 0, `crossings` rises by 1, and the target is the entry "
+            "of the exit's arm"
+        ),
+        "derive, uniform": f"{DRAW_MEANING}. seed: of the episode, in `episodes/seeds`",
+        "deadlocks": (
+            f"{DEADLOCK_MEANING}. Robots whose `wait` is above 0, in either state, do not count"
+        ),
+    }
 
 
 def _terms(rules: IntersectionRules) -> tuple[Term, ...]:

@@ -4,7 +4,8 @@ A holonomic robot accelerates in any direction; the acceleration that a command 
 the control step. A unicycle drives along its heading and turns. Its wheels have grip, which removes
 sideways velocity in every physics step, up to a limit. So the constraint holds between control
 steps too, where a push or a turn would violate it. With little grip, wheels slip: they spin where
-motors push harder, and the robot skids where it turns.
+motors push harder, and the robot skids where it turns. The limit is that of both together, but for
+wheels with the usual grip, of which each holds along and across apart (`USUAL_GRIP`).
 
 Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
 its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
@@ -18,11 +19,15 @@ import math
 import numpy as np
 
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
 SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE, GRIP, MASS, FRICTION = range(8)
 """Columns of the limits, `task_spec.Robot`."""
+
+USUAL_GRIP = float(Robot.model_fields["wheel_grip"].default)
+"""m/s^2. Published worlds have wheels with this grip and keep their bits. With the usual motors of
+1.5 m/s^2, both limits together are at most 1 % above the limit of both."""
 
 
 def limits_of(spec: TaskSpec) -> Double:
@@ -149,6 +154,9 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
         wanted = min(max(ahead + most * command[0] * dt, -top), top)
     push = min(max((wanted - ahead) / dt, -most), most)
     hold = min(max(-aside / dt, -limit[GRIP]), limit[GRIP])
+    asked = math.sqrt(push * push + hold * hold)
+    if limit[GRIP] != USUAL_GRIP and asked > limit[GRIP]:
+        push, hold = push * limit[GRIP] / asked, hold * limit[GRIP] / asked
     return push * ux - hold * uy, push * uy + hold * ux
 
 

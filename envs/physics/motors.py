@@ -3,16 +3,16 @@
 A command takes effect `command_delay` control steps late; until the first one arrives, robots are
 told to stand still (0, 0). The motors' command u then follows the one that has arrived, c:
 
-    u <- u + dt / (lag + dt) (c - u)
+    u <- u + (1 - exp(-dt / lag)) (c - u)
 
-the implicit Euler step of lag du/dt = c - u (Hairer, Norsett and Wanner, "Solving Ordinary
-Differential Equations I", 1993, section I.7), with u = 0 at the start. It holds in every simulator,
-since `dynamics.drive` takes u as the command.
+the exact solution of lag du/dt = c - u over a step, with u = 0 at the start. It holds in every
+simulator, since `dynamics.drive` takes u as the command.
 """
 
 import numpy as np
 
 from swarmdata.numerics.episode_draws import drawn_values
+from swarmdata.numerics.exact_math import exp
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Int, Seeds
@@ -34,7 +34,7 @@ def _follow(
         active: [E].
         times: control steps taken, this one included, [E].
         delays: control steps, [E, N].
-        shares: dt / (lag + dt), [E, N].
+        shares: 1 - exp(-dt / lag), [E, N].
         given: the last commands, a ring over time, [E, D + 1, N, 2].
         motors: commands of the motors, read and written, [E, N, 2].
         commands: read and written, [E, N, 2].
@@ -76,7 +76,9 @@ class Motors:
         delays = np.array([robot.command_delay for robot in robots], np.float64)
         lags = np.array([robot.actuator_lag for robot in robots])
         self._delays[copies] = drawn.get("command_delay", delays)
-        self._shares[copies] = dt / (drawn.get("actuator_lag", lags) + dt)
+        lags = drawn.get("actuator_lag", lags)
+        steps = np.divide(dt, lags, out=np.full_like(lags, np.inf), where=lags > 0.0)
+        self._shares[copies] = 1.0 - exp(-steps)
         self._motors[copies] = 0.0
 
     def follow(self, active: Bool, times: Int, commands: Double) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.numerics.geometry import clearance
-from swarmdata.numerics.sight import is_in_sight
+from swarmdata.numerics.sight import sees
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
@@ -62,13 +62,39 @@ def cell_middles(spec: TaskSpec, rules: SearchRules) -> Double:
     return np.stack([x, y], axis=-1).reshape(-1, 2)
 
 
-@kernel
-def sees(x: float, y: float, px: float, py: float, sight_range: float, layout: Float) -> bool:
-    """Whether a robot at (x, y) sees the point (px, py)."""
-    dx, dy = px - x, py - y
-    if dx * dx + dy * dy > sight_range * sight_range:
-        return False
-    return bool(is_in_sight(x, y, px, py, layout))
+def search_definitions(spec: TaskSpec, rules: SearchRules) -> dict[str, str]:
+    """What robots see and remember, for readers of a dataset, by name."""
+    n_columns = math.ceil(spec.arena.width / rules.cell_size - 1e-9)
+    reach = max(robot.radius for robot in spec.robots) + MIDDLE_CLEARANCE
+    return {
+        "square c": (
+            f"Squares have sides of {rules.cell_size:g} m and are laid out from the corner of the "
+            "arena with the smallest x and y; the last of a row or column end at the wall. "
+            f"Square c is number c mod {n_columns} along x and floor(c / {n_columns}) along y, "
+            "both from 0. Its middle is that of what lies in the arena"
+        ),
+        "to see a point": (
+            f"It is at most {rules.sight_range:g} m from the robot's centre, and the segment "
+            "between them crosses no obstacle of `episodes/layouts`"
+        ),
+        "searched_c": (
+            "1 from the first state in which the robot sees the middle of square c; 1 from the "
+            f"start, for all robots, where that is less than {reach:g} m from an obstacle or wall"
+        ),
+        "rescued": (
+            f"1 from the state of the first step after which the centres of {rules.helpers} or "
+            f"more robots are at most {rules.goal_radius:g} m from the victim; 0 in the first "
+            "state"
+        ),
+        "known_k": (
+            "Set in every state, after `rescued`, if the robot sees victim k: to 2 if it is "
+            "rescued, else to 1. It is 2 for ever, and 0 before the robot first sees the victim"
+        ),
+        "tx, ty": (
+            "The nearest victim whose `known_k` of the robot is 1, the first of equally near ones; "
+            f"without any the base, ({-spec.half_size[0]:g}, {-spec.half_size[1]:g})"
+        ),
+    }
 
 
 @kernel

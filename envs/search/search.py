@@ -49,6 +49,7 @@ from swarmdata.envs.search.floor_memory import (
     find_unsearched,
     knows_victim,
     look,
+    search_definitions,
 )
 from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.envs.world.spawn import (
@@ -285,7 +286,7 @@ class Search:
         self.features = TASK_FEATURES
         self._rules = (rules.sight_range, rules.goal_radius, rules.helpers)
         self._victim_radii = np.full(rules.victims, self._spawn.radii.max())
-        self.terms = _terms(rules)
+        self.terms, self.definitions = _terms(rules), search_definitions(spec, rules)
         self.solved = "all victims are rescued"
 
     @staticmethod

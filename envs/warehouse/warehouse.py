@@ -35,10 +35,10 @@ import numpy as np
 
 from swarmdata.envs.warehouse.floor_plan import FloorPlan, next_corner, shortest_path_length
 from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
-from swarmdata.envs.world.deadlocks import count_deadlocks
+from swarmdata.envs.world.deadlocks import DEADLOCK_MEANING, count_deadlocks
 from swarmdata.envs.world.spawn import SpawnPlan, check_fixed_layout, place_points, put_at_rest
 from swarmdata.errors import SpawnError
-from swarmdata.numerics.random import STREAMS
+from swarmdata.numerics.random import DRAW_MEANING, STREAMS
 from swarmdata.numerics.random_kernels import absorb, to_uniform
 from swarmdata.registry.appearance import Appearance, Moment
 from swarmdata.runtime.kernels import kernel
@@ -249,6 +249,7 @@ class Warehouse:
         self.features = TASK_FEATURES
         self._spawn = SpawnPlan.of(spec)
         self._rules = (self.plan.n_picks, rules.goal_radius, rules.quota)
+        self.definitions = _definitions(rules, self.plan)
         self.terms = _terms(rules, self.plan)
         self.solved = f"the team has made {rules.quota} deliveries"
 
@@ -299,6 +300,35 @@ class Warehouse:
             "deadlocks": float(count_deadlocks(positions, self._spawn.radii, self.spec.control_dt)),
             "carrying_time": float(carrying[:-1].mean()),
         }
+
+
+def _definitions(rules: WarehouseRules, plan: FloorPlan) -> dict[str, str]:
+    """The floor, what an episode draws, and what metrics count, for readers of a dataset."""
+    points = [f"({x:.9g}, {y:.9g})" for x, y in plan.places.tolist()]
+    picks, stations = points[: plan.n_picks], points[plan.n_picks :]
+    middles = ", ".join(f"{y:.9g}" for y in plan.middles.tolist())
+    return {
+        "corner": (
+            "Lanes and corridors are those of the term `progress`; above the last corridor is "
+            "the last one. If y and ty are in the same corridor: (tx, ty). Else m is the middle "
+            "of the lane with the smallest gap to the interval from x to tx, of several that "
+            "nearest to x, of these the first: (m, middle of ty's corridor) if x is in the lane "
+            "or y beside shelves, else (m, middle of y's corridor). Middles of the corridors 0, "
+            f"1, ..., m: {middles}. (x, y) is where the robot believes to be"
+        ),
+        "tx, ty": (
+            f"Order q of robot i is from place floor({plan.n_picks} u) to station "
+            f"floor({len(stations)} v), u = uniform(derive(seed, {_LAYOUT_STREAM}, i, q, 0)) and v "
+            f"= uniform(derive(seed, {_LAYOUT_STREAM}, i, q, 1)). The target is the place, and the "
+            "station while `carrying` is 1. After a step that the robot ends within "
+            f"{rules.goal_radius:g} m of its target, `carrying` turns 1, or it turns 0 and "
+            "`deliveries`, the number q of the order, rises by 1"
+        ),
+        "places": f"Numbered from 0, m: {', '.join(picks)}",
+        "stations": f"Numbered from 0, m: {', '.join(stations)}",
+        "derive, uniform": f"{DRAW_MEANING}. seed: of the episode, in `episodes/seeds`",
+        "deadlocks": DEADLOCK_MEANING,
+    }
 
 
 def _terms(rules: WarehouseRules, plan: FloorPlan) -> tuple[Term, ...]:

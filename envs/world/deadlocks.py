@@ -16,6 +16,14 @@ STILL_TIME = 3.0  # s
 STILL_DISTANCE = 0.05  # m
 NEAR_GAP = 0.3  # m, between surfaces
 
+DEADLOCK_MEANING = (
+    f"A robot stands still in a state if it is less than {STILL_DISTANCE:g} m from where it was "
+    f"{STILL_TIME:g} s earlier. Two robots that stand still with at most {NEAR_GAP:g} m between "
+    "their surfaces are locked. Robots that are locked, one with the next, are a group. A deadlock "
+    "begins in a state with a group in which no robot was locked in the state before"
+)
+"""What `count_deadlocks` counts, for cards."""
+
 
 def locked_pairs(positions: Double, radii: Double, control_dt: float) -> Bool:
     """Returns which pairs of robots are locked in each step, [T+1, N, N].

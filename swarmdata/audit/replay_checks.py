@@ -22,6 +22,7 @@ from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, make_source_policy
+from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
@@ -113,7 +114,7 @@ class _Wave:
 
     def __init__(self, subject: Subject, env: VecEnv, wave: Int, policy: Policy | None) -> None:
         self.subject, self.env, self.wave, self.policy = subject, env, wave, policy
-        self.lengths = subject.table.lengths[wave]
+        self.lengths, self.limit = subject.table.lengths[wave], ThreadLimit()
         self.known: dict[int, Difference] = {}  # the first of each episode, by position in the wave
         self.same = np.ones(len(wave), dtype=np.bool_)  # which episodes have none so far
 
@@ -155,7 +156,9 @@ class _Wave:
         if self.policy is None:
             return
         rows = self.subject.table.starts[self.wave] + t
-        self._compare("actions", rows, self.policy.act(step), t)
+        with self.limit:
+            chosen = self.policy.act(step)
+        self._compare("actions", rows, chosen, t)
         if self.subject.arrays["log_probs"].size:
             self._compare("log_probs", rows, self.policy.log_probs(step, actions), t)
 

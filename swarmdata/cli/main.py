@@ -413,6 +413,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
     "Data": {
         "record": import_commands.record_app,
         "import": import_commands.import_command,
+        "fetch": import_commands.fetch,
         "convert": convert_commands.convert,
         "filter": editing_commands.filter_command,
         "combine": editing_commands.combine_command,
@@ -441,7 +442,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
     },
     MAINTENANCE: {
         "references": references,
-        "study-pages": study_commands.study_pages,
+        "study-cards": study_commands.study_cards,
         "registry": registry_commands.registry_app,
         "ship": training_commands.ship,
     },

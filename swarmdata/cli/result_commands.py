@@ -25,6 +25,7 @@ from swarmdata.cli.shared_options import (
     parse_ranges,
     parse_settings,
 )
+from swarmdata.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.results.evaluation_jobs import Evaluation
@@ -34,6 +35,13 @@ if TYPE_CHECKING:
 
 Collect = Annotated[
     bool, typer.Option("--collect", help="print what finished results give, and evaluate none")
+]
+Budget = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="COST=LIMIT",
+        help="largest mean cost of an episode, such as robot_collisions=0.1; may be repeated",
+    ),
 ]
 Label = Annotated[
     str | None,
@@ -62,6 +70,7 @@ def evaluate(
     engine: Engine = "local",
     part: Part = None,
     collect: Collect = False,
+    budget: Budget = None,
 ) -> None:
     """Evaluate policies on the reserved seeds and print tables.
 
@@ -75,8 +84,9 @@ def evaluate(
     sources = [TargetName.of(name, *how) for name in targets]
     found = [(source, source.find()) for source in sources]
     block: SeedBlock = "validation" if validation else "evaluation"
+    budgets = parse_budgets(budget)
     if out is None:
-        _evaluate_here([target for _, target in found], episodes, block, threads)
+        _evaluate_here([target for _, target in found], episodes, block, threads, budgets)
         return
     every = [each for one in found for each in evaluations_of(*one, episodes, out, block=block)]
     options: dict[str, Any] = {"again": again, "n_threads": threads}
@@ -84,11 +94,36 @@ def evaluate(
         _run_part(every, part, out, options)
     else:
         options |= {"engine": engine, "workers": workers}
-        _run_all(every, out, options, is_run=not collect)
+        _run_all(every, out, options, budgets, is_run=not collect)
+
+
+def parse_budgets(texts: list[str] | None) -> dict[str, float]:
+    """Reads all `--budget` options.
+
+    Raises:
+        typer.BadParameter: one is not of the form COST=LIMIT, or its limit is not a number.
+        UnknownNameError: no such cost.
+    """
+    from swarmdata.numerics.event_costs import COSTS
+
+    budgets = {}
+    for name, text in parse_settings(texts, "--budget").items():
+        if name not in COSTS:
+            raise UnknownNameError("cost", name, COSTS)
+        try:
+            budgets[name] = float(text)
+        except ValueError:
+            message = f"got {name}={text}, expected a number after the sign"
+            raise typer.BadParameter(message, param_hint="--budget") from None
+    return budgets
 
 
 def _evaluate_here(
-    targets: "Sequence[Target]", episodes: int, block: "SeedBlock", threads: int
+    targets: "Sequence[Target]",
+    episodes: int,
+    block: "SeedBlock",
+    threads: int,
+    budgets: Mapping[str, float],
 ) -> None:
     """Evaluates targets in this process, keeps nothing, and prints tables."""
     from swarmdata.evaluation.results.target_evaluation import evaluate_target
@@ -96,7 +131,7 @@ def _evaluate_here(
     results = []
     for target in targets:
         results += evaluate_target(target, episodes, block=block, n_threads=threads)
-    _print_tables(results)
+    _print_tables(results, budgets)
 
 
 def _run_part(
@@ -112,13 +147,18 @@ def _run_part(
 
 
 def _run_all(
-    every: "Sequence[Evaluation]", out: Path, options: Mapping[str, Any], *, is_run: bool
+    every: "Sequence[Evaluation]",
+    out: Path,
+    options: Mapping[str, Any],
+    budgets: Mapping[str, float],
+    *,
+    is_run: bool,
 ) -> None:
     """Makes the results that are not there, unless they are only collected, and prints tables."""
     from swarmdata.evaluation.results.evaluation_jobs import collect_evaluations, run_evaluations
 
     n_kept = run_evaluations(every, **options) if is_run else 0
-    _print_tables(collect_evaluations(every))
+    _print_tables(collect_evaluations(every), budgets)
     if n_kept:
         typer.echo(
             f"\n{n_kept} of {len(every)} results were already in {out}; --again replaces them."
@@ -138,18 +178,20 @@ def _check_options(
                     "needs --out FOLDER, where all processes leave results", param_hint=f"--{name}"
                 )
     if part is not None:
-        refuse(context, ("workers", "engine", "collect"), "with --part")
+        refuse(context, ("workers", "engine", "collect", "budget"), "with --part")
     elif collect:
         refuse(context, ("workers", "engine", "again", "threads"), "with --collect")
 
 
-def _print_tables(results: "list[Result]") -> None:
+def _print_tables(results: "list[Result]", budgets: Mapping[str, float]) -> None:
     from swarmdata.evaluation.results.report import shown_cases
     from swarmdata.evaluation.results.result_set import group_results
-    from swarmdata.evaluation.results.result_tables import case_table
+    from swarmdata.evaluation.results.result_tables import budget_table, case_table
 
     for case in shown_cases(group_results(results)).values():
         typer.echo(case_table(case).to_text(), nl=False)
+        if budgets:
+            typer.echo(budget_table(case, budgets).to_text(), nl=False)
 
 
 def report(

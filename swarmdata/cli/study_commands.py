@@ -1,4 +1,4 @@
-"""`swarmdata study`: runs a grid of algorithms, datasets and seeds; `study-pages`: many grids."""
+"""`swarmdata study`: runs a grid of algorithms, datasets and seeds; `study-cards`: on cards."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -162,32 +162,15 @@ def _require_extras(purpose: str) -> None:
     require_extra("matplotlib", "plots", "drawing the figures of a study")
 
 
-def study_pages(
+def study_cards(
     studies: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="folder of finished studies")
     ] = Path("cards/studies"),
-    out: Annotated[Path, typer.Option(help="folder for the pages")] = Path("docs/results"),
-    cards: Annotated[
-        Path | None,
-        typer.Option(help="folder of cards whose results are written again, as cards/published"),
-    ] = None,
+    cards: Annotated[Path, typer.Option(help="folder of the cards")] = Path("cards/published"),
 ) -> None:
-    """Write the tables and figures of each question that finished studies answer.
-
-    They are those of the studies' reports; nothing is computed. Text that stands above the made
-    part of a page is kept. A page that no study bears on yet is not written, and the command says
-    what it needs.
-    """
-    _require_extras("reading a study")
+    """Write the results of finished studies on the cards of their datasets again."""
     from swarmdata.cards.committed_studies import read_studies
     from swarmdata.cards.publish import refresh_cards
-    from swarmdata.evaluation.study.pages.result_pages import write_result_pages
 
-    if cards is not None:
-        for card in refresh_cards(cards, read_studies(studies)):
-            typer.echo(card)
-    pages, left_out = write_result_pages(studies, out)
-    for page in pages:
-        typer.echo(page)
-    for name, reason in left_out.items():
-        typer.echo(f"left out: {name}: {reason}", err=True)
+    for card in refresh_cards(cards, read_studies(studies)):
+        typer.echo(card)

@@ -158,7 +158,7 @@ def transfer(
         typer.Option("--task", help="task of all targets: a preset, or a spec; may be repeated"),
     ],
     results: Annotated[Path, typer.Option(help="folder for result files")],
-    out: Annotated[Path, typer.Option(help="Markdown file to write")],
+    out: Annotated[Path, typer.Option(help="CSV file to write")],
     backend: Annotated[
         str, typer.Option(help="the other simulator: mujoco (an extra), kinematic or pymunk")
     ] = "mujoco",
@@ -166,15 +166,13 @@ def transfer(
     workers: Processes = 1,
     engine: Engine = "local",
 ) -> None:
-    """Compare policies in two simulators.
+    """Compare policies in two simulators, and write a table.
 
     Policies act as they are, on the same seeds and layouts. An interrupted comparison resumes: run
-    the same command again. Text that stands above the made part of the page is kept.
+    the same command again.
     """
     refuse_workers(context, engine)
-    from swarmdata.drawing.page_text import page_with
     from swarmdata.evaluation.transfer import simulator_transfer
-    from swarmdata.evaluation.transfer.transfer_page import transfer_page
     from swarmdata.store import write_file
 
     planned = simulator_transfer.plan_transfer(
@@ -182,6 +180,5 @@ def transfer(
     )
     teams = simulator_transfer.run_transfer(planned, engine=engine, workers=workers)
     out.parent.mkdir(parents=True, exist_ok=True)
-    page = page_with(transfer_page(teams), out, "Do policies depend on the simulator?")
-    write_file(out, page.encode())
+    write_file(out, simulator_transfer.transfer_table(teams).encode())
     typer.echo(out)

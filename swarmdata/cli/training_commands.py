@@ -73,7 +73,9 @@ def train(
     communication: Communication = None,
     reward: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=WEIGHT", help="weight of a reward, may be repeated; or safe"),
+        typer.Option(
+            metavar="NAME=WEIGHT", help="weight of a reward, may be repeated; or safe, or team"
+        ),
     ] = None,
     frame: Annotated[str, typer.Option(help="robots' frame: auto, world, or an anchor")] = "auto",
     workers: Processes = 1,
@@ -272,13 +274,15 @@ def learning(
 
 def export_policy(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="folder of a training run")],
-    out: Annotated[Path, typer.Argument(metavar="FILE", help="to write, such as policy.onnx")],
+    out: Annotated[
+        Path, typer.Argument(metavar="FILE", help="to write: policy.onnx, or policy.py")
+    ],
     seed: Annotated[int, typer.Option(min=0, help="seed of the training")] = 0,
 ) -> None:
-    """Export a policy as ONNX, for robots.
+    """Export a policy for robots, as ONNX or as Python that needs NumPy alone.
 
-    The file has the frame, the normalization and the network of one robot, and says which features
-    it observes. It runs without swarmdata or torch.
+    The file has the frame, the normalization, the network and the memory of one robot, and says
+    which features it observes. It runs without swarmdata or torch.
     """
     from swarmdata.interop.exported_policies import export_policy as export
 

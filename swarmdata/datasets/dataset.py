@@ -255,7 +255,8 @@ class Dataset(View[Sampler]):
 
         Returns:
             observations, next_observations [n, N, O]; states, next_states [n, S]; actions
-            [n, N, A]; log_probs, rewards [n, N]; terminations, truncations, episodes [n].
+            [n, N, A]; log_probs, rewards [n, N]; costs [n, N, C], if events were recorded;
+            terminations, truncations, episodes [n].
         """
         lengths = self.stored.table.lengths[self.selection]
         copied = copy_transitions(self.stored.arrays, self.stored.table, self.selection)

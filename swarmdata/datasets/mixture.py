@@ -19,7 +19,7 @@ from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Batch, Double, Episode, Int, Seeds, shortened
+from swarmdata.types import Batch, Double, Episode, Int, Seeds, Wanted, shortened
 
 LONGEST_ID = 96
 """Characters of a mixture's id, which is part of the names of result files."""
@@ -191,10 +191,14 @@ class MixtureSampler(BatchStream):
             index[own] = self._starts[part] + sampler.pick(places[own], n_before)
         return index
 
-    def gather(self, index: Int) -> Batch:
+    def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         """Returns the transitions or windows that start at `index`, any shape.
 
         Fields that a part has not recorded are None.
+
+        Args:
+            index: rows of the mixture.
+            wanted: fields to read.
 
         Raises:
             IndexError: an index outside the mixture.
@@ -206,7 +210,9 @@ class MixtureSampler(BatchStream):
         parts = np.searchsorted(self._starts, index, side="right") - 1
         present = [part for part in range(len(self._samplers)) if (parts == part).any()]
         owns = [parts == part for part in present]
-        batches = [self._gather(part, index[own]) for part, own in zip(present, owns, strict=True)]
+        batches = [
+            self._gather(part, index[own], wanted) for part, own in zip(present, owns, strict=True)
+        ]
         values: dict[str, Any] = {}
         for field in fields(Batch):
             found = [getattr(batch, field.name) for batch in batches]
@@ -220,8 +226,8 @@ class MixtureSampler(BatchStream):
             values[field.name] = whole
         return Batch(**values)
 
-    def _gather(self, part: int, index: Int) -> Batch:
-        batch = self._samplers[part].gather(index - self._starts[part])
+    def _gather(self, part: int, index: Int, wanted: Wanted) -> Batch:
+        batch = self._samplers[part].gather(index - self._starts[part], wanted)
         if batch.episodes is None:
             return batch
         return replace(batch, episodes=batch.episodes + self._first_episodes[part])

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.errors import SchemaError
+from swarmdata.numerics.event_costs import costs_of
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import take_rows
 from swarmdata.store import EpisodeTable
-from swarmdata.types import Batch, Bool, Double, Float, Int, Seeds
+from swarmdata.types import Batch, Bool, Double, Float, Int, Seeds, Wanted
 
 COPIED_FIELDS = (
     "observations", "states", "actions", "log_probs", "rewards", "terminations", "truncations",
@@ -75,22 +76,22 @@ class Rows:
         return np.clip(steps, start, end - 1), (steps >= start) & (steps < end)
 
 
-def gather_transitions(arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int) -> Batch:
+def gather_transitions(
+    arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int, wanted: Wanted = None
+) -> Batch:
     """Returns the transitions at `index`, fields [*index.shape, ...].
 
     Args:
         arrays: the stored arrays.
         rows: where episodes lie.
         index: rows of the arrays with T rows, int64, any shape.
+        wanted: fields to read.
 
     Raises:
         IndexError: an index outside the dataset.
     """
     _refuse_negative(index)
-    episode = rows.episode.take(index)
-    last = rows.ends.take(episode) - 1
-    batch = _gather(arrays, index, index + episode, last, np.ones(index.shape, dtype=np.bool_))
-    return replace(batch, episodes=rows.positions.take(episode))
+    return _gather(arrays, rows, index, np.ones(index.shape, dtype=np.bool_), wanted)
 
 
 def copy_transitions(
@@ -111,7 +112,8 @@ def copy_transitions(
         for name in COPIED_FIELDS
     }
     later = {f"next_{name}": take_rows(arrays[name], states + 1) for name in of_states}
-    return copied | later
+    costs = costs_of(take_rows(arrays["events"], steps))
+    return copied | later | ({} if costs is None else {"costs": costs})
 
 
 def gather_windows(
@@ -120,6 +122,7 @@ def gather_windows(
     index: Int,
     horizon: int,
     burn_in: int | None = None,
+    wanted: Wanted = None,
 ) -> Batch:
     """Returns the steps of `Rows.window`, fields [*index.shape, L, ...].
 
@@ -132,15 +135,14 @@ def gather_windows(
         index: rows that choose the windows, int64, any shape.
         horizon: steps in a window.
         burn_in: None, or steps before a segment.
+        wanted: fields to read.
 
     Raises:
         IndexError: an index outside the dataset.
     """
     _refuse_negative(index)
     steps, mask = rows.window(index, horizon, burn_in)
-    episode = rows.episode.take(steps)
-    batch = _gather(arrays, steps, steps + episode, rows.ends.take(episode) - 1, mask)
-    batch = replace(batch, episodes=rows.positions.take(episode))
+    batch = _gather(arrays, rows, steps, mask, wanted)
     padding = np.nonzero(~mask)
     if len(padding[0]):
         for field in fields(batch):
@@ -157,25 +159,45 @@ def _refuse_negative(index: Int) -> None:
 
 
 def _gather(
-    arrays: Mapping[str, NDArray[Any]], index: Int, states: Int, last: Int, mask: Bool
+    arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int, mask: Bool, wanted: Wanted
 ) -> Batch:
-    """Gathers steps `index` from state rows `states`; the episodes' last steps are `last`."""
-    next_states = states + 1
-    next_actions = arrays["actions"].take(np.minimum(index + 1, last), axis=0)
-    next_actions[index == last] = 0  # nobody acts after the end
-    log_probs = arrays["log_probs"]  # [T, 0] where none were recorded
+    """Gathers the wanted fields of steps `index`."""
+    episode = rows.episode.take(index)
+    states = index + episode
+
+    def rows_of(name: str, at: Int) -> NDArray[Any]:
+        return arrays[name].take(at, axis=0)
+
+    def next_actions() -> NDArray[Any]:
+        last = rows.ends.take(episode) - 1
+        actions = rows_of("actions", np.minimum(index + 1, last))
+        actions[index == last] = 0  # nobody acts after the end
+        return actions
+
+    def log_probs() -> NDArray[Any] | None:
+        has_some = arrays["log_probs"].shape[1]  # [T, 0] where none were recorded
+        return rows_of("log_probs", index) if has_some else None
+
+    reads: dict[str, Callable[[], NDArray[Any] | None]] = {
+        "observations": lambda: rows_of("observations", states),
+        "actions": lambda: rows_of("actions", index),
+        "rewards": lambda: rows_of("rewards", index),
+        "next_observations": lambda: rows_of("observations", states + 1),
+        "states": lambda: rows_of("states", states),
+        "next_states": lambda: rows_of("states", states + 1),
+        "terminations": lambda: rows_of("terminations", index),
+        "truncations": lambda: rows_of("truncations", index),
+        "next_actions": next_actions,
+        "log_probs": log_probs,
+        "episodes": lambda: rows.positions.take(episode),
+        "costs": lambda: costs_of(rows_of("events", index)),
+    }
     return Batch(
-        observations=arrays["observations"].take(states, axis=0),
-        actions=arrays["actions"].take(index, axis=0),
-        rewards=arrays["rewards"].take(index, axis=0),
-        next_observations=arrays["observations"].take(next_states, axis=0),
-        states=arrays["states"].take(states, axis=0),
-        next_states=arrays["states"].take(next_states, axis=0),
-        terminations=arrays["terminations"].take(index),
-        truncations=arrays["truncations"].take(index),
         mask=mask,
-        next_actions=next_actions,
-        log_probs=log_probs.take(index, axis=0) if log_probs.shape[1] else None,
+        **{
+            name: read() if wanted is None or name in wanted else None
+            for name, read in reads.items()
+        },
     )
 
 
@@ -200,8 +222,12 @@ class BatchStream(ABC):
         self._ahead = np.empty((0, batch_size), dtype=np.int64)
 
     @abstractmethod
-    def gather(self, index: Int) -> Batch:
+    def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         """Returns the transitions or windows that start at `index`, rows of any shape.
+
+        Args:
+            index: rows.
+            wanted: fields to read.
 
         Raises:
             IndexError: an index outside the dataset.
@@ -370,29 +396,31 @@ class Sampler(RowSampler):
         """Returns the rows at places among all transitions; all are drawn from at any time."""
         return take_at(self.rows.valid, places)
 
-    def gather(self, index: Int) -> Batch:
+    def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         """Returns the transitions or windows that start at `index`.
 
         Args:
             index: rows as `draw` returns them, any shape; draws of K samplers stacked to [K, B]
                 give fields [K, B, ...] in one call.
+            wanted: fields to read, such as `{"observations", "actions"}`; the others are None.
 
         Raises:
             IndexError: an index outside the dataset.
             SchemaError: actions that are to be scaled lie outside their bounds.
         """
         if self.horizon is None:
-            batch = gather_transitions(self._arrays, self.rows, index)
+            batch = gather_transitions(self._arrays, self.rows, index, wanted)
         else:
-            batch = gather_windows(self._arrays, self.rows, index, self.horizon, self.burn_in)
+            window = self.horizon, self.burn_in
+            batch = gather_windows(self._arrays, self.rows, index, *window, wanted)
         if self._scale is None:
             return batch
         steps, last = self._steps(index)
-        next_steps = np.minimum(steps + 1, last)
+        next_steps, has_next = np.minimum(steps + 1, last), batch.mask & (steps < last)
         return replace(
             batch,
             actions=self._to_unit(batch.actions, steps, batch.mask),
-            next_actions=self._to_unit(batch.next_actions, next_steps, batch.mask & (steps < last)),
+            next_actions=self._to_unit(batch.next_actions, next_steps, has_next),
         )
 
     def _steps(self, index: Int) -> tuple[Int, Int]:
@@ -403,9 +431,11 @@ class Sampler(RowSampler):
         steps, _ = self.rows.window(index, self.horizon, self.burn_in)
         return steps, np.broadcast_to(last[..., None], steps.shape)
 
-    def _to_unit(self, actions: Float, steps: Int, mask: Bool) -> Float:
+    def _to_unit(self, actions: Float | None, steps: Int, mask: Bool) -> Float | None:
         """Scales the actions of some steps, [..., N, A]; those of absent agents become 0."""
         assert self._scale is not None  # callers check it
+        if actions is None:
+            return None
         acting = mask[..., None]
         if "alive" in self._arrays:
             states = steps + self.rows.episode.take(steps)

@@ -5,14 +5,20 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.drawing.style import words_of
 from swarmdata.types import Double
+
+NEAR_SIDE = 0.98
+"""Share of a panel's width, up to which a line ends before the panel does."""
 
 MIN_LABEL_GAP = 8.5 / 72
 """Between the middles of two labels, in inches: the height of their letters and a little air."""
 
 
 def label_ends(axes: Any, lines: Sequence[Any], height: float) -> None:
-    """Writes each line's label at its end, without overlaps.
+    """Writes each line's label beside the panel at the height of its end, without overlaps.
+
+    A line that ends before the panel does is joined to its label.
 
     Args:
         axes: the panel; its limits are final.
@@ -24,18 +30,15 @@ def label_ends(axes: Any, lines: Sequence[Any], height: float) -> None:
     ends = [(line.get_xdata()[-1], line.get_ydata()[-1]) for line in lines]
     wanted = np.array([inverse.transform(transform.transform(end))[1] for end in ends])
     places = spread_labels(np.clip(wanted, 0.0, 1.0), MIN_LABEL_GAP / height)
-    for line, place in zip(lines, places, strict=True):
-        axes.annotate(
-            line.get_label(),
-            (1.0, place),
-            xycoords="axes fraction",
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7,
-            color=line.get_color(),
-            annotation_clip=False,
-        )
+    for line, end, place in zip(lines, ends, places, strict=True):
+        look = {"va": "center", "fontsize": 7, "color": line.get_color(), "annotation_clip": False}
+        beside = {"xycoords": "axes fraction", "xytext": (4, 0), "textcoords": "offset points"}
+        text = words_of(str(line.get_label()))
+        axes.annotate(text, (1.0, place), **beside, **look)
+        if inverse.transform(transform.transform(end))[0] < NEAR_SIDE:
+            leader = {"arrowstyle": "-", "ls": ":", "lw": 0.7, "color": line.get_color(),
+                      "shrinkA": 0.0, "shrinkB": 0.0}  # fmt: skip
+            axes.annotate("", end, (1.0, place), textcoords="axes fraction", arrowprops=leader)
 
 
 def spread_labels(wanted: Double, gap: float) -> Double:

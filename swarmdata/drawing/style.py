@@ -1,7 +1,7 @@
 """The style of every figure: colors, fonts, and how a figure is made and saved."""
 
 import math
-from collections import Counter
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,10 +31,40 @@ FAMILY_COLORS = {
     "in-sample": COLORS[2],
     "conservative": COLORS[3],
     "value decomposition": COLORS[4],
-    "factored critic": COLORS[5],
+    "generative": COLORS[5],
     "ablations": GRAY,
 }
-"""Of the families of committed studies, so that they are alike in all; others take free colors."""
+"""Of the families of algorithms, alike in all figures."""
+
+SPARE_COLORS = ("#D55E00", "#8A7F00", "#7B4BA8")
+"""Of other families, so that none looks like one of those above."""
+
+FAMILY_OF = {
+    **dict.fromkeys(("bc", "filtered_bc"), "cloning"),
+    **dict.fromkeys(("maddpg_bc", "facmac_bc", "mappo", "maddpg"), "actor-critic"),
+    **dict.fromkeys(("iql", "omiga"), "in-sample"),
+    **dict.fromkeys(("cfcql", "omar", "icql_qs", "maddpg_cql"), "conservative"),
+    **dict.fromkeys(("vdn", "qmix"), "value decomposition"),
+    **dict.fromkeys(("mac_flow", "bc_flow", "bc_latent"), "generative"),
+}
+"""Algorithm -> family. An algorithm's place in its family is its marker, in all figures."""
+
+WORDS = {
+    "-(\\d+)x$": ", \\1 × updates",
+    "-without$": " ablated",
+    "-gru$": ", recurrent",
+    "-sets$": ", deep sets",
+    "-soft$": ", soft",
+    "-fast": ", fast critics",
+    "-safe$": ", safe rewards",
+    "-decentralized$": ", local critics",
+    "-team$": ", team reward",
+    "-constant$": ", constant rate",
+    "-(128|256)$": ", \\1 units",
+    "^told-": "relay, ",
+    "^recorded$": "as recorded",
+}
+"""Parts of labels in committed studies -> words, as patterns of `re.sub`."""
 
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0
 """Inches: of a column and of the text of a page in two columns, as in papers."""
@@ -88,37 +118,71 @@ def line_style(k: int) -> dict[str, Any]:
     return {"color": COLORS[k % len(COLORS)], "ls": DASHES[(k // len(COLORS)) % len(DASHES)]}
 
 
-def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Returns a color and a marker of each label: the color of its family, a marker of its own.
+def words_of(label: str) -> str:
+    """A label of a study in words: `bc-4x` is `bc, 4 × updates`."""
+    for ending, words in WORDS.items():
+        label = re.sub(ending, words, label)
+    return label
 
-    With more families than colors, families share a color, and no marker in it repeats.
+
+def words_of_pair(one: str, other: str) -> str:
+    """A difference of two labels in words; what both begin with is said once."""
+    first, second = words_of(one), words_of(other)
+    if second == f"{first} ablated":
+        return f"{first} − ablated"
+    stem, _, rest = first.rpartition(", ")
+    if stem and second.startswith(f"{stem}, "):
+        last = second.removeprefix(f"{stem}, ")
+        return f"{stem}: {rest.removesuffix(' updates')} − {last}"
+    return f"{first} − {second}"
+
+
+def family_name(kind: str) -> str:
+    """The family of an algorithm, or that which a family is a variant of, as far as it is known."""
+    plain = kind.removeprefix("recurrent ").partition(" with ")[0]
+    return FAMILY_OF.get(kind, plain if plain in FAMILY_COLORS else kind)
+
+
+def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Returns a color and a marker of each label: of its family, and of its algorithm.
+
+    A label that is an algorithm has that algorithm's marker; others have the next free ones of
+    their color. With more families than colors, families share a color.
 
     Args:
-        families: label -> family, in the order of the tables.
+        families: label -> family or algorithm, in the order of the tables.
     """
-    color_of = family_colors(tuple(dict.fromkeys(families.values())))
-    counts: Counter[str] = Counter()
-    looks = {}
-    for label, family in families.items():
-        color = color_of[family]
-        looks[label] = {"color": color, "marker": MARKERS[counts[color] % len(MARKERS)]}
-        counts[color] += 1
-    return looks
+    kinds = {label: family_name(kind) for label, kind in families.items()}
+    color_of = family_colors(tuple(dict.fromkeys(kinds.values())))
+    taken: dict[str, list[str]] = {}
+    markers = {}
+    for label in sorted(families, key=lambda name: name not in FAMILY_OF):
+        used = taken.setdefault(color_of[kinds[label]], [])
+        wanted = [_marker_of(label)] if label in FAMILY_OF else []
+        free = [each for each in (*wanted, *MARKERS) if each not in used]
+        markers[label] = free[0] if free else MARKERS[len(used) % len(MARKERS)]
+        used.append(markers[label])
+    return {
+        label: {"color": color_of[kind], "marker": markers[label]} for label, kind in kinds.items()
+    }
+
+
+def _marker_of(algorithm: str) -> str:
+    members = [name for name, family in FAMILY_OF.items() if family == FAMILY_OF[algorithm]]
+    return MARKERS[members.index(algorithm)]
 
 
 def family_colors(kinds: Sequence[str]) -> dict[str, str]:
-    """The color of each family: known ones have theirs if it is free, others the first free one.
+    """The color of each family: known ones have theirs, others the first free one.
 
     Args:
         kinds: names of families, each once.
     """
-    found: dict[str, str] = {}
-    for kind in kinds:
-        wanted = FAMILY_COLORS.get(kind)
-        if wanted is not None and wanted not in found.values():
-            found[kind] = wanted
+    found = {
+        kind: FAMILY_COLORS[name] for kind in kinds if (name := family_name(kind)) in FAMILY_COLORS
+    }
     for k, kind in enumerate(kinds):
-        free = [color for color in COLORS if color not in found.values()]
+        free = [color for color in (*SPARE_COLORS, *COLORS) if color not in found.values()]
         found.setdefault(kind, free[0] if free else COLORS[k % len(COLORS)])
     return found
 

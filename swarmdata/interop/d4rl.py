@@ -1,11 +1,11 @@
 """D4RL-style HDF5: flat arrays over time with `terminals` and `timeouts`.
 
 Files are written for tools that expect one agent: joint observations [n, N * O], joint actions
-[n, N * A], and the team's rewards [n]. Everything else is in `infos/`, which D4RL's loaders read as
-further keys. Such files are read, as well as files with an agent axis, and files of one agent as in
-D4RL (Fu et al. 2020, "D4RL: Datasets for Deep Data-Driven Reinforcement Learning", and its
-repository). `next_observations` is written, so that no transition is lost; if a file lacks them or
-`timeouts`, the user is asked.
+[n, N * A], and the team's rewards and costs [n]. Everything else is in `infos/`, which D4RL's
+loaders read as further keys. Such files are read, as well as files with an agent axis, and files of
+one agent as in D4RL (Fu et al. 2020, "D4RL: Datasets for Deep Data-Driven Reinforcement Learning",
+and its repository). `next_observations` is written, so that no transition is lost; if a file lacks
+them or `timeouts`, the user is asked.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,6 +35,7 @@ from swarmdata.interop.conversion.hdf5_writer import create_hdf5
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
+from swarmdata.numerics.event_costs import costs_of
 
 NOTE_KEY, LAYOUTS_KEY = "metadata/swarmdata", "metadata/layouts"
 
@@ -72,6 +73,9 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
                 flat = (int(np.prod(shape)),) if _is_joint(name) else shape
                 _create(file, key, dataset.n_steps, flat, dtype)
         _create(file, "rewards", dataset.n_steps, (), np.dtype(np.float32))
+        has_costs = "events" in row_shapes(dataset)
+        if has_costs:  # as in DSRL, of the whole team
+            _create(file, "costs", dataset.n_steps, (), np.dtype(np.float32))
         for first, arrays in step_blocks(dataset):
             for name, values in arrays.items():
                 if key := _key(name):
@@ -79,6 +83,10 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
                     file[key][first : first + len(rows)] = rows
             team = arrays["rewards"].mean(axis=1, dtype=np.float64)
             file["rewards"][first : first + len(team)] = team.astype(np.float32)
+            if has_costs:
+                costs = costs_of(arrays["events"])
+                assert costs is not None
+                file["costs"][first : first + len(costs)] = costs.sum(axis=(1, 2))
             writer.check()
         file[NOTE_KEY] = note_of(dataset, frame).to_json()
         layouts = dataset.episodes.layouts

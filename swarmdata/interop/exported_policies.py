@@ -1,47 +1,149 @@
 """Exports a trained policy by the name of its run, with what a robot has to know about it."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, get_args
 
-from swarmdata.errors import SpecError
+from swarmdata.datasets.action_scaling import ActionScale, action_scale
+from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.portable_names import without_places
+from swarmdata.evaluation.runs.provenance import Provenance
+from swarmdata.interfaces import Policy
+from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.extras import require_extra
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins.log_map import Motion
+from swarmdata.specs.spaces import DictSpace, Space, TupleSpace, width
+from swarmdata.specs.task_spec import TaskSpec
+
+SUFFIXES = (".onnx", ".py")
+"""Of files that a policy can become."""
 
 
 def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
-    """Writes the policy of one training seed as a file of ONNX (`learn.deployment`).
+    """Writes the policy of one training seed for robots: as ONNX, or as Python with NumPy alone.
 
-    The file's metadata have the names of robots and features, the spec of the task and the
-    provenance of the policy.
+    The file has the frame, the normalization, the network and its memory, the names of robots and
+    features, the commands that actions mean, and the provenance of the policy.
 
     Args:
         name: folder of a run.
-        path: of the file; it must not exist.
+        path: of the file, which must not exist: its suffix is `.onnx`, or `.py` for NumPy.
         seed: of the training.
 
     Raises:
-        SpecError: the run has no such seed.
-        PolicyFitError: policies of this kind cannot be exported.
+        SpecError: the run has no such seed, or the file another suffix.
+        PolicyFitError: policies of this kind cannot be exported, or choose among whole numbers.
         ConversionError: `path` exists.
-        MissingExtraError: torch or the extra `onnx` is not installed.
+        MissingExtraError: torch, or for ONNX the extra `onnx`, is not installed.
     """
+    path = Path(path)
+    if path.suffix not in SUFFIXES:
+        raise SpecError(
+            f"{path} has the suffix {path.suffix!r}, expected .onnx, or .py for a file of Python "
+            "that needs NumPy alone"
+        )
     require_extra("torch", "torch", "reading a policy")
+    from swarmdata.learn.deployment.numpy_file import export_numpy  # noqa: PLC0415  (torch)
     from swarmdata.learn.deployment.onnx_file import export_onnx  # noqa: PLC0415  (torch)
 
-    target = find_target(str(name))
-    seeds = [each.seed for each in target.provenances]
+    spec, policies, provenances = _trained(str(name))
+    seeds = [each.seed for each in provenances]
     if seed not in seeds:
         raise SpecError(f"{name} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
     k = seeds.index(seed)
-    return export_onnx(
-        target.policies[k],
-        Path(path),
-        robots=target.spec.agent_names,
-        features=[feature.name for feature in features_of(make_task(target.spec))],
+    export = export_onnx if path.suffix == ".onnx" else export_numpy
+    return export(
+        policies[k],
+        path,
+        robots=spec.agent_names,
+        features=_features(spec),
         about={
-            "provenance": without_places(target.provenances[k].model_dump(mode="json")),
-            "spec": target.spec.model_dump(mode="json"),
+            "provenance": without_places(provenances[k].model_dump(mode="json")),
+            "spec": spec.model_dump(mode="json"),
+            **_commands(spec),
         },
     )
+
+
+def _trained(name: str) -> tuple[TaskSpec | RecordedSpec, Sequence[Policy], Sequence[Provenance]]:
+    """Spec, policies and provenances of a run, on a task or on a recording."""
+    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
+        load_policies,
+        read_trained,
+    )
+
+    if run_folders(Path(name)):
+        found = read_trained(Path(name))
+        if found.spec.get("kind") == "recorded":
+            return RecordedSpec.parse(found.spec, name), load_policies(found), found.provenances
+    target = find_target(name)
+    return target.spec, target.policies, target.provenances
+
+
+def _features(spec: TaskSpec | RecordedSpec) -> list[list[str]]:
+    """Names of the numbers that each robot observes."""
+    if isinstance(spec, RecordedSpec):
+        return [_columns(agent.observation, "") for agent in spec.agents]
+    names = [feature.name for feature in features_of(make_task(spec))]
+    return [names] * spec.n_agents
+
+
+def _columns(space: Space, name: str) -> list[str]:
+    """Names of a space's numbers: `pose.0` to `pose.3`, `goal_known`."""
+    match space:
+        case DictSpace():
+            parts = {key: space.spaces[key] for key in sorted(space.spaces)}
+        case TupleSpace():
+            parts = {str(k): part for k, part in enumerate(space.spaces)}
+        case _ if width(space) == 1 and name:
+            return [name]
+        case _:
+            return [f"{name}.{k}".removeprefix(".") for k in range(width(space))]
+    named = ((f"{name}.{key}".removeprefix("."), part) for key, part in parts.items())
+    return [column for each, part in named for column in _columns(part, each)]
+
+
+def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
+    """What actions in [-1, 1] mean: middle + half * action, for each robot, in SI units.
+
+    `stop` is the command that stops a robot, None where this is not known: zero stops none that is
+    commanded by accelerations.
+    """
+    if isinstance(spec, TaskSpec):
+        halves, stops = [], []
+        for robot in spec.robots:
+            is_speed = robot.command == "velocity"
+            most = robot.max_speed if is_speed else robot.max_acceleration
+            is_turning = robot.dynamics == "unicycle"
+            halves.append([most, robot.max_turn_rate if is_turning else most])
+            stops.append([0.0, 0.0] if is_speed else None)
+        return {
+            "time_step": spec.control_dt,
+            "commands": [{"middle": [0.0, 0.0], "half": half, "stop": stop}
+                         for half, stop in zip(halves, stops, strict=True)],
+        }  # fmt: skip
+    if spec.action_kind == "choices":
+        raise PolicyFitError(
+            f"policies for {spec.task} choose among whole numbers, expected continuous commands"
+        )
+    named = spec.options.get("commands", {})
+    return {"time_step": spec.time_step, "commands": _recorded(spec, action_scale(spec), named)}
+
+
+def _recorded(
+    spec: RecordedSpec, scale: ActionScale, named: dict[str, list[str]]
+) -> list[dict[str, Any]]:
+    found = []
+    for agent, middle, half in zip(spec.agents, scale.middle, scale.half, strict=True):
+        n = width(agent.action)
+        columns = named.get(agent.name, [""])
+        is_motion = all(column in get_args(Motion) for column in columns)
+        found.append(
+            {"middle": middle[:n].tolist(), "half": half[:n].tolist(),
+             "stop": [0.0] * n if is_motion else None}
+        )  # fmt: skip
+    return found

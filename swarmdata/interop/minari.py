@@ -38,6 +38,7 @@ from swarmdata.interop.conversion.imported_data import (
 from swarmdata.interop.conversion.space_columns import recorded_agents, split_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
+from swarmdata.numerics.event_costs import costs_of
 from swarmdata.runtime.atomic import require_space
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
@@ -181,6 +182,9 @@ def _buffers(
     infos = {key: getattr(episode, name) for name, key in _INFO_KEYS.items() if name in names}
     if episode.layout.size:
         infos["layout"] = episode.layout
+    costs = costs_of(episode.events)
+    if costs is not None:
+        infos["costs"] = costs
     return {
         "observations": {
             agent.name: split_rows(agent.observation, episode.observations[:, k])

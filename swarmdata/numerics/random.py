@@ -23,10 +23,28 @@ MIX_2 = 0x94D049BB133111EB
 STREAMS = {
     name: index
     for index, name in enumerate(
-        ("layout", "policy", "noise", "channel", "sensor", "split", "reset", "body")
+        (
+            "layout",
+            "policy",
+            "noise",
+            "channel",
+            "sensor",
+            "split",
+            "reset",
+            "body",
+            "odometry",
+        )
     )
 }
 """Independent streams of one episode's seed."""
+
+DRAW_MEANING = (
+    "derive(s, a, b, ...): v = s; for each number c of a, b, ... in order, v = mix(v + (c + 1) "
+    "0x9E3779B97F4A7C15); mix(z): z = z xor (z >> 30); z = z 0xBF58476D1CE4E5B9; z = z xor (z >> "
+    "27); z = z 0x94D049BB133111EB; z = z xor (z >> 31); all in unsigned integers of 64 bits, "
+    "which wrap. uniform(v) = floor(v / 2^11) / 2^53"
+)
+"""What `derive` and `uniform` compute, for readers who have neither."""
 
 EVALUATION_BASE = 1 << 62
 """The first of the seeds that are reserved for evaluation and never appear in a dataset."""

@@ -71,3 +71,12 @@ def is_in_sight(px: float, py: float, qx: float, qy: float, layout: Float) -> bo
         ):
             return False
     return True
+
+
+@kernel
+def sees(x: float, y: float, px: float, py: float, sight_range: float, layout: Float) -> bool:
+    """Whether a robot at (x, y) sees the point (px, py): in range, and no obstacle between them."""
+    dx, dy = px - x, py - y
+    if dx * dx + dy * dy > sight_range * sight_range:
+        return False
+    return bool(is_in_sight(x, y, px, py, layout))

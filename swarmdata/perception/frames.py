@@ -17,6 +17,7 @@ The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the sam
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -110,15 +111,18 @@ class Frame:
         """
         size = observations.shape[-1]
         out = np.empty((*observations.shape[:-1], size + self.n_added), np.float32)
-        _turn(
-            np.ascontiguousarray(observations).reshape(-1, size),
-            self.anchor,
+        rows = np.ascontiguousarray(observations).reshape(-1, size)
+        _turn(rows, self.anchor, *self._indices, out.reshape(-1, size + self.n_added))
+        return out
+
+    @cached_property
+    def _indices(self) -> tuple[Int, Int, Int]:
+        """`vectors`, `closing` and `heard` for the kernel: [V], [C, 2], [H, 3]."""
+        return (
             np.array(self.vectors, np.int64),
             np.array(self.closing, np.int64).reshape(-1, 2),
             np.array(self.heard, np.int64).reshape(-1, 3),
-            out.reshape(-1, size + self.n_added),
         )
-        return out
 
     def to_world(self, observations: Float, actions: Float | Double) -> Double:
         """Returns actions in the world's frame, [..., N, A]; their first two columns are turned.
@@ -148,17 +152,21 @@ class Frame:
     def turned(self, batch: Batch) -> Batch:
         """Returns a batch in this frame, as robots see and act: `inputs`, and `recorded` actions.
 
-        States and rewards stay as they are.
+        States and rewards stay as they are, and fields that the batch does not have.
         """
-        next_actions = batch.next_actions
-        if next_actions is not None:
-            next_actions = self.recorded(batch.next_observations, next_actions)
+
+        def seen(observations: Float | None) -> Float | None:
+            return None if observations is None else self.inputs(observations)
+
+        def taken(observations: Float, actions: Float | None) -> Float | None:
+            return None if actions is None else self.recorded(observations, actions)
+
         return replace(
             batch,
-            observations=self.inputs(batch.observations),
-            next_observations=self.inputs(batch.next_observations),
-            actions=self.recorded(batch.observations, batch.actions),
-            next_actions=next_actions,
+            observations=seen(batch.observations),
+            next_observations=seen(batch.next_observations),
+            actions=taken(batch.observations, batch.actions),
+            next_actions=taken(batch.next_observations, batch.next_actions),
         )
 
     def recorded(self, observations: Float, actions: Float) -> Float:

@@ -22,6 +22,9 @@ import numpy as np
 from swarmdata.interfaces import Task
 from swarmdata.numerics.distance_field import (
     CLEARANCE_MARGIN,
+    DIAGONAL_COST,
+    GAP_LEVELS,
+    GAP_WEIGHTS,
     STRAIGHT_COST,
     Ground,
     Int32,
@@ -29,6 +32,7 @@ from swarmdata.numerics.distance_field import (
     grid_shape,
 )
 from swarmdata.numerics.waypoints import (
+    LOOKAHEAD_NODES,
     Paths,
     farthest_visible_node,
     free_distance,
@@ -40,6 +44,7 @@ from swarmdata.perception.sensing.state import GOAL_NEAR
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, X, Y
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Step
 
 NODE_SPACING = 0.1
@@ -115,7 +120,7 @@ class Wayfinder:
             half=np.array([half_width, half_height]),
             radius=max(robot.radius for robot in spec.robots),
             diagonal=2.0 * math.sqrt(half_width * half_width + half_height * half_height),
-            in_body=model.kind != "state",
+            in_body=model.in_body_frame,
             delay=model.delay,
             goal_steps=never if model.goal_steps is None else model.goal_steps,
         )
@@ -132,6 +137,34 @@ class Wayfinder:
         write_all_ways(
             known, step.layouts, step.times, active, self._guide, self._plans, step.observations
         )
+
+
+def ways_definition(spec: TaskSpec) -> str:
+    """How ways are found, for readers of a dataset."""
+    radius = max(robot.radius for robot in spec.robots)
+    factors = ", ".join(
+        f"{factor} below {gap:g} m" for gap, factor in zip(GAP_LEVELS, GAP_WEIGHTS[1:], strict=True)
+    )
+    return (
+        f"The map has a node every {NODE_SPACING:g} m from the arena's corner with the smallest x "
+        "and y. The clearance of a node is its distance to the nearest obstacle or wall, at most "
+        f"{radius + CLEARANCE_MARGIN:.9g} m; between nodes it is interpolated bilinearly. A line "
+        f"keeps free of obstacles if the clearance on it is at least {radius + WAY_GAP:.9g} m, or "
+        "that of its start or end minus 1 mm if that is less, in steps as long as what it has "
+        f"beyond that, at least {NODE_SPACING / 2:g} m. If the line to the place is free, the way "
+        f"is the line. Else paths lead over nodes that have more than {radius / 2:.9g} m of "
+        "clearance and are not on the border, to their eight neighbors, from the node nearest to "
+        f"the robot to that nearest to the place. Entering a node costs {STRAIGHT_COST}, "
+        f"diagonally {DIAGONAL_COST}, times a factor of its gap, its clearance minus {radius:g} "
+        f"m: {GAP_WEIGHTS[0]}, or {factors}. The way leads to the farthest of the second, fourth, "
+        f"... node of the cheapest path, of its first {LOOKAHEAD_NODES}, before the first of them "
+        "to which the line is not free; without any to the first node. Its length is that line "
+        f"plus {NODE_SPACING / STRAIGHT_COST:g} m for each unit of the cost that is left. Where "
+        "paths cost the same, the order of `swarmdata.numerics.distance_field` decides. Robot "
+        "and place are where the robot believes them to be. Of a place with at most "
+        f"{radius / 2:.9g} m of clearance all four numbers are 0. `nearer` counts senders whose "
+        "newest message puts them nearer to the place than the robot is"
+    )
 
 
 def _way_features(name: str, place: str) -> tuple[Feature, ...]:

@@ -12,6 +12,7 @@ from swarmdata.record.agent_reader import AgentReader, Presence
 from swarmdata.record.foreign_environment import describe_agents
 from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import state_source
+from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import to_float32, unflatten
 from swarmdata.types import (
@@ -143,8 +144,9 @@ def evaluate_parallel(
             f"the environment has the agents {reader.agents}, the recording of {spec.task} has "
             f"{spec.agents}. Make it with the options of the recording: {spec.options}."
         )
+    limit = ThreadLimit()
     try:
-        rows = np.array([_play(policy, env, reader, spec, int(seed)) for seed in seeds])
+        rows = np.array([_play(policy, env, reader, spec, int(seed), limit) for seed in seeds])
     finally:
         env.close()
     metrics: Mapping[str, Double] = dict(zip(PLAYED_METRICS, rows.T.copy(), strict=True))
@@ -152,7 +154,12 @@ def evaluate_parallel(
 
 
 def _play(
-    policy: Policy, env: Any, reader: AgentReader, spec: RecordedSpec, seed: int
+    policy: Policy,
+    env: Any,
+    reader: AgentReader,
+    spec: RecordedSpec,
+    seed: int,
+    limit: ThreadLimit,
 ) -> tuple[float, float, float]:
     """Plays one episode: return, length, success."""
     observations, infos = env.reset(seed=seed)
@@ -171,7 +178,8 @@ def _play(
         allowed = None
         if reader.has_masks(observations, infos):
             allowed = reader.masks(observations, infos, alive)
-        chosen = _actions_by_agent(policy, spec, scale, step, allowed)
+        with limit:  # not while the environment works
+            chosen = _actions_by_agent(policy, spec, scale, step, allowed)
         acted = alive
         names = [name for name, is_acting in zip(reader.names, acted, strict=True) if is_acting]
         observations, rewards, terminations, truncations, infos = env.step(

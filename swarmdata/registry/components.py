@@ -35,6 +35,7 @@ TASKS = ComponentTable(
         "formation": "swarmdata.envs.formation.formation:Formation",
         "intersection": "swarmdata.envs.intersection.intersection:Intersection",
         "search": "swarmdata.envs.search.search:Search",
+        "pursuit": "swarmdata.envs.pursuit.pursuit:Pursuit",
     },
 )
 
@@ -45,6 +46,13 @@ POLICIES = ComponentTable(
         "random": "swarmdata.behavior_policies.simple:Random",
         "straight": "swarmdata.behavior_policies.simple:Straight",
         "scripted": "swarmdata.behavior_policies.scripted:Scripted",
+        "scripted-alone": "swarmdata.behavior_policies.uncoordinated:Alone",
+        "scripted-naive": "swarmdata.behavior_policies.uncoordinated:Naive",
+        "scripted-deaf": "swarmdata.behavior_policies.uncoordinated:Deaf",
+        "pursuit-greedy": "swarmdata.behavior_policies.pursuit.naive_teams:Greedy",
+        "pursuit-lead-1": "swarmdata.behavior_policies.pursuit.naive_teams:LeadOne",
+        "pursuit-lead-3": "swarmdata.behavior_policies.pursuit.naive_teams:LeadThree",
+        "pursuit-lead-mixed": "swarmdata.behavior_policies.pursuit.naive_teams:LeadMixed",
         "learned": "swarmdata.behavior_policies.learned:Learned",
         "network": "swarmdata.learn.policies.network_policy:NetworkPolicy",
     },
@@ -59,6 +67,7 @@ SCRIPTED_CONTROLLERS = {
     "warehouse": "swarmdata.behavior_policies.warehouse.warehouse_controller:WarehouseController",
     "formation": "swarmdata.behavior_policies.formation_controller:FormationController",
     "search": "swarmdata.behavior_policies.search.search_controller:SearchController",
+    "pursuit": "swarmdata.behavior_policies.pursuit.pursuit_controller:PursuitController",
     "intersection": (
         "swarmdata.behavior_policies.intersection.intersection_controller:IntersectionController"
     ),

@@ -85,6 +85,9 @@ class Interval(Frozen):
     high: float
 
 
+GAP_METRICS = ("return", "success", "clean_success")
+
+
 class TaskReferences(Frozen):
     """Measured reference policies of one spec, on the reserved evaluation seeds."""
 
@@ -92,6 +95,9 @@ class TaskReferences(Frozen):
     n_episodes: Annotated[int, Field(ge=1)]
     made_with: dict[str, str]
     policies: dict[str, dict[str, Interval | None]]  # policy -> metric; None: never defined
+    gaps: dict[str, dict[str, Interval]] = Field(default={})
+    """Coordination gaps: by how much the scripted team is better than the same controllers with
+    less coordination, by policy and metric of `GAP_METRICS`; paired by episode."""
 
     @cached_property
     def no_skill(self) -> float | None:

@@ -16,12 +16,16 @@ depth: it teaches robots to keep clear. The terms of contacts teach them not to 
 threatens. `cards/studies/safe` and `safe-tasks` measure what they change.
 """
 
+TEAM_WEIGHTS: Mapping[str, float] = {"team_share": 1.0}
+"""Weights that `team` gives: every robot has the mean reward of the team, so that what each of them
+contributes is not told."""
+
 
 def chosen_weights(choice: RewardChoice, rules: TaskRules) -> dict[str, float | str]:
     """Returns new weights by name.
 
     Args:
-        choice: these weights, or the name of a set: `safe`.
+        choice: these weights, or the name of a set: `safe` or `team`.
         rules: of the task, with its recorded weights.
 
     Raises:
@@ -29,6 +33,8 @@ def chosen_weights(choice: RewardChoice, rules: TaskRules) -> dict[str, float | 
     """
     if not isinstance(choice, str):
         return dict(choice)
+    if choice == "team":
+        return dict(TEAM_WEIGHTS)
     if choice != "safe":
-        raise UnknownNameError("set of reward weights", choice, ("safe",))
+        raise UnknownNameError("set of reward weights", choice, ("safe", "team"))
     return {name: factor * getattr(rules.rewards, name) for name, factor in SAFE_FACTORS.items()}

@@ -18,6 +18,8 @@ All values are computed elementwise in float64 (`exact_math`) and rounded once t
 have the same bits on every platform and in every batch.
 """
 
+from typing import Generic, TypeVar
+
 import numpy as np
 
 from swarmdata.errors import SchemaError
@@ -54,8 +56,10 @@ def certain_log_probs(chosen: Float, actions: Float) -> Float:
         actions: the actions taken, [E, N, A], A >= C; components beyond C are zero with certainty.
     """
     size = chosen.shape[-1]
-    beyond = _certain(np.float32(0.0), actions[..., size:])
-    return _joint(np.concatenate([_certain(chosen, actions[..., :size]), beyond], axis=-1))
+    is_taken = (actions[..., :size] == chosen).all(-1)
+    if actions.shape[-1] > size:
+        is_taken &= (actions[..., size:] == 0).all(-1)
+    return np.where(is_taken, np.float32(0.0), np.float32(-np.inf))
 
 
 def uniform_log_probs(actions: Float) -> Float:
@@ -88,7 +92,10 @@ def _joint(parts: Double) -> Float:
     return total.astype(np.float32)
 
 
-class LastMeans:
+M = TypeVar("M", bound=Float | Double)
+
+
+class LastMeans(Generic[M]):
     """A policy's noiseless actions on the step it acted on last, identified by the step object.
 
     They save a second run of a network, and let a policy with memory, which cannot act on a step
@@ -97,24 +104,24 @@ class LastMeans:
 
     def __init__(self) -> None:
         self._step: Step | None = None
-        self._means: Double = np.empty(0)
+        self._means: M | None = None
 
-    def keep(self, step: Step, means: Double) -> Double:
+    def keep(self, step: Step, means: M) -> M:
         """Stores the means of a step, [E, N, C], and returns them."""
         self._step, self._means = step, means
         return means
 
-    def recall(self, step: Step) -> Double | None:
+    def recall(self, step: Step) -> M | None:
         """Returns the means of `step` if it is the last one stored, else None."""
         return self._means if step is self._step else None
 
-    def require(self, step: Step) -> Double:
+    def require(self, step: Step) -> M:
         """Returns the means of `step`, [E, N, C].
 
         Raises:
             SchemaError: `step` is not the last one stored.
         """
-        if step is not self._step:
+        if step is not self._step or self._means is None:
             raise SchemaError(
                 "log_probs got another step than the last call of act, expected the same object: a "
                 "policy with memory cannot act on a step twice. Call act(step), then "

@@ -34,7 +34,7 @@ class FunctionPolicy:
 
     def __init__(self, function: Function, *, frame: Frame | None = None) -> None:
         self._function, self._frame = function, frame
-        self._last = LastMeans()
+        self._last = LastMeans[Double]()
 
     def reset(self, step: Step, copies: Int) -> None:
         """Does nothing: the policy has no memory."""

@@ -62,21 +62,23 @@ def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
     """
     spec = task.spec
     positions = robots_of(episode.states, spec.n_agents)[..., : Y + 1].astype(np.float64)
-    events = episode.events.astype(np.int64)  # uint8 sums would wrap
+    events = episode.events
     touched = events[..., _ROBOT_CONTACT] | events[..., _OBSTACLE_CONTACT]  # [T, N]
-    onsets = events[..., _ROBOT_ONSETS].sum(), events[..., _OBSTACLE_ONSETS].sum()
-    untouched = not (events > 0).any()
+    robot_onsets, obstacle_onsets = (
+        float(events[..., column].sum(dtype=np.int64))
+        for column in (_ROBOT_ONSETS, _OBSTACLE_ONSETS)
+    )
     return {
         "return": episode.team_return,
         "success": float(episode.success),
-        "clean_success": float(episode.success and untouched),
+        "clean_success": float(episode.success and not events.any()),
         "time_to_goal": len(episode) * spec.control_dt if episode.success else float("nan"),
         "length": float(len(episode)),
-        "robot_collisions": float(onsets[0]) / 2,  # each robot of a pair counts the onset
-        "obstacle_collisions": float(onsets[1]),
-        "contact_steps": float((touched > 0).sum()),
+        "robot_collisions": robot_onsets / 2,  # each robot of a pair counts the onset
+        "obstacle_collisions": obstacle_onsets,
+        "contact_steps": float(np.count_nonzero(touched)),
         "min_separation": _min_separation(positions, spec),
-        "path_length": float(_norm(np.diff(positions, axis=0)).sum(axis=0).mean()),
+        "path_length": float(_norm(positions[1:] - positions[:-1]).sum(axis=0).mean()),
         **task.episode_metrics(episode),
     }
 
@@ -94,8 +96,9 @@ def _min_separation(positions: Double, spec: TaskSpec) -> float:
         return float("nan")
     first, second = _pairs(spec.n_agents)
     radii = np.array([robot.radius for robot in spec.robots])
-    gaps = _norm(positions[:, first] - positions[:, second]) - (radii[first] + radii[second])
-    return float(gaps.min())
+    apart = positions.take(first, axis=1) - positions.take(second, axis=1)  # [T+1, pairs, 2]
+    nearest = np.sqrt((apart[..., 0] * apart[..., 0] + apart[..., 1] * apart[..., 1]).min(axis=0))
+    return float((nearest - (radii[first] + radii[second])).min())
 
 
 @cache

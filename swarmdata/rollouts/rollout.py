@@ -82,9 +82,11 @@ def _run(
     ring = EpisodeRing(env, step)
     ring.write_start(step)
     while (wanted := positions != _NO_EPISODE).any():
+        ended = np.empty(0, np.int64)
         with limit:  # not while the caller works on an episode
-            step = ring.advance(env, policy, step, wanted)
-        ended = np.flatnonzero(step.ended & wanted)
+            while not len(ended):
+                step = ring.advance(env, policy, step, wanted)
+                ended = np.flatnonzero(step.ended & wanted)
         for copy in ended.tolist():
             finished[int(positions[copy])] = ring.cut(copy, step, policy_index)
             if progress is not None:
@@ -105,8 +107,8 @@ def _run(
 class EpisodeRing:
     """The last `horizon + 1` steps of all copies, in ring buffers that share one write position.
 
-    With one position for all copies, each write is one contiguous assignment. A copy's episode is
-    the rows from its first observation to its last, around the ring.
+    A copy's episode is the rows from its first observation to its last, around the ring. Rows of a
+    copy are neighbors, so that its episode is read in one piece.
     """
 
     def __init__(self, env: VecEnv, step: Step) -> None:
@@ -120,14 +122,14 @@ class EpisodeRing:
         terms = ("reward_terms",) if step.reward_terms.shape[2] else ()
         self.step_fields = (*STEP_FIELDS, *terms)
         self.rows = {
-            name: np.empty((R, *like[name].shape), like[name].dtype)
+            name: np.empty((E, R, *like[name].shape[1:]), like[name].dtype)
             for name in (*STATE_FIELDS, *self.step_fields)
         }
 
     def write_start(self, step: Step, copies: Int | slice = slice(None)) -> None:
         """Begins an episode in `copies` at the current row; their older rows are discarded."""
         for name in STATE_FIELDS:
-            self.rows[name][self.row, copies] = getattr(step, name)[copies]
+            self.rows[name][copies, self.row] = getattr(step, name)[copies]
         self.starts[copies] = self.row
         self.lengths[copies] = 0
 
@@ -151,10 +153,10 @@ class EpisodeRing:
         self._write(policy, "log_probs", "log_probs", policy.log_probs(step, actions))
         step = env.step(actions)
         for name in self.step_fields[2:]:
-            self.rows[name][self.row] = getattr(step, name)
+            self.rows[name][:, self.row] = getattr(step, name)
         self.row = (self.row + 1) % self.n_rows
         for name in STATE_FIELDS:
-            self.rows[name][self.row] = getattr(step, name)
+            self.rows[name][:, self.row] = getattr(step, name)
         self.lengths += 1
         late = (self.lengths >= self.n_rows - 1) & ~step.ended & wanted
         if late.any():
@@ -170,14 +172,14 @@ class EpisodeRing:
         Raises:
             SchemaError: the values have the wrong dtype or shape.
         """
-        expected = self.rows[name].shape[1:]
-        if values.dtype != np.float32 or values.shape != expected:
+        row = self.rows[name][:, self.row]
+        if values.dtype != np.float32 or values.shape != row.shape:
             raise SchemaError(
                 f"{type(policy).__name__}.{method} returned {values.dtype} {list(values.shape)}, "
-                f"expected float32 {list(expected)} (copies, agents"
+                f"expected float32 {list(row.shape)} (copies, agents"
                 f"{', action size' if name == 'actions' else ''})."
             )
-        self.rows[name][self.row] = values
+        row[...] = values
 
     def cut(self, copy: int, step: Step, policy_index: int) -> Episode:
         """Returns the episode that has ended with `step` in one copy."""
@@ -185,8 +187,8 @@ class EpisodeRing:
         rows = (self.starts[copy] + np.arange(length + 1)) % self.n_rows
         failure_or_horizon = _FAILURE if step.terminations[copy] else _HORIZON
         return Episode(
-            **{name: self.rows[name][rows, copy] for name in STATE_FIELDS},
-            **{name: self.rows[name][rows[:-1], copy] for name in self.step_fields},
+            **{name: self.rows[name][copy].take(rows, axis=0) for name in STATE_FIELDS},
+            **{name: self.rows[name][copy].take(rows[:-1], axis=0) for name in self.step_fields},
             layout=step.layouts[copy].copy(),
             seed=int(step.seeds[copy]),
             policy=policy_index,

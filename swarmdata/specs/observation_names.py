@@ -9,6 +9,7 @@ from swarmdata.specs.frozen import is_file, is_inline, read_tagged
 from swarmdata.specs.sensing_models import (
     AnyObservationModel,
     BearingModel,
+    Drift,
     LidarModel,
     OccupancyModel,
     SensorNoise,
@@ -41,11 +42,14 @@ _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
     "stack": lambda _, frames: {"stack": frames},
     "goal-for": lambda _, steps: {"goal_steps": steps},
     "range": lambda kind, metres: {_RANGES[kind]: metres},
+    "drift": lambda _, rate: {"drift": dict.fromkeys(Drift.model_fields, rate)},
+    "landmarks": lambda _, metres: {"landmarks": metres},
     "no-velocities": lambda _, __: {"velocities": False},
+    "body-frame": lambda _, __: {"frame": "body"},
     "ways": lambda _, __: {"ways": True},
 }
 
-_BARE = {"no-velocities", "ways"}
+_BARE = {"no-velocities", "body-frame", "ways"}
 """Modifiers without a number."""
 
 
@@ -62,12 +66,15 @@ def observation_model(
             positions and ranges, m, of velocities, m/s, and of directions, rad), `dropout-0.1`,
             `delay-2` (steps), `stack-4` (frames), `goal-for-10` (first steps that show the own
             goal; `goal-for-0` never does), `range-1.5` (m; not of `occupancy`, whose cells say it),
-            `no-velocities` (no features that are velocities), `ways` (the way around obstacles to
-            each place that is observed). Without a kind, modifiers are of the kind of `own`.
+            `drift-0.02` (of the pose that odometry gives: m and rad per metre driven, rad per
+            radian turned), `landmarks-0.5` (m, from which landmarks correct it), `no-velocities`
+            (no features that are velocities), `body-frame` (of `state`: no own position, vectors in
+            the own frame), `ways` (the way around obstacles to each place that is observed).
+            Without a kind, modifiers are of the kind of `own`.
 
             A name modifies `own`, or the defaults of its kind if "=" stands before it. `noise`,
-            `dropout` and `delay` add to those of `own`, and another kind keeps what all kinds have
-            (`ObservationModel`).
+            `drift`, `dropout` and `delay` add to those of `own`, and another kind keeps what all
+            kinds have (`ObservationModel`).
         own: model of the task, which names modify.
 
     Raises:
@@ -98,6 +105,8 @@ def _from_name(name: str, own: AnyObservationModel) -> AnyObservationModel:
             raise UnknownNameError("modifier of observations", part.partition("-")[0], _MODIFIERS)
         if modifier == "range" and kind not in _RANGES:
             raise SpecError(f"{kind} has no range in {name!r}: set cells and cell_size instead")
+        if modifier == "body-frame" and kind != "state":
+            raise SpecError(f"{kind} is in the body's frame already in {name!r}. Leave it out")
         if modifier in _BARE and part != modifier:
             raise SpecError(f"{modifier} takes no number in {name!r}, got {part!r}. Leave it out")
         number = 0 if modifier in _BARE else _number(value, part, name)

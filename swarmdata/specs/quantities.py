@@ -27,6 +27,7 @@ Mass = Annotated[float, _bounded(1e-2, 1e4)]  # kg
 Friction = Annotated[float, _bounded(0.0, 2.0)]  # coefficient, without unit
 Force = Annotated[float, _bounded(1e-3, 1e5)]  # N
 Deviation = Annotated[float, _bounded(0.0, 1e3)]  # standard deviation, in the unit of the quantity
+Ratio = Annotated[float, _bounded(1e-3, 1e3)]  # of two quantities of one kind, above 0
 Weight = Annotated[float, _bounded(0.0, 1e6)]  # of a term of the reward
 
 

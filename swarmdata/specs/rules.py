@@ -6,6 +6,7 @@ times seconds, speeds metres per second, angles radians.
 """
 
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Union
 
 from pydantic import (
@@ -33,6 +34,7 @@ PACKAGE_RULES: Mapping[str, str] = {
     "warehouse": "swarmdata.envs.warehouse.warehouse_rules:WarehouseRules",
     "intersection": "swarmdata.envs.intersection.intersection_rules:IntersectionRules",
     "search": "swarmdata.envs.search.search_rules:SearchRules",
+    "pursuit": "swarmdata.envs.pursuit.pursuit_rules:PursuitRules",
 }
 """The model of the rules of each task of the package; a user's task has its own as `Rules`."""
 
@@ -98,10 +100,13 @@ class TaskRules(Frozen):
     Attributes:
         payload_field: the field with the `Payload` that robots push; None: they push nothing.
         card_limits: known limits of all datasets of the task, whole sentences for their cards.
+        naive_teams: registered policies of this task alone whose robots do not act together, and
+            what they do; its reference tables compare the scripted team with them.
     """
 
     payload_field: ClassVar[str | None] = None
     card_limits: ClassVar[tuple[str, ...]] = ()
+    naive_teams: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     if TYPE_CHECKING:  # not fields here, so that those of each task keep their order
         task: str

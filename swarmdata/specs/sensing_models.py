@@ -25,6 +25,19 @@ class SensorNoise(Frozen):
     range: NonNegative = 0.0  # m, of beams and of distances measured by range and bearing
 
 
+class Drift(Frozen):
+    """How fast the pose drifts that a robot reckons from its odometry: see `sensing.odometry`.
+
+    Each rate is the standard deviation of a bias, which an episode draws for each robot, and that
+    of a random walk after one metre (or radian). The error of the bias grows with the distance,
+    that of the walk with its square root.
+    """
+
+    position: NonNegative = 0.0  # m per metre driven
+    heading: NonNegative = 0.0  # rad per metre driven, of unicycles; other robots have a compass
+    turning: NonNegative = 0.0  # rad per radian turned, of unicycles
+
+
 class ObservationModel(Extended):
     """The degradations that every observation model has, applied in this order.
 
@@ -38,13 +51,21 @@ class ObservationModel(Extended):
     features of `Feature.tells_goal` are 0, those of the task among them, and named `shown_...`.
     Without `velocities`, robots have no estimates of any: frames have no features of that kind.
 
+    With `drift`, robots know their pose at the beginning of an episode, and then reckon it from
+    their odometry. What is relative to the body stays as it is measured. Places in the world's
+    frame, such as the own goal, are where the robot believes them to be, and it sends the pose that
+    it believes in. Within `landmarks` of a corner or the middle of the arena it knows its pose
+    again.
+
     With `ways`, robots have a map of the obstacles: observations end with the direction and the
     length of the way around them to each place that they tell, and how many others are nearer. The
     places are the robot's target, those that the task adds, and targets in messages
     (`perception.wayfinder`).
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("goal_steps", "velocities", "ways")
+    later_fields: ClassVar[tuple[str, ...]] = (
+        "goal_steps", "velocities", "ways", "drift", "landmarks",
+    )  # fmt: skip
 
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
     """Fields of `SensorNoise` that the model uses."""
@@ -56,16 +77,36 @@ class ObservationModel(Extended):
     goal_steps: Annotated[int, Field(ge=0, le=10**12)] | None = None  # None: always shown
     velocities: bool = True  # the own one, and those of others relative to it
     ways: bool = False  # around obstacles, to the places that are observed
+    drift: Drift = Drift()  # of the own pose
+    landmarks: Positive | None = None  # m, from which they tell the pose; None: there are none
+
+    @property
+    def in_body_frame(self) -> bool:
+        """Whether vectors are in the robot's own frame, not in the world's."""
+        return True
 
 
 class StateModel(ObservationModel):
-    """Low-dimensional state in the world's frame: self, nearest robots, nearest obstacles."""
+    """Low-dimensional state: self, nearest robots, nearest obstacles.
+
+    In the body's frame there is no own position, and all vectors are turned by the own heading. A
+    holonomic robot's heading is the world's x axis: its commands are vectors in the world's frame,
+    which only a robot with a compass can follow.
+    """
+
+    later_fields: ClassVar[tuple[str, ...]] = (*ObservationModel.later_fields, "frame")
 
     kind: Literal["state"] = "state"
     n_neighbors: Annotated[int, Field(ge=0, le=10**12)] = 3  # slots of robots, the nearest first
     n_obstacles: Annotated[int, Field(ge=0, le=10**12)] = 3  # slots of obstacles, the nearest first
     range: Positive = 1.0  # m, gap at which closeness features reach 0
     limit: Positive | None = None  # m, gap beyond which nothing is seen; None: no limit
+    frame: Literal["world", "body"] = "world"  # of positions and vectors
+
+    @property
+    def in_body_frame(self) -> bool:
+        """Whether vectors are in the robot's own frame, not in the world's."""
+        return self.frame == "body"
 
 
 class LidarModel(ObservationModel):
@@ -159,9 +200,9 @@ AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminat
 def modified(own: Frozen, named: Model, name: str) -> Model:
     """Returns a task's own model with what a name changes.
 
-    Noise, misses, losses and delays add to those of the task, as those of independent causes do, so
-    that a modifier of strength zero changes nothing. All other fields are set. Another kind of
-    sensor keeps what all kinds have (`ObservationModel`), not the fields of the task's kind.
+    Noise, drift, misses, losses and delays add to those of the task, as those of independent causes
+    do, so that a modifier of strength zero changes nothing. All other fields are set. Another kind
+    of sensor keeps what all kinds have (`ObservationModel`), not the fields of the task's kind.
 
     Args:
         own: model of the task.
@@ -186,17 +227,18 @@ def _either(first: float, second: float) -> float:
     return first + second - first * second
 
 
-def _joint_noise(first: SensorNoise, second: SensorNoise) -> SensorNoise:
-    return SensorNoise(
-        **{
-            field: math.hypot(getattr(first, field), getattr(second, field))
-            for field in SensorNoise.model_fields
-        }
-    )
+def _joint(first: Model, second: Model) -> Model:
+    """The deviations of the sum of two independent errors."""
+    sums = {
+        field: math.hypot(getattr(first, field), getattr(second, field))
+        for field in type(first).model_fields
+    }
+    return type(first)(**sums)
 
 
 _ADDED: dict[str, Callable[[Any, Any], Any]] = {
-    "noise": _joint_noise,
+    "noise": _joint,
+    "drift": _joint,
     "dropout": _either,
     "drop_probability": _either,
     "delay": operator.add,

@@ -41,6 +41,7 @@ from swarmdata.specs.sensing_models import (
     AnyCommunicationModel,
     AnyObservationModel,
     Broadcast,
+    Drift,
     NoCommunication,
     StateModel,
 )
@@ -244,6 +245,11 @@ class TaskSpec(Extended):
                 "communication.payload pose_and_goal sends the goal that observation.goal_steps "
                 "hides from the sender. Let others know it, with payload errand, or leave "
                 "goal_steps out"
+            )
+        if self.observation.landmarks is not None and self.observation.drift == Drift():
+            problems.append(
+                "observation.landmarks correct the drift of poses, but observation.drift is 0. "
+                "Set it, for example with drift-0.02, or leave landmarks out"
             )
         problems += _unsimulated(self)
         if twice := repeated(role.name.casefold() for role in self.team):

@@ -7,12 +7,12 @@ Errors are AssertionErrors that say which promise was broken.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from swarmdata.interfaces import Algorithm
+from swarmdata.interfaces import Algorithm, fields_of
 from swarmdata.testing.comparing import act_on, assert_equal_states, check_policies, values_of
 from swarmdata.testing.sample_batches import sample_batch, sample_setup, sample_step
 from swarmdata.types import Batch, Step
@@ -51,10 +51,19 @@ def check_algorithm(
     """
     build = _builder(algorithm, config) if isinstance(algorithm, type) else algorithm
     step = sample_step() if step is None else step
+    draw = _declared_only(type(build(STACKED_SEEDS)), draw)
     check_losses(build, draw)
     check_policy_of_seed(build, draw, step, are_choices=are_choices)
     check_resume(build, draw)
     check_stacking(build, draw, step, n_updates, tolerance)
+
+
+def _declared_only(kind: type, draw: Draw) -> Draw:
+    """Draws batches that have the fields that the algorithm declares, as training does."""
+    if (declared := fields_of(kind)) is None:
+        return draw
+    absent = {f.name: None for f in fields(Batch) if f.name not in {*declared, "mask"}}
+    return lambda seeds, index: replace(draw(seeds, index), **absent)
 
 
 def _builder(kind: Any, config: Any) -> Build:

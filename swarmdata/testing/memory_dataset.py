@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swarmdata.datasets.sampling import BatchStream, Rows
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Batch, Bool, Double, Episode, Int, Seeds
+from swarmdata.types import Batch, Bool, Double, Episode, Int, Seeds, Wanted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,15 +140,16 @@ class MemorySampler(BatchStream):
         n_rows = len(self._transitions["mask"])
         return (uniform(derive(self.seed, numbers)) * n_rows).astype(np.int64)
 
-    def gather(self, index: Int) -> Batch:
+    def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         """Returns the transitions at `index`, of any shape, or the windows there."""
-        if self._window is None:
-            return Batch(**{name: rows[index] for name, rows in self._transitions.items()})
-        steps, mask = self._window(index)
-        fields = {name: rows[steps] for name, rows in self._transitions.items()}
-        for values in fields.values():
-            values[~mask] = 0  # of `mask` too, which is True elsewhere
-        return Batch(**fields)
+        steps, mask = (index, None) if self._window is None else self._window(index)
+        values: dict[str, NDArray[Any] | None] = {}
+        for name, rows in self._transitions.items():
+            is_read = wanted is None or name in wanted or name == "mask"
+            values[name] = found = rows[steps] if is_read else None
+            if found is not None and mask is not None:
+                found[~mask] = 0  # of `mask` too, which is True elsewhere
+        return Batch(**values)
 
     def identity(self) -> dict[str, int]:
         """Returns what another sampler needs to have in common to resume the stream."""

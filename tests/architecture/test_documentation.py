@@ -67,7 +67,7 @@ def test_a_page_starts_with_its_title_and_purpose(page: Path) -> None:
     title, blank, purpose = page.read_text(encoding="utf-8").splitlines()[:3]
     assert title.startswith("# ")
     assert not blank
-    assert purpose[0].isupper() or purpose[0] == "`"
+    assert purpose.lstrip("*")[0].isupper() or purpose[0] == "`"
 
 
 @pytest.mark.parametrize("page", DOCUMENTS, ids=name_of)

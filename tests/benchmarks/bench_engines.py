@@ -174,7 +174,7 @@ def main() -> None:
     if len(subjects) == len(SUBJECTS):
         write_section("Engines", body)
     else:
-        print("docs/benchmarks.md stays: not all engines were measured", file=sys.stderr)
+        print("docs/measurements.md stays: not all engines were measured", file=sys.stderr)
 
 
 if __name__ == "__main__":

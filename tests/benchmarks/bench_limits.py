@@ -1,4 +1,4 @@
-"""Our rates over peers' and over the physical limit, in pairs, into docs/benchmarks.md.
+"""Our rates over peers' and over the physical limit, in pairs, into docs/measurements.md.
 
     python -m tests.benchmarks.bench_limits [ROW ...]
 

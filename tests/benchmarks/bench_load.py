@@ -6,7 +6,7 @@ Every load runs in a fresh process on one core, in turns; files are in the page 
 not counted. Seconds are those that the core worked, since others may share it; the clock's stand
 beside them. Memory is what the process holds more at its peak than before the load: pages of mapped
 files count, though the system may take them back at any time, so what it cannot take back is shown
-as well. Prints the table and puts it into docs/benchmarks.md.
+as well. Prints the table and puts it into docs/measurements.md.
 """
 
 import json

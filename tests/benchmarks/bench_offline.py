@@ -1,4 +1,4 @@
-"""Seed-updates a second of offline training, into docs/benchmarks.md.
+"""Seed-updates a second of offline training, into docs/measurements.md.
 
     python -m tests.benchmarks.bench_offline [--eager]
 
@@ -21,6 +21,7 @@ from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
 
 from swarmdata import load
+from swarmdata.interfaces import fields_of
 from swarmdata.learn.networks.compilation import compiling, uncompiled
 from swarmdata.learn.networks.critics import RobotViews
 from swarmdata.learn.networks.dataset_statistics import Statistics
@@ -91,9 +92,11 @@ def ours(name: str, data: Any, hidden: int, n_seeds: int) -> Update:
         )
         algorithm = MADDPGBC(setup, config)
 
+    wanted = fields_of(type(algorithm))
+
     def update() -> object:
         index = np.stack([sampler.draw() for sampler in samplers])
-        return algorithm.update(samplers[0].gather(index).to_torch())
+        return algorithm.update(samplers[0].gather(index, wanted).to_torch())
 
     return update
 

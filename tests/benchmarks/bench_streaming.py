@@ -4,7 +4,7 @@
 
 Every way of reading runs in a fresh process, with a server in another one. Randomness is computed
 from the episode table of a dataset, without reading any batch. Puts a section into
-docs/benchmarks.md.
+docs/measurements.md.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Frames a second of MAPPO training, beside BenchMARL's, into docs/benchmarks.md.
+"""Frames a second of MAPPO training, beside BenchMARL's, into docs/measurements.md.
 
     python -m tests.benchmarks.bench_training
 
@@ -143,7 +143,7 @@ def speed_table(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str
 
 
 def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
-    """The section of docs/benchmarks.md."""
+    """The section of docs/measurements.md."""
     parts = [
         "Joint steps (frames) a second of `mappo` training on `coop_nav` with 4 robots and default "
         "settings: rollouts, updates and resets, from the first update on, without evaluation and "

@@ -1,4 +1,4 @@
-"""Environment steps a second on one core, beside peers and physics alone, into docs/benchmarks.md.
+"""Environment steps a second on a core, beside peers and physics alone: docs/measurements.md.
 
     python -m tests.benchmarks.bench_worlds [SECTION ...]
 

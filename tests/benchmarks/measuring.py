@@ -15,7 +15,7 @@ PACKAGES = (
     "numpy", "numba", "pymunk", "vmas", "benchmarl", "torchrl", "torch", "mpe2", "pettingzoo",
 )  # fmt: skip
 
-PAGE = Path(__file__).parents[2] / "docs" / "benchmarks.md"
+PAGE = Path(__file__).parents[2] / "docs" / "measurements.md"
 
 
 class Rate(NamedTuple):
@@ -75,7 +75,7 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 
 def write_section(title: str, body: str) -> None:
-    """Puts a section into docs/benchmarks.md: in its old place, or at the end."""
+    """Puts a section into docs/measurements.md: in its old place, or at the end."""
     head, *old = PAGE.read_text(encoding="utf-8").split("\n## ")
     parts = dict(part.split("\n", 1) for part in old)
     parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"

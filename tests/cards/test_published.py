@@ -6,7 +6,7 @@ import pytest
 
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, out_of_band
 from swarmdata.cards.sections.origin import tier_section
-from swarmdata.cards.sections.problem import reward_section
+from swarmdata.cards.sections.problem import definitions_section, reward_section
 from swarmdata.registry.components import make_task
 from swarmdata.registry.published import published, references
 from swarmdata.registry.recipes import FAMILIES, FAMILY_SPECS, checkpoints, shipped_recipes
@@ -53,7 +53,9 @@ def test_every_published_dataset_has_a_recipe_and_a_card() -> None:
         assert entry.recipe_hash in card
         recipe = shipped_recipes()[key]
         assert tier_section(recipe) in card
-        assert reward_section(make_task(recipe.spec)) in card
+        task = make_task(recipe.spec)
+        assert reward_section(task) in card
+        assert definitions_section(task) in card
 
 
 @pytest.mark.parametrize("tier", ["medium", "expert", "mixed-conventions"])

@@ -17,17 +17,20 @@ ROOT = Path(__file__).parents[2]
 def core_distributions() -> dict[str, Distribution]:
     """swarmdata, and every distribution that it needs without extras, directly or not."""
     found: dict[str, Distribution] = {}
-    waiting = ["swarmdata"]
+    seen: set[tuple[str, str]] = set()  # names with an extra, or with none
+    waiting = [("swarmdata", "")]
     while waiting:
-        name = waiting.pop()
-        if name in found:
+        name, extra = waiting.pop()
+        if (name, extra) in seen:
             continue
+        seen.add((name, extra))
         found[name] = distribution(name)
         needs = (Requirement(line) for line in found[name].requires or ())
         waiting += [
-            need.name
+            (need.name, each)
             for need in needs
-            if need.marker is None or need.marker.evaluate({"extra": ""})
+            if need.marker is None or need.marker.evaluate({"extra": extra})
+            for each in ("", *need.extras)
         ]
     return found
 

@@ -89,8 +89,7 @@ EDIT = "swarmdata.building.edit"
 REPAIR = "swarmdata.hub.catalog.repair"
 REGENERATE = "swarmdata.hub.publishing.regenerate"
 TRANSFER = "swarmdata.evaluation.transfer.simulator_transfer"
-PAGE = "swarmdata.evaluation.transfer.transfer_page"
-TRANSFER_LINE = "transfer idle --task coop_nav --results a --out b.md"
+TRANSFER_LINE = "transfer idle --task coop_nav --results a --out b.csv"
 PLANNED = ("--task", "--results", "--backend", "--episodes")
 SWEEP = "swarmdata.evaluation.robustness.sweep"
 STUDY = "swarmdata.evaluation.study.run_study"
@@ -169,6 +168,9 @@ CASES = (
     Case("train-online vdn coop_nav --data coop_nav-expert", (f"{RUNS}.train:train_online",)),
     Case("ship coop_nav --out a", ("swarmdata.online_algos.runs.checkpoint_selection:ship",),
          {"swarmdata.learn.training.run_files:seeds_of": list}),
+    Case("fetch", (), {}, {"--from": "logs"}),
+    Case("fetch turtles", ("swarmdata.interop.logs.public_logs:fetch_logs",),
+         samples={"--from": "logs"}),
     Case("export-policy run a.onnx", ("swarmdata.interop.exported_policies:export_policy",)),
     Case("learning run --out a", (f"{RESULTS}.online_report:write_online_report",)),
     Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),
@@ -211,8 +213,7 @@ CASES = (
     Case("study plan.yaml --collect", (f"{STUDY}:collect_study",)),
     Case("study plan.yaml --check bc/a", (f"{STUDY}:reproduce_study_cell",)),
     Case("study folder", ("swarmdata.evaluation.study.pages.study_folder:rewrite_pages",)),
-    Case("study-pages", ("swarmdata.evaluation.study.pages.result_pages:write_result_pages",
-                         "swarmdata.cards.publish:refresh_cards"),
+    Case("study-cards", ("swarmdata.cards.publish:refresh_cards",),
          {"swarmdata.cards.committed_studies:read_studies": ()}),
     Case("sweep expert --out a --observation noise=0..0.2",
          (f"{SWEEP}:sweep", f"{SWEEP}:run_point", f"{SWEEP}:collect_sweep"), samples=AXES),
@@ -236,7 +237,7 @@ CASES = (
                "--out": "the boundary ends the command before it writes"}),
     Case(TRANSFER_LINE, ("swarmdata.store:write_file",),
          {f"{TRANSFER}:plan_transfer": "a plan", f"{TRANSFER}:run_transfer": (),
-          f"{PAGE}:transfer_page": "# A page"}, {"--out": "c.md"},
+          f"{TRANSFER}:transfer_table": "task"}, {"--out": "c.csv"},
          dict.fromkeys((*PLANNED, "--workers", "--engine"), "all but the file is a stub here")),
     Case("curves a.csv --out a.png", (f"{RESULTS}.curve_plots:draw_training",
                                       f"{RESULTS}.curve_plots:draw_learning")),

@@ -30,7 +30,6 @@ FOLDERS = {
     "report": ["nothing"],
     "ship": ["coop_nav"],
     "study": ["{plan}"],
-    "study-pages": ["nothing"],
     "subsample": ["{tiny}", "--id", "coop_nav-some-v0", "--steps", "100"],
     "sweep": ["expert", "--observation", "noise=0..0.1"],
     "task table": [],
@@ -44,7 +43,7 @@ FILES = {"curves", "references", "registry update", "render", "task play", "tran
 
 READERS = {"catalogue open"}
 
-WITH_TORCH = {"learning", "rank", "ship", "study", "study-pages", "train", "train-online"}
+WITH_TORCH = {"learning", "rank", "ship", "study", "train", "train-online"}
 """Commands that ask for torch before they look at folders."""
 
 PLANTED = {

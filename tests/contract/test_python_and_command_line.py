@@ -79,6 +79,7 @@ PAIRS = (
     Pair(
         "import", swarmdata.import_logs, absent={"splits": "those of every recording"},
     ),
+    Pair("fetch", swarmdata.fetch_logs),
     Pair("export-policy", swarmdata.export_policy, {"run": "name", "out": "path"}),
     Pair("record recover", swarmdata.recover),
     Pair(
@@ -103,6 +104,7 @@ ELSEWHERE = {
     ("generate", "policy"): inspect.Parameter.empty,  # checked by the command, beside a recipe
     ("generate", "task"): inspect.Parameter.empty,
     ("generate", "new_id"): inspect.Parameter.empty,
+    ("fetch", "name"): inspect.Parameter.empty,  # without one, the command lists all
     ("import", "id_"): inspect.Parameter.empty,  # an imported recipe has one
     ("import", "out"): inspect.Parameter.empty,  # in the cache by default
     ("train", "out"): inspect.Parameter.empty,  # named after the algorithm and the data

@@ -18,6 +18,7 @@ OBSERVATIONS = (
     "bearing",
     "occupancy",
     "bearing+noise-0.05+dropout-0.1+delay-2+stack-3",
+    "state+body-frame+drift-0.05+landmarks-0.6",
 )
 CHANNELS = (
     "none",

@@ -129,6 +129,15 @@ def test_episodes_are_numbered_through_all_parts(mixture: Mixture) -> None:
     assert set(np.unique(episodes[~is_first])) == set(range(n_first, len(mixture)))
 
 
+def test_only_the_wanted_fields_are_read(mixture: Mixture) -> None:
+    sampler = mixture.sampler(40, seed=1)
+    index = sampler.draw()
+    some, whole = sampler.gather(index, {"actions", "episodes"}), sampler.gather(index)
+    assert some.observations is None
+    np.testing.assert_array_equal(some.actions, whole.actions)
+    np.testing.assert_array_equal(some.episodes, whole.episodes)
+
+
 def test_segments_with_a_burn_in_are_those_of_the_parts(mixture: Mixture) -> None:
     sampler = mixture.sampler(64, horizon=4, burn_in=2, seed=1)
     first = mixture.parts[0].sampler(64, horizon=4, burn_in=2, seed=1)

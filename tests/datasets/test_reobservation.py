@@ -54,6 +54,8 @@ PAIRED = (
     ("state-0+goal-for-0+no-velocities", "errand"),
     ("lidar+ways+stack-2+noise-0.05", "goal+lossy-30"),
     ("bearing+goal-for-3+delay-1+stack-2", "errand+lossy-40+delayed-1+expires-2"),
+    ("state+body-frame+drift-0.1+landmarks-0.5+ways+delay-1", "state"),
+    ("occupancy+drift-0.05+noise-0.02", "goal"),
 )
 MODELS = [*product(OBSERVATIONS, COMMUNICATIONS), *PAIRED]
 WORLDS = [

@@ -206,6 +206,19 @@ def test_stacked_indices_give_stacked_fields(dataset: Dataset, horizon: int | No
         assert_equal_batches(alone, one)
 
 
+@pytest.mark.parametrize("horizon", [None, 5])
+def test_only_the_wanted_fields_are_read(dataset: Dataset, horizon: int | None) -> None:
+    """There are no other arrays that it could read."""
+    wanted = {"observations", "next_actions", "episodes"}
+    arrays = {name: dataset.stored.arrays[name] for name in ("observations", "actions")}
+    index = np.arange(16)
+    sampler = Sampler(arrays, dataset.stored.table, dataset.selection, horizon=horizon)
+    some, whole = sampler.gather(index, wanted), dataset.sampler(horizon=horizon).gather(index)
+    for name in Batch.__dataclass_fields__:
+        expected = getattr(whole, name) if name in {*wanted, "mask"} else None
+        np.testing.assert_array_equal(getattr(some, name), expected, strict=True)
+
+
 def test_batches_are_the_callers_to_keep(dataset: Dataset) -> None:
     sampler = dataset.sampler(16, horizon=4)
     index = sampler.draw()

@@ -41,6 +41,7 @@ NEEDS = {
     "docs/tutorials/another-environment.md": "mpe2",
     "docs/tutorials/first-steps.md": "torch",
     "docs/tutorials/own-task.md": "torch",
+    "docs/tutorials/real-robots.md": "torch",
     "docs/your-data.md": "mpe2",
 }
 """A library that a page needs beside the package."""

@@ -1,6 +1,6 @@
-"""Runs an exported policy on one robot: numpy and onnxruntime, without swarmdata, torch or ROS.
+"""Runs an exported policy on one robot, without swarmdata, torch or ROS.
 
-    runner = Runner("policy.onnx", "robot_2")
+    runner = Runner("policy.py", "robot_2")  # with NumPy alone; "policy.onnx" with onnxruntime
     runner.drive(measure, send, seconds=30)
 
 `measure()` returns the robot's observation, by the names in `runner.features`; `send` takes what
@@ -9,59 +9,77 @@ is stopped.
 """
 
 import json
+import runpy
 import time
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
-import onnxruntime
+
+
+class OnnxPolicy:
+    """A policy of a file of ONNX, as the class `Policy` of a file of Python."""
+
+    def __init__(self, path: str) -> None:
+        import onnxruntime
+
+        self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+        self.about = json.loads(self._session.get_modelmeta().custom_metadata_map["swarmdata"])
+
+    def step(self, observation: Any, robot: int, memory: Any) -> Any:
+        inputs = {"observation": observation[None], "robot": np.array([robot])}
+        if not self.about["memory"]:
+            return self._session.run(["action"], inputs)[0][0], memory
+        inputs["memory"] = memory[None]
+        return [each[0] for each in self._session.run(["action", "next_memory"], inputs)]
 
 
 class Runner:
     def __init__(self, path: str, robot: str) -> None:
-        self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-        known = json.loads(self._session.get_modelmeta().custom_metadata_map["swarmdata"])
-        spec = known["spec"]
-        bodies = [role["robot"] for role in spec["team"] for _ in range(role["count"])]
-        self.number = known["robots"].index(robot)
-        self.features: list[str] = known["features"]
-        self.time_step: float = spec["control_dt"]  # s
-        self._body, self._size = bodies[self.number], known["memory"]
+        is_onnx = path.endswith(".onnx")
+        self._policy = OnnxPolicy(path) if is_onnx else runpy.run_path(path)["Policy"]()
+        about = self._policy.about
+        self.number = about["robots"].index(robot)
+        self.features: list[str] = about["features"][robot]
+        self.time_step: float = about["time_step"]  # s
+        self._size = max(map(len, about["features"].values()))
+        self._command, self._n_memory = about["commands"][self.number], about["memory"]
         self.forget()
 
     def forget(self) -> None:
         """Empties the memory: a new episode begins."""
-        self._memory = np.zeros((1, self._size), np.float32)
+        self._memory = np.zeros(self._n_memory, np.float32)
 
     def act(self, measured: Mapping[str, float]) -> np.ndarray:
-        """Returns the action, in [-1, 1]; call it once every time step."""
-        row = np.array([[measured[name] for name in self.features]], np.float32)
-        if not np.isfinite(row).all():
-            bad = [
-                name for name, x in zip(self.features, row[0], strict=True) if not np.isfinite(x)
-            ]
-            raise ValueError(f"{', '.join(bad)} is NaN or infinite: the robot stops")
-        inputs = {"observation": row, "robot": np.array([self.number])}
-        if not self._size:
-            return self._session.run(["action"], inputs)[0][0]
-        inputs["memory"] = self._memory
-        action, self._memory = self._session.run(["action", "next_memory"], inputs)
-        return action[0]
+        """Returns the action, in [-1, 1]; call it once every time step.
 
-    def command(self, action: np.ndarray) -> tuple[float, float]:
-        """Returns what the action means: (vx, vy) in the world or (v, omega), in SI units.
-
-        Where robots are commanded by accelerations, it is an acceleration instead of a speed.
+        Raises:
+            ValueError: a number of the observation or of the action is NaN or infinite.
         """
-        is_speed = self._body["command"] == "velocity"
-        most = self._body["max_speed" if is_speed else "max_acceleration"]
-        if self._body["dynamics"] == "unicycle":
-            return most * float(action[0]), self._body["max_turn_rate"] * float(action[1])
-        return most * float(action[0]), most * float(action[1])
+        row = np.zeros(self._size, np.float32)  # of robots that observe less, the rest is 0
+        row[: len(self.features)] = [measured[name] for name in self.features]
+        if not np.isfinite(row).all():
+            bad = [self.features[k] for k in np.flatnonzero(~np.isfinite(row))]
+            raise ValueError(f"{', '.join(bad)} is NaN or infinite: the robot stops")
+        action, memory = self._policy.step(row, self.number, self._memory)
+        if not (np.isfinite(action).all() and np.isfinite(memory).all()):
+            raise ValueError(f"the policy's action is {action}: the robot stops")
+        self._memory = memory
+        return action
+
+    def command(self, action: np.ndarray) -> tuple[float, ...]:
+        """Returns what the action means, in SI units.
+
+        That is (vx, vy) in the world or (v, omega); accelerations where robots are commanded by
+        them; of policies that learned from logs, what was logged.
+        """
+        columns = zip(self._command["middle"], self._command["half"], action, strict=False)
+        return tuple(middle + half * float(x) for middle, half, x in columns)
 
     def drive(
         self,
         measure: Callable[[], Mapping[str, float]],
-        send: Callable[[tuple[float, float]], None],
+        send: Callable[[tuple[float, ...]], None],
         seconds: float,
         stop: Callable[[], None] | None = None,
     ) -> None:
@@ -77,7 +95,8 @@ class Runner:
             stop: stops it; by default a command of zero, which stops no robot that is commanded by
                 accelerations.
         """
-        if stop is None and self._body["command"] != "velocity":
+        still = self._command["stop"]
+        if stop is None and still is None:
             raise ValueError("a command of zero does not stop this robot, so pass `stop`")
         due = time.monotonic()
         try:
@@ -88,4 +107,4 @@ class Runner:
                     due = now + self.time_step
                 time.sleep(due - now)
         finally:
-            stop() if stop else send((0.0, 0.0))
+            stop() if stop else send(tuple(still))

@@ -45,10 +45,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return make_tiny(path, spec=SPEC, n_steps=1500)
 
 
-def differences(folder: Path, cwd: Path) -> list[float]:
-    """The example's differences by episode, run by an interpreter without our packages."""
+def differences(folder: Path, cwd: Path, example: Path = EXAMPLE) -> list[float]:
+    """An example's differences by episode, run by an interpreter without our packages."""
     done = subprocess.run(
-        [sys.executable, "-I", "-c", CODE, EXAMPLE, folder],
+        [sys.executable, "-I", "-c", CODE, example, folder],
         capture_output=True,
         text=True,
         cwd=cwd,

@@ -1,4 +1,4 @@
-"""The runner of the documentation drives robots as the policy itself would."""
+"""The runner of the documentation drives robots as the policy itself would, and stops them."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,21 +11,22 @@ from typer.testing import CliRunner
 import swarmdata
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
+from tests.examples.robot_runner import Runner
 from tests.support.tiny import make_tiny
-
-pytest.importorskip("onnxruntime", reason="the group 'interop'")
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["policy.onnx", "policy.py"])
 @pytest.mark.parametrize("memory", [[], ["--set", "memory=gru", "--set", "window=4"]])
-def test_a_team_of_runners(memory: list[str], tmp_path: Path) -> None:
+def test_a_team_of_runners(memory: list[str], name: str, tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="algorithms need torch")
-    pytest.importorskip("onnxscript", reason="the extra 'onnx'")
+    if name == "policy.onnx":
+        pytest.importorskip("onnxruntime", reason="the group 'interop'")
+        pytest.importorskip("onnxscript", reason="the extra 'onnx'")
     from swarmdata.learn.training.run_folder import load_run
-    from tests.examples.robot_runner import Runner
 
     make_tiny(tmp_path / "tiny")
-    run, file = tmp_path / "run", tmp_path / "policy.onnx"
+    run, file = tmp_path / "run", tmp_path / name
     line = ["train", "bc", str(tmp_path / "tiny"), "--seeds", "2", "--updates", "20"]
     line += ["--set", "batch_size=8", *memory, "--out", str(run)]
     assert CliRunner().invoke(app, line).exit_code == 0
@@ -47,39 +48,53 @@ def test_a_team_of_runners(memory: list[str], tmp_path: Path) -> None:
         step = env.step(actions[None])
 
 
-FEATURES = ["x", "y"]
 STOP = (0.0, 0.0)
+ABOUT = {
+    "robots": ["robot_0"], "features": {"robot_0": ["x", "y"]}, "memory": 1, "time_step": 0.1,
+    "commands": [{"middle": [0.0, 0.0], "half": [0.6, 0.6], "stop": [0.0, 0.0]}],
+}  # fmt: skip
+POLICY = """
+import numpy as np
+class Policy:
+    about = {about}
+    def step(self, observation, robot, memory):
+        return observation * (1.0 if observation[0] > 0 else np.nan), memory + 1
+"""
+"""Drives at its measurement; of one below 0 it makes NaN."""
 
 
 class Rehearsal:
-    """A robot and a clock that a test sets: measuring and sleeping take the time that they say."""
+    """A simulated robot and a clock: measuring and sleeping take the time that they say.
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, command: str = "velocity") -> None:
-        from tests.examples.robot_runner import Runner
+    Its motors hold a command until the next one, so a robot that nobody stops drives on.
+    """
 
-        self.now, self.sent = 0.0, list[tuple[float, tuple[float, float]]]()
+    def __init__(
+        self, folder: Path, monkeypatch: pytest.MonkeyPatch, stop: list[float] | None
+    ) -> None:
+        self.now, self.sent = 0.0, list[tuple[float, tuple[float, ...]]]()
         clock = SimpleNamespace(monotonic=lambda: self.now, sleep=self.pass_time)
         monkeypatch.setattr("tests.examples.robot_runner.time", clock)
-        self.runner: Any = object.__new__(Runner)
-        self.runner.time_step, self.runner.features = 0.1, FEATURES
-        self.runner.number, self.runner._size = 0, 0
-        self.runner._body = {"command": command, "dynamics": "holonomic", "max_speed": 0.6,
-                             "max_acceleration": 1.0}  # fmt: skip
-        self.runner._session = SimpleNamespace(run=lambda names, inputs: [inputs["observation"]])
+        about = {**ABOUT, "commands": [{**ABOUT["commands"][0], "stop": stop}]}  # type: ignore[index]
+        path = folder / "policy.py"
+        path.write_text(POLICY.replace("{about}", repr(about)))
+        self.runner = Runner(str(path), "robot_0")
         self.n_measured = 0
         self.stalls: dict[int, float] = {}  # s, by the number of the measurement
-        self.values: dict[int, float] = {}  # of x, likewise
+        self.values: dict[int, float | None] = {}  # of x, likewise; None: the message is lost
 
     def pass_time(self, seconds: float) -> None:
+        assert seconds >= 0
         self.now += seconds
 
     def measure(self) -> dict[str, float]:
         self.now += self.stalls.get(self.n_measured, 0.03)
         x = self.values.get(self.n_measured, 0.5)
         self.n_measured += 1
-        return {"x": x, "y": 0.0}
+        return {"y": 0.0} if x is None else {"x": x, "y": 0.0}
 
-    def send(self, command: tuple[float, float]) -> None:
+    def send(self, command: tuple[float, ...]) -> None:
+        assert np.isfinite(command).all()
         self.sent.append((self.now, command))
 
     def drive(self, seconds: float = 1.0, **options: Any) -> None:
@@ -92,8 +107,8 @@ class Rehearsal:
 
 
 @pytest.fixture
-def rehearsal(monkeypatch: pytest.MonkeyPatch) -> Rehearsal:
-    return Rehearsal(monkeypatch)
+def rehearsal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rehearsal:
+    return Rehearsal(tmp_path, monkeypatch, [0.0, 0.0])
 
 
 def test_the_loop_keeps_the_rate_and_stops_the_robot(rehearsal: Rehearsal) -> None:
@@ -120,9 +135,44 @@ def test_a_measurement_that_is_no_number_stops_the_robot(
     assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 4 + [STOP]
 
 
+def test_an_action_that_is_no_number_stops_the_robot(rehearsal: Rehearsal) -> None:
+    rehearsal.values[4] = -0.5
+    with pytest.raises(ValueError, match="the policy's action is"):
+        rehearsal.drive()
+    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 4 + [STOP]
+    assert rehearsal.runner._memory.tolist() == [4.0]  # what follows goes on from the last action
+
+
+def test_a_lost_message_stops_the_robot(rehearsal: Rehearsal) -> None:
+    rehearsal.values[2] = None
+    with pytest.raises(KeyError, match="x"):
+        rehearsal.drive()
+    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 2 + [STOP]
+
+
+def test_every_drive_of_a_bad_day_ends_with_a_robot_that_stands(rehearsal: Rehearsal) -> None:
+    """Stalls, losses and NaN at random: never a burst, never a command that is no number."""
+    rng, n_ended = np.random.default_rng(0), 0
+    for _ in range(50):
+        draws, rehearsal.n_measured = rng.random(30), 0
+        rehearsal.stalls = {int(k): 0.7 for k in np.flatnonzero(draws < 0.1)}
+        rehearsal.values = dict.fromkeys(np.flatnonzero(draws > 0.98).tolist(), None)
+        rehearsal.values |= dict.fromkeys(np.flatnonzero(draws > 0.99).tolist(), np.nan)
+        rehearsal.sent.clear()
+        rehearsal.runner.forget()
+        try:
+            rehearsal.drive(3.0)
+        except (ValueError, KeyError):
+            n_ended += 1
+        assert rehearsal.sent[-1][1] == STOP
+        assert all(command != STOP for _, command in rehearsal.sent[:-1])
+        assert (rehearsal.gaps > 0.1 - 1e-9).all()
+    assert 10 < n_ended < 50
+
+
 @pytest.mark.parametrize("failure", [OSError("no link"), KeyboardInterrupt()])
 def test_a_failure_stops_the_robot(rehearsal: Rehearsal, failure: BaseException) -> None:
-    def send(command: tuple[float, float]) -> None:
+    def send(command: tuple[float, ...]) -> None:
         rehearsal.send(command)
         if len(rehearsal.sent) == 3:
             raise failure
@@ -133,9 +183,9 @@ def test_a_failure_stops_the_robot(rehearsal: Rehearsal, failure: BaseException)
 
 
 def test_robots_commanded_by_accelerations_need_their_own_stop(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rehearsal, stops = Rehearsal(monkeypatch, "acceleration"), list[float]()
+    rehearsal, stops = Rehearsal(tmp_path, monkeypatch, None), list[float]()
     with pytest.raises(ValueError, match="pass `stop`"):
         rehearsal.drive()
     assert not rehearsal.sent

@@ -177,6 +177,14 @@ def test_commands_of_unicycles_cannot_be_turned() -> None:
         find_frame(features, "target")
 
 
+def test_unicycles_that_observe_in_their_own_frame_act_in_it() -> None:
+    """Their goal is observed as a vector, but their commands are none."""
+    spec = with_models(preset("intersection"), "body-frame")
+    features = make_env(spec, 1).features
+    assert "own.goal_dx" in [feature.name for feature in features]
+    assert natural_anchor(features) == "world"
+
+
 def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands() -> None:
     env = make_env(preset("intersection"), 4)
     frame = find_frame(env.features, "own.heading")

@@ -102,6 +102,30 @@ def test_a_policy_sees_what_was_recorded(dataset: Dataset) -> None:
     assert np.isnan(result.metrics["success"]).all()
 
 
+def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(dataset: Dataset) -> None:
+    assert isinstance(dataset.spec, RecordedSpec)
+    acting, stepping = [], []
+
+    class Policy(Constant):
+        def act(self, step: Step) -> Float:
+            acting.append(torch.get_num_threads())
+            return super().act(step)
+
+    class Env(Counting):
+        def step(self, actions: Any) -> Any:
+            stepping.append(torch.get_num_threads())
+            return super().step(actions)
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        evaluate_parallel(Policy(0.0), Env, dataset.spec, foreign_evaluation_seeds(1))
+    finally:
+        torch.set_num_threads(before)
+    assert set(acting) == {1}
+    assert set(stepping) == {3}
+
+
 def test_another_environment_is_refused(dataset: Dataset) -> None:
     assert isinstance(dataset.spec, RecordedSpec)
     seeds = foreign_evaluation_seeds(1)

@@ -26,6 +26,14 @@ def test_safe_weights_make_what_is_unsafe_dearer_and_leave_the_rest(task: str) -
     assert same == rules.rewards
 
 
+@pytest.mark.parametrize("task", TASKS)
+def test_a_team_shares_its_whole_reward(task: str) -> None:
+    rules = preset(task).rules
+    changed = changed_weights(rules.rewards, chosen_weights("team", rules))
+
+    assert changed == rules.rewards.model_copy(update={"team_share": 1.0})
+
+
 def test_what_is_not_there_is_refused() -> None:
     rules = preset("coop_nav").rules
     assert chosen_weights({"robot_collision": 2.0}, rules) == {"robot_collision": 2.0}

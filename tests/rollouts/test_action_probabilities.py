@@ -168,7 +168,7 @@ def test_the_network_runs_once_for_act_and_log_probs(monkeypatch: pytest.MonkeyP
 
 def test_means_are_known_by_the_steps_identity() -> None:
     step = make_env(SPEC, 1).reset(np.array([3], np.uint64))
-    memory, means = LastMeans(), np.ones((1, 4, 2))
+    memory, means = LastMeans[Double](), np.ones((1, 4, 2))
     assert memory.recall(step) is None
     assert memory.keep(step, means) is means
     assert memory.recall(step) is means

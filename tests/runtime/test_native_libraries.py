@@ -1,12 +1,15 @@
 """Policies act on one thread, whatever the environment asks for; freed memory is used again."""
 
 import json
+import os
 import platform
 import subprocess
 import sys
 from importlib.util import find_spec
 
 import pytest
+
+from swarmdata.runtime.engines.jobs import THREAD_VARIABLES
 
 COUNT = """
 import resource
@@ -45,24 +48,29 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.function_policy import FunctionPolicy
 from swarmdata.runtime.native_libraries import ThreadLimit
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
+
+def numbers():
+    return {torch.get_num_threads(), *(info["num_threads"] for info in threadpool_info())}
 
 seen = {}
 def act_in(name):
     def act(observations):
-        seen[name] = torch.get_num_threads()
-        seen["most"] = max(info["num_threads"] for info in threadpool_info())
+        seen[name] = [*numbers()]
         return np.zeros((*observations.shape[:2], 2), np.float32)
     return FunctionPolicy(act)
 
 spec = preset("coop_nav").model_copy(update={"horizon": 2})
+evaluate(act_in("first"), spec, name="still", n_episodes=1, progress=False)  # loads all libraries
 torch.set_num_threads(3)  # at its start it takes no more than there are cores
+threadpool_limits(3)  # and neither do the libraries of products
+seen["before"] = [*numbers()]
 evaluate(act_in("evaluate"), spec, name="still", n_episodes=1, progress=False)
 evaluate(act_in("asked"), spec, name="still", n_episodes=1, policy_threads=2, progress=False)
 with ThreadLimit(2):
     evaluate(act_in("inside"), spec, name="still", n_episodes=1, progress=False)
-    seen["between"] = torch.get_num_threads()
-seen["after"] = torch.get_num_threads()
+    seen["between"] = [*numbers()]
+seen["after"] = [*numbers()]
 print(json.dumps(seen))
 """
 
@@ -71,12 +79,14 @@ print(json.dumps(seen))
 def test_policies_act_on_one_thread_and_the_numbers_are_given_back() -> None:
     """In a process of its own, which the settings of the tests do not reach."""
     command = [sys.executable, "-c", PROGRAM]
-    ran = subprocess.run(command, capture_output=True, check=True)
-    assert json.loads(ran.stdout) == {
-        "evaluate": 1,
-        "asked": 2,
-        "inside": 1,
-        "most": 1,  # of the last policy, in any library
-        "between": 2,
-        "after": 3,
+    own = {name: text for name, text in os.environ.items() if name not in THREAD_VARIABLES}
+    ran = subprocess.run(command, capture_output=True, check=True, env=own)
+    assert json.loads(ran.stdout) == {  # of torch and of every library of products
+        "first": [1],
+        "before": [3],
+        "evaluate": [1],
+        "asked": [2],
+        "inside": [1],
+        "between": [2],
+        "after": [3],
     }

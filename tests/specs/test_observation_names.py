@@ -9,12 +9,14 @@ from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.sensing_models import (
     BearingModel,
+    Drift,
     LidarModel,
     OccupancyModel,
     SensorNoise,
     StateModel,
 )
 
+DRIFT = Drift(position=0.02, heading=0.02, turning=0.02)
 NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05, direction=0.05)
 
 
@@ -36,6 +38,9 @@ NOISE = SensorNoise(position=0.05, range=0.05, velocity=0.05, direction=0.05)
         ("state+noise-5e-2", StateModel(noise=NOISE)),
         ("bearing+ways+delay-1", BearingModel(ways=True, delay=1)),
         ("lidar+no-velocities+stack-2", LidarModel(velocities=False, stack=2)),
+        ("lidar+drift-0.02", LidarModel(drift=DRIFT)),
+        ("drift-0.02+landmarks-0.5", StateModel(drift=DRIFT, landmarks=0.5)),
+        ("state+body-frame", StateModel(frame="body")),
         ("kind: lidar\nn_rays: 8", LidarModel(n_rays=8)),
         ('{"kind": "occupancy", "cells": 5}', OccupancyModel(cells=5)),
         ({"kind": "bearing", "noise": {"range": 0.1}}, BearingModel(noise=SensorNoise(range=0.1))),
@@ -63,7 +68,7 @@ OWN = StateModel(
         ("range-0.5", {"limit": 0.5}),
         ("state", {}),
         ("noise-0", {}),
-        ("dropout-0+delay-0", {}),
+        ("dropout-0+delay-0+drift-0", {}),
     ],
 )
 def test_names_modify_the_model_of_a_task(name: str, changes: dict[str, Any]) -> None:
@@ -116,6 +121,7 @@ def test_unknown_names_come_with_a_suggestion(name: Any, message: str) -> None:
         ("lidar+stack-0", "stack: expected at least 1 (got 0)"),
         ("lidar+stack-2+stack-3", "stack is given twice"),
         ("state+no-velocities-3", "no-velocities takes no number in 'state+no-velocities-3'"),
+        ("lidar+body-frame", "lidar is in the body's frame already in 'lidar+body-frame'"),
         ("occupancy+range-2", "occupancy has no range in 'occupancy+range-2'"),
         ({"n_rays": 3}, "got {'n_rays': 3}, expected a mapping with a key 'kind' (state, lidar"),
         ({"kind": "lidar", "rays": 3}, "rays: unknown key. Did you mean 'n_rays'?"),

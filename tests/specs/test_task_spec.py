@@ -156,12 +156,16 @@ def test_only_models_that_hide_or_forget_say_so_and_older_specs_keep_their_hashe
     plain = TaskSpec.parse({"communication": {"kind": "broadcast"}})
     assert "goal_steps" not in plain.to_json()
     assert "velocities" not in plain.to_json()
-    assert "ways" not in plain.to_json()
+    for field in ("ways", "drift", "landmarks", "frame"):
+        assert field not in plain.to_json()
     assert "max_age" not in plain.to_json()
     for observation, communication in (
         ({"goal_steps": 0}, {}),
         ({"velocities": False}, {}),
         ({"ways": True}, {}),
+        ({"drift": {"heading": 0.1}}, {}),
+        ({"drift": {"position": 0.1}, "landmarks": 1.0}, {}),
+        ({"frame": "body"}, {}),
         ({}, {"max_age": 0}),
     ):
         changed = TaskSpec.parse(
@@ -172,6 +176,11 @@ def test_only_models_that_hide_or_forget_say_so_and_older_specs_keep_their_hashe
         )
         assert changed.hash() != plain.hash()
         assert TaskSpec.from_text(changed.to_json()) == changed
+
+
+def test_landmarks_need_a_drift_that_they_correct() -> None:
+    with pytest.raises(SpecError, match=r"observation\.drift is 0"):
+        TaskSpec.parse({"observation": {"kind": "lidar", "landmarks": 1.0}})
 
 
 def test_a_robot_cannot_send_the_goal_that_is_hidden_from_it() -> None:

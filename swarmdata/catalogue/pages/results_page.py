@@ -10,7 +10,7 @@ from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import outcomes_table
 from swarmdata.catalogue.result_sources import Outcome, ResultSource
-from swarmdata.drawing.style import COLORS, GRAY, family_colors
+from swarmdata.drawing.style import COLORS, GRAY, SPARE_COLORS, family_colors
 from swarmdata.rollouts.score_statistics import Estimate
 
 MOST_ROWS = 24
@@ -111,7 +111,8 @@ def _figure(
     quantity = _quantity([outcome for _, outcome in here])
     ranked = sorted(here, key=lambda each: _rank(each[1]))
     colors = family_colors(sorted({outcome.family for _, outcome in found}))
-    series = {family: (*COLORS, GRAY).index(color) for family, color in colors.items()}
+    known_colors = (*COLORS, GRAY, *SPARE_COLORS)
+    series = {family: known_colors.index(color) for family, color in colors.items()}
     repeated = Counter(outcome.label for _, outcome in here)
     bars = [
         _bar(source, outcome, quantity, series, is_repeated=repeated[outcome.label] > 1)

@@ -1,4 +1,4 @@
-"""`swarmdata import`: datasets of the logs of robots; `record`: unfinished recordings."""
+"""`swarmdata import`, `fetch`: datasets of the logs of robots; `record`: unfinished recordings."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,8 +20,8 @@ Map = Annotated[
         "--map",
         metavar="FILE",
         help="YAML file that says which columns and topics are poses, commands and observations; "
-        "mrclam, which the package has; or the recipe.json of an imported dataset, to make it "
-        "again",
+        "the name of one that the package has, such as mrclam; or the recipe.json of an imported "
+        "dataset, to make it again",
     ),
 ]
 NewId = Annotated[
@@ -76,6 +76,40 @@ def import_command(
         )
     counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
     typer.echo(f"{made.path}\n{counts}, digest {made.digest}")
+
+
+def fetch(
+    context: typer.Context,
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="public logs; default: list them")
+    ] = None,
+    accept_terms: Annotated[
+        bool, typer.Option("--accept-terms", help="you accept the terms, which are printed")
+    ] = False,
+    source: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FOLDER", help="where you have downloaded the files"),
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Fetch public logs of robots and make their dataset.
+
+    Prints source, licence, citation and size. The files are fetched from where they were published,
+    checked, imported with a map of the package, and audited; the dataset has a known digest.
+    """
+    from swarmdata.interop.logs.public_logs import fetch_logs, find_public_logs, public_logs
+
+    if name is None:
+        refuse(context, ("accept_terms", "source", "out"), "without a name")
+        for each, logs in public_logs().items():
+            typer.echo(f"{each}: {logs.title}, {logs.size:,} bytes, licence {logs.license}")
+        return
+    logs = find_public_logs(name)
+    if accept_terms:
+        typer.echo(logs.terms)
+    made = fetch_logs(name, out, accept_terms=accept_terms, source=source)
+    counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
+    typer.echo(f"{made.path}\n{counts}, digest {made.digest}, as published; the audit is clean")
 
 
 record_app = typer.Typer(

@@ -15,7 +15,9 @@ from swarmdata.drawing.style import (
     PAGE_WIDTH,
     draw_grid,
     draw_legend,
+    family_name,
     figure,
+    words_of,
 )
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_statistics import Estimate
@@ -23,7 +25,8 @@ from swarmdata.rollouts.score_statistics import Estimate
 Looks = Mapping[str, Mapping[str, str]]
 """Color and marker of each label, as of `family_looks`."""
 
-ROW_HEIGHT = 0.155  # inches
+ROW_HEIGHT, LOWEST_ROW = 0.155, 0.105  # inches; rows are as low as the screen needs
+SCREEN_HEIGHT = 5.5  # inches: of a figure without its legend, so that it has 1,200 pixels at most
 MAX_PANELS_IN_A_LINE = 4
 
 LETTER_WIDTH = 0.055  # inches, of 7 points
@@ -105,7 +108,7 @@ def family_legend(families: Mapping[str, str], looks: Looks) -> dict[str, Mappin
     if len(set(families.values())) == len(families):
         return {}
     return {
-        family or "algorithms": {"color": looks[name]["color"], "marker": "o"}
+        family_name(family) or "algorithms": {"color": looks[name]["color"], "marker": "o"}
         for name, family in families.items()
     }
 
@@ -135,12 +138,14 @@ def plot_dots(
         raise SchemaError("there are no estimates to draw, expected at least one panel and row.")
     n_columns = max(len(line.panels) for line in lines)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
-    letters = max(len(row) for line in lines for row in line.rows)
+    letters = max(len(words_of(row)) for line in lines for row in line.rows)
     room = (width - LETTER_WIDTH * letters) / n_columns  # of a panel
     lines = [_wrapped(line, room) for line in lines]
-    heights = [ROW_HEIGHT * (len(line.rows) + 0.4) for line in lines]
+    row_height = _row_height(lines)
+    heights = [row_height * (len(line.rows) + 0.4) for line in lines]
     limits = _limits([panel for line in lines for panel in line.panels], zero=zero)
-    with figure(path, width=width, height=sum(map(_decorated, lines)) + 0.5) as drawing:
+    height = sum(heights) + sum(map(_decoration, lines)) + 0.5
+    with figure(path, width=width, height=height) as drawing:
         grid = drawing.subplots(len(lines), n_columns, squeeze=False, height_ratios=heights)
         for k, line in enumerate(lines):
             for column, axes in enumerate(grid[k]):
@@ -167,10 +172,23 @@ def _wrapped(line: PanelLine, width: float) -> PanelLine:
     return line._replace(panels=panels)
 
 
-def _decorated(line: PanelLine) -> float:
-    """The height of a line of panels with its titles and ticks, in inches."""
+def _decoration(line: PanelLine) -> float:
+    """The height of the titles and ticks of a line of panels, in inches."""
     title = max(panel.title.count("\n") + 1 if panel.title else 0 for panel in line.panels)
-    return ROW_HEIGHT * (len(line.rows) + 0.4) + 0.14 * title + 0.22
+    return 0.14 * title + 0.22
+
+
+def _row_height(lines: Sequence[PanelLine]) -> float:
+    """As high as fits onto a screen, between the lowest and the usual row, in inches."""
+    room = SCREEN_HEIGHT - 0.5 - sum(map(_decoration, lines))
+    n_rows = sum(len(line.rows) + 0.4 for line in lines)
+    return min(ROW_HEIGHT, max(LOWEST_ROW, room / n_rows))
+
+
+def fits_on_a_screen(n_rows: int, n_lines: int) -> bool:
+    """Whether so many lines of panels with so many rows are no higher than a screen."""
+    line = LOWEST_ROW * (n_rows + 0.4) + 0.36
+    return n_lines * line + 0.5 <= SCREEN_HEIGHT
 
 
 def _limits(panels: Iterable[Panel], *, zero: bool) -> dict[str | int, tuple[float, float]]:
@@ -204,7 +222,7 @@ def _draw_panel(axes: Any, rows: Sequence[str], panel: Panel, looks: Looks, *, z
     if panel.line is not None:
         axes.axvline(panel.line, **DATA_LINE, zorder=1)
     axes.set_title(panel.title, loc="left", fontweight="bold", fontsize=7.5)
-    axes.set_yticks(range(len(rows)), rows)
+    axes.set_yticks(range(len(rows)), [words_of(row) for row in rows])
     axes.set_ylim(len(rows) - 0.3, -0.7)
     axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", nbins=6)

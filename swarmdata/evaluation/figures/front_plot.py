@@ -1,6 +1,7 @@
 """One estimate against another, with names beside the points of the Pareto front."""
 
 import math
+import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from swarmdata.drawing.style import (
     draw_grid,
     draw_legend,
     figure,
+    words_of,
 )
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks
@@ -26,8 +28,14 @@ MAX_NAMED_POINTS = 6
 
 MAX_COLUMNS = 3
 
+MAX_LARGE_PANELS, MOST_COLUMNS = 9, 5
+"""More panels are small ones, more side by side, whose points a legend names."""
+
 TITLE_SIZE, TITLE_LENGTH = 7.5, 26
 """Points, and the letters that a panel's width has room for; longer titles are smaller."""
+
+SMALL_SIZE, SMALL_TITLE = 6.5, 18
+"""Likewise of small panels, whose titles are wrapped."""
 
 POINTS_ON_A_LINE = 25
 """Of which each keeps names away from the line."""
@@ -82,24 +90,34 @@ def plot_fronts(
     """
     if not panels:
         raise SchemaError("there are no points to draw, expected at least one panel.")
+    are_small = len(panels) > MAX_LARGE_PANELS
     n_columns = 2 if len(panels) == 4 else min(MAX_COLUMNS, len(panels))
+    n_columns = MOST_COLUMNS if are_small else n_columns
     n_rows = math.ceil(len(panels) / n_columns)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
-    with figure(path, width=width, height=0.4 + 2.2 * n_rows) as drawing:
+    if are_small:
+        shown = {label for panel in panels.values() for label in panel.points}
+        legend = {words_of(label): looks[label] for label in looks if label in shown}
+    row = 1.15 if are_small else 2.2
+    with figure(path, width=width, height=0.4 + row * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, panel) in zip(grid, panels.items(), strict=False):
             _draw_panel(axes, panel, looks)
             xlim, ylim = _limits(panel)
             axes.set(xlim=xlim, ylim=ylim)
             size = min(TITLE_SIZE, TITLE_SIZE * TITLE_LENGTH / len(title))
-            axes.set_title(title, loc="left", fontweight="bold", fontsize=size)
+            if are_small:
+                size = SMALL_SIZE
+                axes.locator_params(nbins=3)
+            words = "\n".join(textwrap.wrap(title, SMALL_TITLE)) if are_small else title
+            axes.set_title(words, loc="left", fontweight="bold", fontsize=size)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
         drawing.supxlabel(xlabel, fontsize=8)
         drawing.supylabel(ylabel, fontsize=8)
         draw_legend(drawing, _handles(grid[0], panels.values(), legend))
         drawing.draw_without_rendering()  # lays out the panels, on which names depend
-        for axes, panel in zip(grid, panels.values(), strict=False):
+        for axes, panel in zip(grid, [] if are_small else panels.values(), strict=False):
             _name_points(axes, panel, looks)
 
 
@@ -156,8 +174,9 @@ def _name_points(axes: Any, panel: FrontPanel, looks: Looks) -> None:
         if len(line.get_xdata()) == 2  # an interval, or the mean of the data
         for place in _along(line, axes.get_xlim())
     ]
-    colors = {label: looks[label]["color"] for label in named}
-    label_points(axes, named, colors, others, lines)
+    colors = {words_of(label): looks[label]["color"] for label in named}
+    places = {words_of(label): place for label, place in named.items()}
+    label_points(axes, places, colors, others, lines)
 
 
 def _along(line: Any, xlim: tuple[float, float]) -> list[tuple[float, float]]:

@@ -6,7 +6,7 @@ All numbers are written by `format_number` and `format_estimate`.
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from swarmdata.drawing import markdown
@@ -164,3 +164,19 @@ def _latex(text: str) -> str:
     """
     escaped = text.translate(_LATEX)
     return f"{{{escaped}}}" if escaped.startswith("[") else escaped
+
+
+def to_csv(rows: Sequence[Mapping[str, object]]) -> str:
+    """The rows as CSV, with numbers rounded alike on every machine; undefined values are empty."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([[_format_cell(row.get(name)) for name in names] for row in rows])
+    return out.getvalue()
+
+
+def _format_cell(value: object) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    return format(value, ".8g") if isinstance(value, float) else str(value)

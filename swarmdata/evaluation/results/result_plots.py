@@ -20,6 +20,7 @@ from swarmdata.drawing.style import (
     family_looks,
     figure,
     line_looks,
+    words_of,
 )
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import (
@@ -133,7 +134,9 @@ def plot_score_profiles(tables: Mapping[str, Double], looks: Looks, path: Path) 
         axes = drawing.add_subplot()
         for label in order:
             share = 100 * performance_profile(runs[label], thresholds)
-            axes.plot(thresholds, share, lw=1.4, ds="steps-mid", label=label, **drawn[label])
+            axes.plot(
+                thresholds, share, lw=1.4, ds="steps-mid", label=words_of(label), **drawn[label]
+            )
         axes.set(xlabel="score τ (0 no skill, 100 expert)", ylabel="runs with a score above τ (%)")
         axes.set_ylim(-2, 102)
         axes.margins(x=0)
@@ -159,8 +162,8 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
     rows, columns = labels[:-1], labels[1:]
     n, room = len(rows), LETTER_WIDTH * max(map(len, labels))
     limit = max(abs(found.value) for found in pairs.values()) or 1.0
-    width = min(PAGE_WIDTH, max(COLUMN_WIDTH, 0.2 + room + MATRIX_CELL[0] * n))
-    with figure(path, width=width, height=0.4 + 0.7 * room + MATRIX_CELL[1] * n) as drawing:
+    width = min(PAGE_WIDTH, max(COLUMN_WIDTH, 1.0 + room + MATRIX_CELL[0] * n))
+    with figure(path, width=width, height=0.6 + 0.7 * room + MATRIX_CELL[1] * max(n, 3)) as drawing:
         axes = drawing.add_subplot()
         shown = np.full((n, n), np.nan)
         for row, one in enumerate(rows):
@@ -178,10 +181,13 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
                     fontweight="bold" if is_decided else "normal",
                     color="white" if is_decided and abs(found.value) > 0.45 * limit else INK,
                 )
-        axes.imshow(shown, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
-        axes.set_xticks(range(n), columns, rotation=45, ha="right", rotation_mode="anchor")
-        axes.set_yticks(range(n), rows)
-        axes.set_title("score of row minus column; bold: clearly not 0", loc="left", fontsize=7.5)
+        image = axes.imshow(shown, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
+        drawing.colorbar(image, ax=axes, label="score of row − column", aspect=12)
+        names = [words_of(label) for label in columns]
+        axes.set_xticks(range(n), names, rotation=45, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(n), [words_of(label) for label in rows])
+        axes.set(xlabel="worse", ylabel="better")
+        axes.set_title("bold: clearly not 0", loc="left", fontsize=7.5)
         for side in axes.spines.values():
             side.set_visible(False)
         axes.tick_params(length=0)

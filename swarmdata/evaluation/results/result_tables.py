@@ -6,6 +6,7 @@ They also show what the dataset's own episodes achieved, with action noise.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -141,6 +142,31 @@ def case_table(case: Case) -> Table:
     if case.data is not None:
         rows.insert(0, Row(f"data of {case.dataset}", 0, own))
     return Table(tuple(q.column for q in quantities), tuple(rows), _caption_of_case(case))
+
+
+def budget_table(case: Case, budgets: Mapping[str, float]) -> Table:
+    """Returns by how much each label exceeds budgets of costs, and in how many of the episodes.
+
+    A label keeps a budget if the whole interval of the first is at most 0.
+
+    Args:
+        case: of our tasks.
+        budgets: largest mean cost of an episode, by the name of the cost (`event_costs.COSTS`).
+    """
+    columns, rows = [], []
+    for name, budget in budgets.items():
+        shown = QUANTITIES[name].column.label
+        over = Column(f"{name}_over_budget", f"{shown} - {budget:g}", "", 3)
+        share = Column(
+            f"{name}_over_budget_share", f"episodes above {budget:g}", "%", 1, 100.0, is_rate=True
+        )
+        columns += [over, share]
+    for label, runs in case.runs.items():
+        costs = [(case.metric(label, name), budget) for name, budget in budgets.items()]
+        values = chain.from_iterable((c - b, (c > b).astype(np.float64)) for c, b in costs)
+        estimates = (estimate_values(v, c) for v, c in zip(values, columns, strict=True))
+        rows.append(Row(label, len(runs), tuple(estimates)))
+    return Table(tuple(columns), tuple(rows), _caption_of_case(case))
 
 
 def estimate(quantity: Quantity, case: Case, label: str) -> Estimate:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from swarmdata.cards.references import summarize
+from swarmdata.cards.references import LESS_COORDINATED, summarize
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.policy_names import Target, find_target
 from swarmdata.evaluation.results.result_files import (
@@ -22,8 +22,10 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Seeds
 
-REFERENCE_POLICIES = ("idle", "random", "straight", "scripted", "medium", "expert")
-"""Policies in the reference table of a task, if the task has them."""
+REFERENCE_POLICIES = (
+    "idle", "random", "straight", "scripted", *LESS_COORDINATED, "medium", "expert"
+)  # fmt: skip
+"""Policies in the reference table of a task, if the task has them, beside its naive teams."""
 
 
 def evaluate_target(
@@ -108,7 +110,7 @@ def kept_result(spec: TaskSpec, provenance: Provenance, seeds: Seeds, out: Path)
 def measure_references(
     task: str,
     n_episodes: int,
-    names: Sequence[str] = REFERENCE_POLICIES,
+    names: Sequence[str] | None = None,
     *,
     backend: str | None = None,
     progress: bool = True,
@@ -118,7 +120,7 @@ def measure_references(
     Args:
         task: a preset's name, or a spec file.
         n_episodes: number of reserved seeds, from the first.
-        names: of the policies and tiers.
+        names: of the policies and tiers; None: `REFERENCE_POLICIES` and the task's naive teams.
         backend: simulator; None: that of the task.
         progress: whether to show progress bars.
 
@@ -126,8 +128,14 @@ def measure_references(
         UnknownNameError: no such task.
         SpecError: the file is not a spec.
     """
-    find_spec(task)
-    available = [name for name in names if name not in TIERS or sources(task, name)]
+    spec = find_spec(task)
+    is_silent, naive_teams = spec.communication.kind == "none", tuple(spec.rules.naive_teams)
+    available = [
+        name
+        for name in (names if names is not None else (*REFERENCE_POLICIES, *naive_teams))
+        if (name not in TIERS or sources(task, name))
+        and not (name == "scripted-deaf" and is_silent)
+    ]
     results: dict[str, list[EvalResult]] = {}
     for target in (find_target(name, task, backend=backend) for name in available):
         measured = evaluate_target(target, n_episodes, progress=progress)
@@ -135,4 +143,4 @@ def measure_references(
         results[target.label] = found
         if len(found) > 1:  # besides the mean of the tier, list each policy
             results |= {f"{target.label}-{index}": [each] for index, each in enumerate(found)}
-    return summarize(results, with_models(find_spec(task), backend=backend).backend)
+    return summarize(results, with_models(spec, backend=backend).backend, naive_teams)

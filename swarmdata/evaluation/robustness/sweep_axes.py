@@ -24,6 +24,7 @@ from swarmdata.specs.randomization import PAYLOAD_RANGES
 from swarmdata.specs.sensing_models import (
     BearingModel,
     Broadcast,
+    Drift,
     LidarModel,
     ObservationModel,
     SensorNoise,
@@ -59,8 +60,8 @@ EXAMPLES: Mapping[Part, str] = {
 }
 """How to write an axis, by its part."""
 
-NOISE_FIELDS = tuple(SensorNoise.model_fields)
-"""The fields that the short name `noise` sets, as in the model name `noise-0.05`."""
+JOINT_NAMES: Mapping[str, type[Frozen]] = {"noise": SensorNoise, "drift": Drift}
+"""Short names that set all fields of a part, as in the model names `noise-0.05`, `drift-0.02`."""
 
 UNIT_FIELDS = {"state": "range", "lidar": "range", "bearing": "range", "occupancy": "cell_size"}
 """The field of each kind of observation model that is the unit of its features."""
@@ -218,14 +219,15 @@ def parameters(spec: TaskSpec, part: Part) -> dict[str, tuple[Place, ...]]:
     for path, is_whole in _fields(type(model)):
         name, place = ".".join(path), (part, *path)
         is_unit = part == "observation" and name == UNIT_FIELDS[model.kind]
-        if is_unit or _is_idle(model, path):
+        if is_unit or _is_idle(spec, model, path):
             continue
         if not (is_whole and _changes_features(spec, place, features)):
             found[name] = (place,)
     short = {name: (field,) for name, field in SHORT_NAMES.items()}
     found |= {name: found[path[0]] for name, path in short.items() if path[0] in found}
     if part == "observation":
-        found["noise"] = tuple((part, "noise", each) for each in NOISE_FIELDS)
+        for name, kind in JOINT_NAMES.items():
+            found[name] = tuple((part, name, each) for each in kind.model_fields)
         sensors = tuple(("team", k, "robot", "sensor_range") for k in range(len(spec.team)))
         found["range"] = found["limit"] if isinstance(model, StateModel) else sensors
     return found
@@ -250,7 +252,7 @@ def _body_parameters(spec: TaskSpec) -> dict[str, tuple[Place, ...]]:
 def changed(spec: TaskSpec, places: tuple[Place, ...], value: float, source: str) -> TaskSpec:
     """Sets a value in all these places of a spec, and draws it no more.
 
-    An absent model gets its defaults.
+    An absent part gets its defaults.
 
     Raises:
         SpecError: the value is out of range; the message names `source`.
@@ -260,7 +262,7 @@ def changed(spec: TaskSpec, places: tuple[Place, ...], value: float, source: str
         data.get("randomization", {}).pop(_range_of((*path, last)), None)
         node: Any = data
         for key in path:
-            if node[key] is None:
+            if isinstance(node, dict) and node.get(key) is None:
                 node[key] = {}
             node = node[key]
         node[last] = value
@@ -311,8 +313,8 @@ def _is_whole(part: Part, name: str) -> bool:
     return any(dict(_fields(model)).get(path, False) for model in models)
 
 
-def _is_idle(model: Frozen, path: tuple[str, ...]) -> bool:
-    """Whether a field has no effect in this model."""
+def _is_idle(spec: TaskSpec, model: Frozen, path: tuple[str, ...]) -> bool:
+    """Whether a field has no effect in this model of a spec."""
     if isinstance(model, Broadcast):
         needed: Mapping[str, bool] = {
             "n_nearest": model.topology == "nearest",
@@ -320,7 +322,13 @@ def _is_idle(model: Frozen, path: tuple[str, ...]) -> bool:
         }
         return not needed.get(path[0], True)
     if isinstance(model, ObservationModel):
-        return path[0] == "noise" and path[1] not in model.noises
+        has_headings = any(robot.dynamics == "unicycle" for robot in spec.robots)
+        idle = {
+            "noise": path[-1] not in model.noises,
+            "drift": path[-1] != "position" and not has_headings,
+            "landmarks": model.drift == Drift(),
+        }
+        return idle.get(path[0], False)
     return False
 
 

@@ -149,7 +149,7 @@ def _write_pages(
         remove_sweeps(options.out, found.study.sweeps.keys() - {sweep.label for sweep in ready})
         with filled(options.out, STUDY) as folder:
             run_sweeps(
-                ready, found.work, folder, found.looks, engine=options.engine,
+                ready, found.work, folder, engine=options.engine,
                 workers=options.workers, progress=options.progress,
             )  # fmt: skip
     shifts = _used_elsewhere(found, options, measure=measure)

@@ -4,6 +4,7 @@ A task's spec says in which simulator its policies were trained or written; the 
 Scores of both are on the scale of the first, so that a loss is visible.
 """
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.policy_selection.rank_statistics import ranking_quality
+from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.evaluation_jobs import (
     Evaluation,
     TargetName,
@@ -23,6 +25,7 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import reference_of
 from swarmdata.registry.published import normalized_score
+from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.types import Double
@@ -161,3 +164,58 @@ def rank_agreement(teams: Sequence[TeamTransfer]) -> Estimate | None:
     if len(known) < LEAST_RANKED:
         return None
     return ranking_quality(known, new).spearman
+
+
+CHANGE = "change"
+"""Stands as the simulator of differences between the second and the first."""
+
+COUNTS = ("success", "robot_collisions", "obstacle_collisions")
+
+
+def transfer_table(teams: Sequence[TeamTransfer]) -> str:
+    """Returns a row for each task, team, quantity and simulator, as CSV.
+
+    Scores of both simulators are on the scale of the first, with 95 % intervals; changes are paired
+    by policy and episode. The rank correlation is over all policies of a task, where there are
+    enough; its interval is a bootstrap over policies, which share tasks, so it tends to be narrow.
+
+    Args:
+        teams: at least one, all with the same two simulators and number of episodes.
+    """
+    rows = [row for team in teams for row in _rows(team)]
+    for task in dict.fromkeys(team.task for team in teams):
+        ranks = rank_agreement([team for team in teams if team.task == task])
+        if ranks is not None:
+            rows.append(_row(task, "", 0, "rank_correlation", "", ranks))
+    return to_csv(rows)
+
+
+def _rows(team: TeamTransfer) -> list[dict[str, object]]:
+    where = team.task, team.label, len(team.known)
+    known, new = team.scores()
+    scores = {
+        team.backends[0]: mean_interval(known),
+        team.backends[1]: mean_interval(new),
+        CHANGE: mean_interval(new - known),
+    }
+    found = [_row(*where, "score", backend, each) for backend, each in scores.items()]
+    for quantity in COUNTS:
+        for backend, values in zip(team.backends, team.metric(quantity), strict=True):
+            mean = Estimate(float(values.mean()), math.nan, math.nan)
+            found.append(_row(*where, quantity, backend, mean))
+    return found
+
+
+def _row(
+    task: str, team: str, policies: int, quantity: str, backend: str, found: Estimate
+) -> dict[str, object]:
+    return {
+        "task": task,
+        "team": team,
+        "policies": policies or "",
+        "quantity": quantity,
+        "backend": backend,
+        "mean": found.value,
+        "low": found.low,
+        "high": found.high,
+    }

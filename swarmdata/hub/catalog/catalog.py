@@ -166,8 +166,9 @@ def load(
         observation: the observation model to compute observations with, such as `lidar`; see
             `Dataset.reobserve`. None: the recorded one.
         communication: the communication model, such as `lossy-30`, in the same way.
-        rewards: weights to compute rewards with, such as `{"robot_collision": 2.0}`, or `"safe"`
-            for those of the task's kind in `registry.reward_weights`; see `Dataset.with_rewards`.
+        rewards: weights to compute rewards with, such as `{"robot_collision": 2.0}`, or the
+            name of a set in `registry.reward_weights`: `"safe"`, or `"team"`, which gives every
+            robot the mean reward of the team; see `Dataset.with_rewards`.
             None: the recorded rewards.
         path: the folder of the dataset of a shipped recipe, where it is not in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.

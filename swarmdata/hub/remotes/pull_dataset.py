@@ -127,6 +127,23 @@ def fetch_file(remote: Remote, release: Release, manifest: Manifest, file: str, 
     entry = manifest.files.get(file)
     if entry is None:
         raise HubError(f"{release.id} has no file {file!r}: its manifest does not list it.")
+    fetch_checked(remote, release, file, entry, out)
+
+
+def fetch_checked(remote: Remote, release: Release, file: str, entry: FileEntry, out: Path) -> None:
+    """Fetches one file of known size and SHA-256, as `fetch_file` does.
+
+    Args:
+        remote: where from.
+        release: that it belongs to.
+        file: its path below the release's address.
+        entry: size and SHA-256.
+        out: as of `fetch_file`.
+
+    Raises:
+        ChecksumError: the remote gave wrong bytes, twice.
+        HubError: it could not be fetched.
+    """
     out.parent.mkdir(parents=True, exist_ok=True)
     arriving = out.with_name(f"{out.name}.arriving")
     _read_checked(remote, release, file, entry, arriving)
@@ -141,7 +158,7 @@ def _read_checked(
     """Fetches a file as its entry says, once more if it was changed on the way."""
     for attempt in (1, 2):
         remote.read(release, file, arriving, entry.size)
-        problem = _difference(arriving, entry)
+        problem = difference(arriving, entry)
         if problem is None:
             return
         arriving.unlink()
@@ -152,7 +169,7 @@ def _read_checked(
             )
 
 
-def _difference(path: Path, entry: FileEntry) -> str | None:
+def difference(path: Path, entry: FileEntry) -> str | None:
     """In what a file differs from its entry in the manifest, None if in nothing."""
     size = path.stat().st_size
     if size != entry.size:
@@ -259,7 +276,7 @@ def _fetch_all(
 
     def fetch(name: str) -> None:
         entry, out = manifest.files[name], scratch / name
-        if not out.is_file() or _difference(out, entry) is not None:
+        if not out.is_file() or difference(out, entry) is not None:
             out.parent.mkdir(parents=True, exist_ok=True)
             arriving = out.with_name(f"{out.name}.arriving")
             _read_checked(remote, release, name, entry, arriving)

@@ -15,7 +15,7 @@ from swarmdata.datasets.sampling import Rows, RowSampler, SampledView, Sampler, 
 from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.numerics.random import derive
 from swarmdata.store.arrays.layout import ALL_FIELDS
-from swarmdata.types import Batch, Double, Int
+from swarmdata.types import Batch, Double, Int, Wanted
 
 BATCH_ARRAYS = (
     "observations", "states", "actions", "rewards", "terminations", "truncations", "log_probs",
@@ -216,10 +216,14 @@ class WindowSampler(RowSampler):
         rows: Int = np.arange(int(lengths.sum())) + np.repeat(shifts, lengths)
         return rows
 
-    def gather(self, index: Int) -> Batch:
+    def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         """Returns the transitions or windows that start at stored rows, any shape.
 
         Blocks that are not in memory are fetched, and the next one in the background.
+
+        Args:
+            index: stored rows.
+            wanted: fields to read.
 
         Raises:
             IndexError: an index outside the dataset.
@@ -232,14 +236,14 @@ class WindowSampler(RowSampler):
                 f"rows {index.min()} to {index.max()}, expected 0 to {self.n_rows - 1}"
             )
         block = np.searchsorted(self._blocks.first_steps, index, side="right") - 1
-        wanted = np.unique(block).tolist()
+        held = np.unique(block).tolist()
         capacity = self._window + 2
-        if len(wanted) > capacity:
+        if len(held) > capacity:
             raise IndexError(
-                f"the rows are of {len(wanted)} blocks, expected at most the {capacity} of a window"
+                f"the rows are of {len(held)} blocks, expected at most the {capacity} of a window"
             )
-        self._memory.hold(wanted)
-        batch = self._inner.gather(index + self._memory.shifts[block])
+        self._memory.hold(held)
+        batch = self._inner.gather(index + self._memory.shifts[block], wanted)
         if self._window < len(self._live):
             self._memory.expect(self._block_at(self._turn + self._window))
         return batch

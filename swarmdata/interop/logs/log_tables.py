@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import ConversionError, did_you_mean, listed
 from swarmdata.interop.conversion.foreign_file import ForeignFile
 from swarmdata.interop.parquet_rows import arrow
-from swarmdata.specs.origins.log_map import TableForm
+from swarmdata.specs.origins.log_map import TableForm, WindowRows
 from swarmdata.specs.plain_names import repeated
 from swarmdata.types import Bool, Int
 
@@ -225,11 +225,48 @@ def read_table(path: Path, forms: Mapping[str, TableForm]) -> LogTable:
         cells, units = _parquet_columns(path)
         table = LogTable(path.name, cells, units)
     else:
-        form = next((form for name, form in forms.items() if is_match(path.name, [name])), None)
-        table = LogTable(path.name, _text_columns(path, form or TableForm()))
+        named = (form for name, form in forms.items() if is_match(path.name, [name]))
+        form = next(named, TableForm())
+        table = LogTable(path.name, _text_columns(path, form))
+        if form.windows is not None:
+            table = _unrolled(table, form.windows)
     if not table.cells or not table.n_rows:
         raise ConversionError(f"{path} has no rows, expected at least 1")
     return table
+
+
+def _unrolled(table: LogTable, windows: WindowRows) -> LogTable:
+    """A table with a row for each step of each window, and a column `time`.
+
+    Raises:
+        ConversionError: a column is named otherwise, or has other steps than the others.
+    """
+    pattern = re.escape(windows.columns).replace(r"\{step\}", r"(?P<step>[0-9]+)")
+    steps: dict[str, dict[int, list[str]]] = {}
+    for name in table.cells:
+        match = re.fullmatch(pattern.replace(r"\{column\}", "(?P<column>.+)"), name)
+        if match is None or match["column"] == "time":
+            raise ConversionError(
+                f"{table.name} has a column {name!r}, expected columns of windows that are named "
+                f"{windows.columns}, none of them `time`"
+            )
+        steps.setdefault(match["column"], {})[int(match["step"])] = table.texts(name)
+    first = next(iter(steps.values()))
+    numbers = list(range(min(first), min(first) + len(first)))
+    for column, numbered in steps.items():
+        if sorted(numbered) != numbers:
+            raise ConversionError(
+                f"{table.name}: column {column!r} has {len(numbered)} steps from {min(numbered)} "
+                f"to {max(numbered)}, expected {numbers[0]} to {numbers[-1]} like the first column"
+            )
+    step, pause = (round(each * NANOSECONDS_IN["s"]) for each in (windows.step, windows.pause))
+    starts = np.arange(table.n_rows) * (step * (len(numbers) - 1) + pause)
+    times: NDArray[Any] = (starts[:, None] + step * np.arange(len(numbers))).ravel()
+    rows = range(table.n_rows)
+    found: dict[str, Cells] = {"time": times}
+    for column, numbered in steps.items():
+        found[column] = [numbered[number][row] for row in rows for number in numbers]
+    return LogTable(table.name, found, {"time": "ns"})
 
 
 def _text_columns(path: Path, form: TableForm) -> dict[str, list[str]]:

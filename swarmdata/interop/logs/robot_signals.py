@@ -295,7 +295,7 @@ class _Rows:
                 f"the {self.what} has the unit {unit} in column {column.column!r}, expected a "
                 f"unit of {wanted[0]} such as {wanted[1]}"
             )
-        return UNITS[unit][1]
+        return UNITS[unit][1] * (column.scale or 1.0)
 
     def _unit(self, column: ColumnOf, default: str) -> str:
         fixed = self.table.units.get(column.column)

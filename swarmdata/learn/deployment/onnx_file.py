@@ -1,17 +1,17 @@
 """A policy of one seed as a file of ONNX, which a robot runs without this package or torch."""
 
+import contextlib
 import json
 import logging
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from swarmdata.errors import ConversionError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.deployment.robot_step import RobotStep, robot_step
+from swarmdata.learn.deployment.robot_step import RobotStep, description, fitting_step
 from swarmdata.runtime.atomic import staged
 from swarmdata.runtime.extras import require_extra
 
@@ -24,7 +24,7 @@ def export_onnx(
     path: Path,
     *,
     robots: Sequence[str],
-    features: Sequence[str],
+    features: Sequence[Sequence[str]],
     about: Mapping[str, Any],
 ) -> Path:
     """Writes a policy of one seed as a network of one robot.
@@ -38,7 +38,7 @@ def export_onnx(
         policy: as a run has it.
         path: of the file; it must not exist.
         robots: names of the robots, [N].
-        features: names of the numbers in an observation, [O].
+        features: names of the numbers that each robot observes, [N] with at most O each.
         about: further facts for the file's metadata.
 
     Raises:
@@ -48,16 +48,9 @@ def export_onnx(
     """
     for package in ("onnx", "onnxscript"):
         require_extra(package, "onnx", "exporting a policy")
-    step = robot_step(policy, len(robots))
-    if step.n_features != len(features):
-        raise ConversionError(
-            f"the policy observes {step.n_features} features, got names of {len(features)}. "
-            "Export it for the observation model that it was trained on."
-        )
-    if path.exists():
-        raise ConversionError(f"{path} exists already. Choose another path, or move it away.")
+    step = fitting_step(policy, path, features)
     model = _traced(step)
-    known = {**about, "robots": list(robots), "features": list(features), "memory": step.memory}
+    known = description(step, robots, features, about)
     entry = model.metadata_props.add()
     entry.key, entry.value = METADATA_KEY, json.dumps(known)
     with staged(path) as target:
@@ -67,28 +60,31 @@ def export_onnx(
 
 def _traced(step: RobotStep) -> Any:
     """The step as a model of ONNX, for any number of rows."""
-    rows = 2  # any number above 1, which tracing would take for a constant
-    inputs = {"observation": torch.zeros(rows, step.n_features), "robot": torch.zeros(rows).long()}
-    outputs = ["action"]
-    if step.memory:
-        inputs["memory"] = torch.zeros(rows, step.memory)
-        outputs.append("next_memory")
+    inputs = step.inputs(2)  # rows; any number above 1, which tracing would take for a constant
+    outputs = ["action", "next_memory"] if step.memory else ["action"]
     batch = torch.export.Dim("rows", min=1)
-    log = logging.getLogger("torch.onnx")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings(), torch.no_grad():
-            warnings.simplefilter("ignore")  # of torch, about its own exporter
-            program = torch.onnx.export(
-                step.eval(), (), kwargs=inputs, dynamo=True, verbose=False,
-                input_names=list(inputs), output_names=outputs,
-                dynamic_shapes={name: {0: batch} for name in inputs},
-            )  # fmt: skip
-    finally:
-        log.setLevel(level)
+    with quiet(), torch.no_grad():
+        program = torch.onnx.export(
+            step.eval(), (), kwargs=inputs, dynamo=True, verbose=False,
+            input_names=list(inputs), output_names=outputs,
+            dynamic_shapes={name: {0: batch} for name in inputs},
+        )  # fmt: skip
     assert program is not None
     model = program.model_proto
     for node in model.graph.node:  # torch's: the lines of code behind each, with their paths
         node.ClearField("metadata_props")
     return model
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Hides what torch says about its own exporter."""
+    log = logging.getLogger("torch.onnx")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        log.setLevel(level)

@@ -6,11 +6,14 @@ the team gets the same observation, and the slot of the robot counts. Networks a
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from swarmdata.errors import PolicyFitError
+from swarmdata.errors import ConversionError, PolicyFitError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.behavior_heads import behavior_log_probs
 from swarmdata.learn.choices.bins import by_dimension, greedy, mean_utilities, to_actions
@@ -41,6 +44,12 @@ class RobotStep(nn.Module, ABC):
         self._mean, self._std = policy.observation_mean, policy.observation_std
         added = 0 if policy.frame is None else policy.frame.n_added
         self.n_robots, self.n_features, self.memory = n_robots, len(self._mean) - added, 0
+
+    def inputs(self, n_rows: int) -> dict[str, Tensor]:
+        """Returns inputs of B = `n_rows` robots, by name, to trace the step with."""
+        observation = torch.zeros(n_rows, self.n_features)
+        found = {"observation": observation, "robot": torch.zeros(n_rows).long()}
+        return found | ({"memory": torch.zeros(n_rows, self.memory)} if self.memory else {})
 
     def features(self, observation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Returns normalized inputs of every slot, [B, N, F], and the frame's x axis, two [B]."""
@@ -160,6 +169,40 @@ def robot_step(policy: Policy, n_robots: int) -> RobotStep:
         f"policies of class {type(policy).__name__} cannot be exported, expected those of actors "
         "(bc, iql, maddpg_bc, mappo, ...), with gated units or without, or of vdn and qmix"
     )
+
+
+def fitting_step(policy: Policy, path: Path, features: Sequence[Sequence[str]]) -> RobotStep:
+    """Returns the step of one robot, for a new file.
+
+    Args:
+        policy: as a run has it.
+        path: of the file.
+        features: names of the numbers that each robot observes, [N] with at most O each.
+
+    Raises:
+        PolicyFitError: policies of this kind cannot be exported.
+        ConversionError: `path` exists, or the policy has another number of features.
+    """
+    step, n_features = robot_step(policy, len(features)), max(map(len, features))
+    if step.n_features != n_features:
+        raise ConversionError(
+            f"the policy observes {step.n_features} features, got names of {n_features}. "
+            "Export it for the observation model that it was trained on."
+        )
+    if path.exists():
+        raise ConversionError(f"{path} exists already. Choose another path, or move it away.")
+    return step
+
+
+def description(
+    step: RobotStep,
+    robots: Sequence[str],
+    features: Sequence[Sequence[str]],
+    about: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Returns what a file says of its policy, JSON; arguments as of `export_onnx`."""
+    named = {name: list(each) for name, each in zip(robots, features, strict=True)}
+    return {**about, "robots": list(robots), "features": named, "memory": step.memory}
 
 
 def directions(frame: Frame, observation: Tensor) -> tuple[Tensor, Tensor]:

@@ -175,7 +175,7 @@ class RecurrentChoicePolicy:
     chooser: ChoicePolicy
     uses_state: bool = False
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
-    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+    _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
 
     def reset(self, step: Step, copies: Int) -> None:
         self._memory.reset(step, copies, self.gates[1].weight.shape[1])
@@ -192,8 +192,8 @@ class RecurrentChoicePolicy:
         features = chooser.features(self.gates[0], observations)
         memory = self._memory.advance(self.gates, features, chooser.parameters)
         actions = chooser.choose(torch.cat([features, memory], -1), observations, allowed)
-        self._last.keep(step, actions.astype(np.float64))
+        self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
 
     def log_probs(self, step: Step, actions: Float) -> Float:
-        return certain_log_probs(self._last.require(step).astype(np.float32), actions)
+        return certain_log_probs(self._last.require(step), actions)

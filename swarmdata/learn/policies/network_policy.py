@@ -10,7 +10,7 @@ from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.learn.policies.policy_file import parse_policy
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Float, Int, Step
+from swarmdata.types import Double, Float, Int, Step
 
 
 class NetworkPolicy:
@@ -49,7 +49,7 @@ class NetworkPolicy:
         self._policy = parse_policy(read_checkpoint(checkpoint, sha256, folder), str(checkpoint))
         self.uses_state = self._policy.uses_state
         self._noise = check_noise(noise)
-        self._last = LastMeans()
+        self._last = LastMeans[Double]()
 
     def reset(self, step: Step, copies: Int) -> None:
         """Empties the memory of the copies, if the policy has one."""

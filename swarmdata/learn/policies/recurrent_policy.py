@@ -80,7 +80,7 @@ class Remembering(ABC):
     observation_mean: Tensor
     observation_std: Tensor
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
-    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+    _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
 
     @property
     @abstractmethod
@@ -115,11 +115,11 @@ class Remembering(ABC):
         memory = self._memory.advance(self.layers, features, parameters)
         local = self.local_actions(step, features, memory)
         actions = in_world(frame, observations, local.numpy()).astype(np.float32)
-        self._last.keep(step, actions.astype(np.float64))
+        self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
 
     def log_probs(self, step: Step, actions: Float) -> Float:
-        return certain_log_probs(self._last.require(step).astype(np.float32), actions)
+        return certain_log_probs(self._last.require(step), actions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ from swarmdata.types import Float, Int, Step
 class StepFunction(ABC):
     """Acting of a policy whose actions are a function of the step, its seeds and times included."""
 
-    _last: LastMeans = field(default_factory=LastMeans, init=False, repr=False)
+    _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
 
     @abstractmethod
     def step_actions(self, step: Step) -> Float:
@@ -37,14 +37,13 @@ class StepFunction(ABC):
             SchemaError: the observations are not those the policy was trained on.
         """
         actions = self.step_actions(step)
-        self._last.keep(step, actions.astype(np.float64))
+        self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
 
     def log_probs(self, step: Step, actions: Float) -> Float:
         """Returns 0 for the robots that take the policy's actions, else -infinity, [E, N]."""
         kept = self._last.recall(step)  # right after `act`: the network need not run again
-        chosen = self.step_actions(step) if kept is None else kept.astype(np.float32)
-        return certain_log_probs(chosen, actions)
+        return certain_log_probs(self.step_actions(step) if kept is None else kept, actions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,9 +82,11 @@ class TorchPolicy(Memoryless):
     frame: Frame | None = None
     uses_state: bool = False
     parameters: Parameters = "shared"
-    _folded: list[Layer] = field(default_factory=list, init=False, repr=False)  # at the first use
+    # by shape [N, O] of observations that were checked, at their first use
+    _folded: dict[tuple[int, ...], list[Layer]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
-    @torch.no_grad()
     def actions(self, observations: Float) -> Float:
         """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].
 
@@ -93,14 +94,15 @@ class TorchPolicy(Memoryless):
             SchemaError: the observations are not those the policy was trained on.
         """
         framed = observations if self.frame is None else self.frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
-        check_observations(self.layers[0], framed, mean, self.parameters)
-        if not self._folded:
-            self._folded.extend(fold(self.layers, mean, std, self.parameters))
-        rows = torch.from_numpy(framed.astype(np.float64)).transpose(0, 1)
-        outputs = mlp(self._folded, rows).transpose(0, 1)
-        actions = outputs.tanh() if self.squash else outputs.clamp(-1, 1)
-        return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
+        layers = self._folded.get(framed.shape[1:])
+        if layers is None:
+            mean, std = self.observation_mean, self.observation_std
+            check_observations(self.layers[0], framed, mean, self.parameters)
+            layers = self._folded[framed.shape[1:]] = fold(self.layers, mean, std, self.parameters)
+        outputs = mlp(layers, torch.from_numpy(framed.astype(np.float64)).transpose(0, 1))
+        actions = outputs.tanh_() if self.squash else outputs.clamp_(-1, 1)
+        turned = in_world(self.frame, observations, actions.transpose(0, 1).numpy())
+        return turned.astype(np.float32)
 
 
 def fold(layers: Sequence[Layer], mean: Tensor, std: Tensor, parameters: Parameters) -> list[Layer]:

@@ -64,6 +64,12 @@ Extraction = Literal["joint", "anchored", "weighted", "tilted"]
 EXTRACTION_LOSSES = ("density_loss", "extraction_loss", "extracted_q")
 """Names of the losses that a second stage adds."""
 
+TRANSITION: tuple[str, ...] = (
+    "observations", "actions", "rewards", "next_observations", "states", "next_states",
+    "terminations",
+)  # fmt: skip
+"""The fields of a batch that critics learn from."""
+
 
 @dataclass(frozen=True)
 class ActorCriticConfig:

@@ -11,7 +11,7 @@ from swarmdata.learn.networks.dataset_statistics import step_weights
 from swarmdata.learn.training.training_data import Data, Sampler
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec
-from swarmdata.types import Batch, Double, Episode, Int
+from swarmdata.types import Batch, Double, Episode, Int, Wanted
 
 N_MEASURED = 20_000
 """Transitions whose observations are measured to normalize them."""
@@ -93,8 +93,11 @@ class _FramedSampler:
     def draw(self) -> Int:
         return self._sampler.draw()
 
-    def gather(self, index: Int) -> Batch:
-        return self._frame.turned(self._sampler.gather(index))
+    def gather(self, index: Int, wanted: Wanted = None) -> Batch:
+        if wanted is not None:  # actions are turned by what is observed
+            wanted = {*wanted, "observations"}
+            wanted |= {"next_observations"} if "next_actions" in wanted else set()
+        return self._frame.turned(self._sampler.gather(index, wanted))
 
     def state_dict(self) -> dict[str, int]:
         return self._sampler.state_dict()

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from swarmdata.datasets.action_scaling import choices_of, has_choices
 from swarmdata.errors import SchemaError
-from swarmdata.interfaces import Policy
+from swarmdata.interfaces import Policy, fields_of
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.dataset_statistics import Statistics
@@ -126,7 +126,7 @@ def train_seeds(
     context = compiling() if compile else nullcontext()
     with claimed(Path(folder), description, shown=progress) as run:
         statistics = Statistics.measure(dataset, config.discount)
-        trainer = _Trainer(run, kind.LOSSES, samplers, statistics, keep=keep, report=report)
+        trainer = _Trainer(run, kind, samplers, statistics, keep=keep, report=report)
         with ThreadLimit(n_threads), context as trainer.compilation:
             trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
@@ -206,7 +206,7 @@ class _Trainer:
     def __init__(
         self,
         run: Run[OfflineRun],
-        columns: Sequence[str],
+        kind: Any,
         samplers: Sequence[Sampler],
         statistics: Statistics,
         *,
@@ -214,7 +214,7 @@ class _Trainer:
         report: Report | None,
     ) -> None:
         self.run, self.samplers, self.statistics = run, samplers, statistics
-        self.keep, self.report = keep, report
+        self.keep, self.report, self.wanted = keep, report, fields_of(kind)
         self.algorithm = run.description.build(statistics, run.description.device)
         if run.has_checkpoint:
             is_compact = run.metadata.get(COMPACT, False)
@@ -222,7 +222,7 @@ class _Trainer:
             for sampler, state in zip(samplers, run.metadata["samplers"], strict=True):
                 sampler.load_state_dict(state)
         self.update = self.reported = run.now
-        self.losses = run.table(LOSSES, columns)
+        self.losses = run.table(LOSSES, kind.LOSSES)
         self.curve: Table | None = None
         self.window: dict[str, list[Tensor]] = {}
         self.compilation: Compilation | None = None
@@ -237,7 +237,8 @@ class _Trainer:
 
     def _step(self) -> None:
         index = np.stack([sampler.draw() for sampler in self.samplers])  # [K, B]
-        batch = self.samplers[0].gather(index).to_torch(self.run.description.device)
+        batch = self.samplers[0].gather(index, self.wanted)
+        batch = batch.to_torch(self.run.description.device)
         for name, loss in self.algorithm.update(batch).items():
             self.window.setdefault(name, []).append(loss)
         self.update += 1

@@ -5,14 +5,15 @@ from typing import Protocol, runtime_checkable
 
 from swarmdata.learn.networks.dataset_statistics import Episodes
 from swarmdata.specs.origins import Spec
-from swarmdata.types import Batch, Double, Int
+from swarmdata.types import Batch, Double, Int, Wanted
 
 
 class Sampler(Protocol):
     """An endless seeded stream of batches, split into choosing rows and reading them."""
 
     def draw(self) -> Int: ...  # [B]
-    def gather(self, index: Int) -> Batch: ...  # [K, B] gives fields [K, B, ...], or [K, B, L, ...]
+    def gather(self, index: Int, wanted: Wanted = None) -> Batch: ...
+    # [K, B] gives fields [K, B, ...], or [K, B, L, ...]; None for those that are not wanted
     def state_dict(self) -> dict[str, int]: ...
     def load_state_dict(self, state: Mapping[str, int]) -> None: ...
 

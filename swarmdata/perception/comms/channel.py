@@ -158,7 +158,7 @@ def _limits(spec: TaskSpec, model: Broadcast) -> tuple[int, ...]:
         model.slots_in_step or 0,
         0 if model.bits is None else 1 << model.bits,
         model.bursts is not None,
-        spec.observation.kind != "state",
+        spec.observation.in_body_frame,
         MAX_AGE if model.max_age is None else model.max_age,
     )
 

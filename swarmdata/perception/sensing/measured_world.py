@@ -7,12 +7,14 @@ Measurements:
 
 - a robot's own position, velocity and heading. Points that the task gives in the world's frame
   (targets, goals, references, maps) are known exactly; their distances are as uncertain as the
-  robot's own position;
+  robot's own position. With `drift`, all three are what its odometry says (`odometry`);
 - of every other robot, movable body and obstacle: the displacement from the robot, the relative
   velocity, the direction of its axis. In `bearing`, other robots by range and bearing.
 
-Robots that localise (`state`) measure displacements in the world's frame. All others measure them
-in the body's frame, where an error of their own heading does not turn them.
+Robots that localise (`state` in the world's frame) measure displacements in the world's frame. All
+others measure them in the body's frame, where an error of their own heading does not turn them.
+With drift, everybody measures from the body: what is told in the world's frame is turned by as much
+as the heading that the robot believes in, and what is told in the body's is not.
 
 All draws are functions of the episode's seed, the step, the robot that measures and the measured
 object; the order of slots plays no part.
@@ -31,6 +33,7 @@ from swarmdata.numerics.episode_draws import NOISE_FIELD, draw_share
 from swarmdata.numerics.geometry import bounding_radius
 from swarmdata.numerics.random import STREAMS, normal_table
 from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
+from swarmdata.perception.sensing.odometry import Odometry
 from swarmdata.perception.sensing.sensed_scene import N_BODY, Scene
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
@@ -74,6 +77,7 @@ class World(NamedTuple):
     layouts: Float  # [E, M, 8] as measured
     true_states: Float  # [E, S]
     true_layouts: Float  # [E, M, 8]
+    poses: Float  # [E, >= 8 N] robots as measured, without drift: where walls are seen from
 
 
 class MeasuredWorld:
@@ -94,12 +98,14 @@ class MeasuredWorld:
             spread=spread,
             # beams and cells are lost one by one instead: see `modifiers`
             dropout=model.dropout if model.kind in ("state", "bearing") else 0.0,
-            in_body=model.kind != "state",
+            in_body=model.in_body_frame,
             by_range=model.kind == "bearing",
             arms=np.array([bounding_radius(_row(body)) for body in scene.bodies], dtype=np.float64),
         )
         size = N_COLUMNS * n + N_BODY * len(scene.bodies) + len(task.extras)
+        self._odometry = Odometry(task.spec, n_copies)
         self._known = np.zeros((n_copies, N_COLUMNS * n), dtype=np.float32)
+        self._poses = self._known if self._odometry.is_exact else self._known.copy()
         self._states = np.zeros((n_copies, size), dtype=np.float32)
         self._layouts = np.zeros((n_copies, len(task.kinds), 8), dtype=np.float32)
 
@@ -107,16 +113,25 @@ class MeasuredWorld:
     def is_exact(self) -> bool:
         """Whether all measurements are exact, and nothing is lost."""
         survey = self._survey
-        return survey.dropout == 0.0 and survey.spread == 0.0 and not any(survey.noise)
+        has_noise = survey.spread > 0.0 or any(survey.noise)
+        return survey.dropout == 0.0 and not has_noise and self._odometry.is_exact
+
+    def forget(self, copies: Int) -> None:
+        """Makes the next step of each of these copies the first of an episode."""
+        self._odometry.forget(copies)
 
     def localise(self, step: Step, active: Bool) -> Float:
         """Returns the measurements of the active copies' robots of themselves, [E, 8 N].
 
-        Columns are those of `ROBOT`. The next call overwrites the array.
+        Columns are those of `ROBOT`. The next call overwrites the array. Call it once for every
+        step of an episode, from its beginning.
         """
         localise(
             step.states, step.seeds, step.times, active, self._survey, normal_table(), self._known
         )  # fmt: skip
+        if not self._odometry.is_exact:
+            np.copyto(self._poses, self._known)
+            self._odometry.advance(step, active, self._known)
         return self._known
 
     def measured_by(self, robot: int, step: Step, active: Bool) -> World:
@@ -125,10 +140,10 @@ class MeasuredWorld:
         Objects that it missed are at NaN. The next call overwrites the arrays.
         """
         look_around(
-            step.states, step.layouts, self._known, robot, self._survey, step.seeds, step.times,
-            active, normal_table(), self._states, self._layouts,
+            step.states, step.layouts, self._known, self._odometry.errors, robot, self._survey,
+            step.seeds, step.times, active, normal_table(), self._states, self._layouts,
         )  # fmt: skip
-        return World(self._states, self._layouts, step.states, step.layouts)
+        return World(self._states, self._layouts, step.states, step.layouts, self._poses)
 
 
 def _noise_range(spec: TaskSpec) -> tuple[Noise, float]:
@@ -252,7 +267,7 @@ def _see_body(
         bits: of the draws for this object.
         noise: standard deviations.
         by_range: whether its position is measured by range and bearing.
-        heading: cosine and sine of the error of the robot's heading; (1, 0) in the world's frame.
+        heading: cosine and sine of the error of the robot's heading that turns what it sees.
         table: quantiles of the normal distribution.
         measured: written, [E, S].
     """
@@ -338,6 +353,7 @@ def look_around(
     states: Float,
     layouts: Float,
     known: Float,
+    errors: Double,
     i: int,
     survey: Survey,
     seeds: Seeds,
@@ -355,6 +371,7 @@ def look_around(
         states: [E, S].
         layouts: [E, M, 8].
         known: the robots' measurements of themselves, from `localise`, [E, 8 N].
+        errors: cosine and sine of the drift of their headings, [E, N, 2].
         i: index of the robot that measures.
         survey: how it measures.
         seeds: of the episodes, [E].
@@ -374,6 +391,8 @@ def look_around(
         sight, heading = absorb(measurement, _OF_OBJECTS), (1.0, 0.0)
         if survey.in_body:
             heading = _turn(absorb(measurement, _OF_ITSELF), noise.direction, table)
+        (hc, hs), c, s = heading, errors[b, i, 0], errors[b, i, 1]
+        heading = (hc * c - hs * s, hs * c + hc * s)
         _copy_state(states[b], known[b], me, measured[b])
         for j in range(first):
             bits, is_robot = absorb(sight, j), j < n

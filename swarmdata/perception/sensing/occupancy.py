@@ -89,8 +89,8 @@ class Occupancy:
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
         """Writes `features` of some robots of the active copies, [E, N, F]."""
         observe_grids(
-            self._constants.packed, world.states, world.layouts, robots.start, robots.stop, active,
-            out,
+            self._constants.packed, world.states, world.layouts, world.poses, robots.start,
+            robots.stop, active, out,
         )  # fmt: skip
 
 
@@ -162,6 +162,7 @@ def observe_grids(
     packed: Int,
     states: Float,
     layouts: Float,
+    poses: Float,
     first_robot: int,
     end_robot: int,
     active: Bool,
@@ -173,6 +174,7 @@ def observe_grids(
         packed: `OccupancyConstants`, of an `ArgumentBlock`.
         states: as measured, [E, S].
         layouts: obstacles as measured, [E, M, 8].
+        poses: robots as measured, from which the arena's walls are seen, [E, >= 8 N].
         first_robot: that observes.
         end_robot: one past the last.
         active: copies to observe, [E]; rows of the others are not written.
@@ -205,4 +207,6 @@ def observe_grids(
             for m in range(n_rows):
                 channel = 1 if m < n_obstacles else 2
                 _mark_row(flags[channel:], rows[m], sizes[m] + half_cell, pose, span, grid)
+            own = poses[b, at : at + N_COLUMNS]
+            pose = (float(own[X]), float(own[Y]), float(own[UX]), float(own[UY]))
             _mark_outside(flags[1:], half, pose, span, grid)

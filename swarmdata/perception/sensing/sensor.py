@@ -1,5 +1,6 @@
 """Sensor: the observations of the robots of a task, by the model that the spec names."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +13,7 @@ from swarmdata.perception.sensing.measured_world import MeasuredWorld, World
 from swarmdata.perception.sensing.modifiers import Echoes, History
 from swarmdata.perception.sensing.occupancy import Occupancy
 from swarmdata.perception.sensing.sensed_scene import Scene
-from swarmdata.perception.sensing.state import State
+from swarmdata.perception.sensing.state import HEADING_FEATURES, PLACE_FEATURES, State
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, shown_for, stacked
 from swarmdata.specs.sensing_models import (
@@ -67,17 +68,14 @@ class Sensor:
         self._goal_columns = np.flatnonzero([feature.tells_goal for feature in frame])
         if model.goal_steps is not None:
             frame = tuple(shown_for(model.goal_steps, feature) for feature in frame)
-        self._pairs = np.array(
-            [len(kind) + k for k, feature in enumerate(extra) if feature.axis == "x"],
-            dtype=np.int64,
-        )
-        self._turns = model.kind != "state" and len(self._pairs) > 0
+        self._pairs = _turned_pairs(model, kind, extra)
+        self._heading = _heading_columns(model, kind)
         measured = MeasuredWorld(task, scene, n_copies)
         self._measured = None if measured.is_exact else measured
         self._added = np.zeros((n_copies, spec.n_agents, len(extra)), dtype=np.float32)
         echoes = Echoes(kind, self._sense.echoes, model, spec.randomization.noise)
         self._echoes = echoes if echoes.are_degraded else None
-        kept = [k for k, f in enumerate(frame) if model.velocities or f.kind != "velocity"]
+        kept = [k for k, feature in enumerate(frame) if _is_kept(feature, model)]
         frame = tuple(frame[k] for k in kept)
         self._kept = None if len(kept) == self._size else np.array(kept, dtype=np.int64)
         shape = (n_copies, spec.n_agents, len(kept))
@@ -95,9 +93,9 @@ class Sensor:
 
     def forget(self, copies: Int) -> None:
         """Makes the next frame of each of these copies the first of an episode."""
-        for history in (self._history, self._known):
-            if history is not None:
-                history.forget(copies)
+        for memory in (self._measured, self._history, self._known):
+            if memory is not None:
+                memory.forget(copies)
 
     def observe(self, step: Step, active: Bool, out: Float) -> Float:
         """Writes the observations of the robots of the active copies.
@@ -146,8 +144,10 @@ class Sensor:
     def _write_degraded(self, step: Step, active: Bool, frame: Float) -> Float:
         """Does so with all features: turned, with losses, and with the goal hidden."""
         known = self._write_frame(step, active, frame)
-        if self._turns:
+        if len(self._pairs):
             turn(known, self._pairs, active, frame)
+        if self._heading is not None:
+            np.copyto(frame[..., self._heading], (1.0, 0.0), where=active[:, None, None])
         if self._echoes is not None:
             self._echoes.degrade(step, active, frame[..., : self._n_sensed])
         if self._goal_steps is not None:
@@ -158,7 +158,7 @@ class Sensor:
         """Does so with all features, as sensed."""
         has_added = self._n_sensed < self._size
         if self._measured is None:
-            truth = World(step.states, step.layouts, step.states, step.layouts)
+            truth = World(step.states, step.layouts, step.states, step.layouts, step.states)
             self._sense.sense(truth, self._robots, active, frame)
             if has_added:
                 added = frame[..., self._n_sensed :]
@@ -173,6 +173,35 @@ class Sensor:
                 added = frame[:, i, self._n_sensed :]
                 np.copyto(added, self._added[:, i], where=active[:, None])
         return known
+
+
+def _turned_pairs(
+    model: ObservationModel, kind: Sequence[Feature], extra: Sequence[Feature]
+) -> Int:
+    """Columns of the x components that are sensed in the world's frame, and shown in the body's.
+
+    What the models of other kinds than `state` sense is in the body's frame already.
+    """
+    if not model.in_body_frame:
+        return np.zeros(0, dtype=np.int64)
+    first = 0 if isinstance(model, StateModel) else len(kind)
+    frame = (*kind, *extra)
+    pairs = [k for k in range(first, len(frame)) if frame[k].axis == "x"]
+    return np.array(pairs, dtype=np.int64)
+
+
+def _heading_columns(model: ObservationModel, kind: Sequence[Feature]) -> slice | None:
+    """Columns of the own heading in the own frame, where it is exactly (1, 0); None without any."""
+    if not model.in_body_frame or HEADING_FEATURES[0] not in kind:
+        return None
+    first = list(kind).index(HEADING_FEATURES[0])
+    return slice(first, first + 2)
+
+
+def _is_kept(feature: Feature, model: ObservationModel) -> bool:
+    if model.in_body_frame and feature in PLACE_FEATURES:
+        return False
+    return model.velocities or feature.kind != "velocity"
 
 
 def _role_feature(role: str) -> Feature:

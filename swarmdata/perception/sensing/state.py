@@ -41,8 +41,11 @@ OWN_FEATURES = (
     ),
 )
 
+PLACE_FEATURES = OWN_FEATURES[:2]
+"""Those that the body's frame has not."""
+
 HEADING_FEATURES = vector("own.heading", "direction", "own heading")
-"""Follows `OWN_FEATURES` in teams with a unicycle."""
+"""Follows `OWN_FEATURES` in teams with a unicycle; (1, 0) in the body's frame."""
 
 NEIGHBOR_FEATURES = (
     Feature("dx", "position", "x", "position relative to the own"),
@@ -88,6 +91,8 @@ STATE_CONSTANTS = bundle_type(StateConstants)
 
 class State:
     """Self, nearest robots and nearest obstacles, in the world's frame, as measured.
+
+    `Sensor` turns them into the body's frame.
 
     Features: `OWN_FEATURES`, `HEADING_FEATURES` in teams with a unicycle, then the slots of
     `NEIGHBOR_FEATURES` and of `OBSTACLE_FEATURES`, nearest surface first. A slot without an object

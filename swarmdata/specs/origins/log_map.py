@@ -1,7 +1,7 @@
 """LogMap, where in the logs of robots a dataset's columns are, as a YAML file says it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import (
@@ -16,16 +16,17 @@ from swarmdata.specs.quantities import Length
 
 UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("length", 1.0), "cm": ("length", 1e-2), "mm": ("length", 1e-3), "km": ("length", 1e3),
+    "px": ("length", 1.0),
     "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180),
     "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6), "ns": ("time", 1e-9),
     "m/s": ("speed", 1.0), "cm/s": ("speed", 1e-2), "mm/s": ("speed", 1e-3),
     "rad/s": ("turn rate", 1.0), "deg/s": ("turn rate", math.pi / 180),
     "1": ("number", 1.0),
 }  # fmt: skip
-"""Quantity and size in SI units of each unit that a map may name."""
+"""Quantity and size in SI units of each unit that a map may name; of pixels, `scale` says it."""
 
 Unit = Literal[
-    "m", "cm", "mm", "km", "rad", "deg", "s", "ms", "us", "ns",
+    "m", "cm", "mm", "km", "px", "rad", "deg", "s", "ms", "us", "ns",
     "m/s", "cm/s", "mm/s", "rad/s", "deg/s", "1",
 ]  # fmt: skip
 
@@ -44,11 +45,23 @@ def _column_alone(value: Any) -> Any:
     return {"column": value} if isinstance(value, str) else value
 
 
-class ColumnOf(Frozen):
+class ColumnOf(Extended):
     """One column of a table, or one field of a message such as `pose.position.x`."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("scale",)
 
     column: Text  # its name
     unit: Unit | None = None  # none: as the format says, else metres, radians, seconds
+    scale: Finite | None = None  # m, of a pixel; negative for the y of images, which points down
+
+    @model_validator(mode="after")
+    def _check_scale(self) -> Self:
+        if (self.unit == "px") != bool(self.scale):
+            raise ValueError(
+                f"unit is {self.unit or 'not given'} and scale {self.scale}: pixels (unit: px) "
+                "need the metres of one as their scale, and nothing else has one"
+            )
+        return self
 
 
 ColumnOrName = Annotated[ColumnOf, BeforeValidator(_column_alone)]
@@ -88,10 +101,10 @@ class PoseSignal(Signal):
     frame: Text | None = None  # of the poses; none: that of the messages, else the world
 
 
-class CommandComponent(ColumnOf, Extended):
+class CommandComponent(ColumnOf):
     """One component of a command, with its bounds in SI units."""
 
-    later_fields: ClassVar[tuple[str, ...]] = ("motion",)
+    later_fields: ClassVar[tuple[str, ...]] = (*ColumnOf.later_fields, "motion")
 
     low: Finite | None = None  # least value, in SI units; none: the least that any robot logged
     high: Finite | None = None  # greatest value, likewise
@@ -224,13 +237,25 @@ class StaticTransform(Frozen):
     heading: Finite = 0.0  # rad, counter-clockwise
 
 
-class TableForm(Frozen):
+class WindowRows(Frozen):
+    """Rows that are windows: each has the columns of several steps, one step after the other."""
+
+    columns: Annotated[Text, Field(pattern=r"\{step\}.*\{column\}|\{column\}.*\{step\}")]
+    """How their names are made, such as `{step}_{column}` of `0_x`, `0_y`, `1_x`, `1_y`."""
+    step: Positive  # s, between two steps
+    pause: Positive  # s, from the end of a window to the next one's begin; more than any `max_gap`
+
+
+class TableForm(Extended):
     """How text tables are written."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("windows",)
 
     delimiter: Annotated[str, Field(pattern=r"^(.|\t|whitespace)$")] = ","
     """One character, or `whitespace` for any number of spaces and tabs."""
     header: tuple[Text, ...] | None = None  # names of the columns; none: the first line has them
     comment: Annotated[str, Field(max_length=8)] = ""  # lines that begin so are left out
+    windows: WindowRows | None = None  # none: a row is of one time
 
 
 class MarkerSignal(LogSource):
@@ -311,9 +336,23 @@ class LogMap(Extended):
             raise ValueError(f"several robots are named {', '.join(twice)}, expected one each")
         if twice := repeated(each.frame for each in self.transforms):
             raise ValueError(f"several transforms place the frame {', '.join(twice)}")
+        gaps = [self.max_gap, *(signal.max_gap or 0 for signal in self._signals())]
+        for name, form in self.tables.items():
+            if form.windows and form.windows.pause <= max(gaps):
+                raise ValueError(
+                    f"tables of {name}: pause is {form.windows.pause:g} s, expected more than "
+                    f"every `max_gap` ({max(gaps):g} s), or windows would be joined"
+                )
         if self.episodes.goal_change and not any(robot.goal for robot in self.robots):
             raise ValueError("episodes.goal_change needs the goal of a robot, and there is none")
         return self
+
+    def _signals(self) -> Iterator[Signal]:
+        """Every signal that has a gap of its own."""
+        for robot in self.robots:
+            yield from (robot.pose, robot.command, *robot.features)
+            if robot.scan is not None:
+                yield robot.scan
 
 
 def _named(value: Any, name: str) -> Any:

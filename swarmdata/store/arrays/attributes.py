@@ -5,13 +5,14 @@ of the arrays' shapes. Nothing here reads them: they are in no digest but that o
 recording does not tell is left out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import SHAPE_MEANINGS
 from swarmdata.registry.components import make_task, reward_terms
 from swarmdata.specs.origins import Origin, Spec
+from swarmdata.specs.sensing_models import AnyObservationModel, Drift
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import action_columns, task_columns, term_columns
@@ -98,6 +99,21 @@ MODIFIED_NOTE = (
 )
 """What holds of every observation model."""
 
+BODY_STATE_NOTE = SENSED_NOTES["state"].replace("the world's", "the robot's body")
+"""Of states in the body's frame."""
+
+DRIFT_NOTE = (
+    "A robot knows its pose in the first state of an episode, and within `landmarks` (m) of a "
+    "corner or the middle of the arena. Else it adds up its displacements and turns, measured "
+    "with errors: in a step of d m and a turn of a rad, the displacement is measured as (1 + p "
+    "B0) times the true one plus p sqrt(d) (W0, W1), the turn as a + h B1 d + t B2 a + sqrt(h^2 "
+    "d + t^2 |a|) W2, with p, h, t the numbers `position`, `heading`, `turning` of `drift`, B "
+    "normal draws of the episode and W of the step; a robot that is not a unicycle measures "
+    "turns exactly. Its position, its heading and places in the world's frame are as it "
+    "believes, what it measures from its body is not."
+)
+"""What `drift` means."""
+
 _CODES = {"episodes/split": SPLITS, "episodes/end_reason": END_REASONS}
 
 
@@ -153,7 +169,7 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
         arena={"value": [spec.arena.width, spec.arena.height], "unit": "m"},
     )
     known.setdefault("observations", {}).update(
-        details=f"{SENSED_NOTES[spec.observation.kind]} {MODIFIED_NOTE}",
+        details=" ".join(_sensed_notes(spec.observation)),
         model=spec.observation.model_dump(mode="json"),
     )
     known["actions"] = _of_actions(spec)
@@ -165,6 +181,15 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
         if ALL_FIELDS[name].rows != "episodes":
             known.setdefault(name, {})["step"] = {"value": spec.control_dt, "unit": "s"}
     return known
+
+
+def _sensed_notes(model: AnyObservationModel) -> Iterator[str]:
+    """How the observations of a model are laid out, and what its numbers mean."""
+    is_turned = model.kind == "state" and model.in_body_frame
+    yield BODY_STATE_NOTE if is_turned else SENSED_NOTES[model.kind]
+    yield MODIFIED_NOTE
+    if model.drift != Drift():
+        yield DRIFT_NOTE
 
 
 def _of_actions(spec: TaskSpec) -> Attributes:

@@ -100,8 +100,7 @@ def _of(name: str, columns: tuple[Column, ...]) -> tuple[Column, ...]:
 
 def observation_columns(task: Task) -> tuple[Column, ...]:
     """Every column of one robot's observation, received messages included, [O]."""
-    model = task.spec.observation
-    frame = "world" if model.kind == "state" else "body"
+    frame = "body" if task.spec.observation.in_body_frame else "world"
     return tuple(
         Column(
             feature.name,
@@ -174,7 +173,7 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
     )
     columns = (*measured, *following)
     sent = tuple(columns[k] for k in PAYLOAD_COLUMNS[model.payload])
-    if spec.observation.noise.position == 0.0:
+    if spec.observation.noise.position == spec.observation.drift.position == 0.0:
         return sent
-    # with noise, a robot may measure a position outside of the arena
+    # with noise or drift, a robot may measure a position outside of the arena
     return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in sent)

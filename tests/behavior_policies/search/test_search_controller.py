@@ -1,48 +1,17 @@
 """The scripted controller of `search`: what it reads of messages, and that teams rescue."""
 
 import numpy as np
-import pytest
 
+from swarmdata.behavior_policies.heard_goals import HEARD_X, HEARD_Y, HeardGoals
 from swarmdata.behavior_policies.search.search_controller import SearchController
-from swarmdata.behavior_policies.search.search_team import (
-    HEARD_X,
-    HEARD_Y,
-    MASK,
-    VICTIM_X,
-    VICTIM_Y,
-    observed_square,
-)
+from swarmdata.behavior_policies.search.search_team import observed_square
 from swarmdata.envs.search.search import Search
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
-from swarmdata.specs.state_layout import TX, Y, robots_of
 
 SPEC = preset("search")
-
-
-@pytest.mark.parametrize("observation", ["state", "lidar"])
-def test_messages_are_read_in_the_frame_in_which_they_come(observation: str) -> None:
-    robots = [{"robot": {"dynamics": "unicycle"}, "count": 4}]
-    spec = SPEC.with_updates(observation=observation, team=robots)
-    policy, env = SearchController(spec), make_env(spec, 3)
-    step = env.reset(np.arange(3, dtype=np.uint64))
-    heard, states = policy._heard(step), robots_of(step.states, 4)
-    assert (heard[..., MASK] == 1.0).all()
-    for i in range(4):
-        np.testing.assert_allclose(heard[:, i, :, HEARD_X : HEARD_Y + 1], states[..., : Y + 1],
-                                   atol=1e-5)  # fmt: skip
-        np.testing.assert_allclose(heard[:, i, :, VICTIM_X : VICTIM_Y + 1], states[..., TX:],
-                                   atol=1e-5)  # fmt: skip
-
-
-@pytest.mark.parametrize("channel", ["none", "perfect", "learned-4"])
-def test_without_targets_in_messages_robots_know_only_themselves(channel: str) -> None:
-    spec = SPEC.with_updates(communication=channel)
-    policy, env = SearchController(spec), make_env(spec, 2)
-    heard = policy._heard(env.reset(np.arange(2, dtype=np.uint64)))
-    np.testing.assert_array_equal(heard[..., MASK], np.broadcast_to(np.eye(4), (2, 4, 4)))
 
 
 def test_teams_rescue_in_time() -> None:
@@ -68,7 +37,10 @@ def test_robots_that_take_no_notes_search_what_they_observe_and_nobody_is_nearer
     controller = SearchController(SPEC, remembers=False)
     step = env.reset(np.arange(8, dtype=np.uint64))
     controller.reset(step, np.arange(8))
-    heard, names = controller._heard(step), [each.name for each in features_of(Search(SPEC))]
+    heard, names = (
+        HeardGoals(Search(SPEC)).of(step),
+        [each.name for each in features_of(Search(SPEC))],
+    )
     middles = controller._floor.middles
     for b, i in np.ndindex(8, 4):
         offsets = step.observations[b, i, [names.index(f"unsearched_{k}.offset_{axis}")

@@ -2,10 +2,8 @@
 
 import numpy as np
 
+from swarmdata.behavior_policies.heard_goals import HEARD_X, HEARD_Y, MASK
 from swarmdata.behavior_policies.search.search_team import (
-    HEARD_X,
-    HEARD_Y,
-    MASK,
     NO_INDEX,
     VICTIM_X,
     VICTIM_Y,

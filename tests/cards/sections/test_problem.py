@@ -2,7 +2,11 @@
 
 import pytest
 
-from swarmdata.cards.sections.problem import SINGLE_ROBOT_NOTE, reward_section
+from swarmdata.cards.sections.problem import (
+    SINGLE_ROBOT_NOTE,
+    definitions_section,
+    reward_section,
+)
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.registry.components import make_task
@@ -28,6 +32,23 @@ def test_a_share_of_the_teams_reward_makes_robots_depend_on_one_another(share: f
     assert says_so(TaskSpec(rules=NavigationRules.parse({"rewards": rewards}))) == (share == 0)
     fixed = FormationRules.parse({"slots": "fixed", "rewards": rewards})
     assert says_so(preset("formation").with_updates(rules=fixed.model_dump())) == (share == 0)
+
+
+def test_definitions_have_the_numbers_of_the_spec() -> None:
+    spec = preset("search")
+    rules = spec.rules.model_dump()
+    near = spec.with_updates(
+        rules={**rules, "sight_range": 0.987, "cell_size": 1.25},
+        arena={"width": 5.0, "height": 6.0},
+    )
+    text = definitions_section(make_task(near))
+    for name in ("searched_c", "known_k", "rescued", "_way"):
+        assert f"`{name}`" in text
+    assert "at most 0.987 m" in text
+    assert "number c mod 4 along x" in text
+    without = near.with_updates(observation={**near.observation.model_dump(), "ways": False})
+    assert "`_way`" not in definitions_section(make_task(without))
+    assert not definitions_section(make_task(preset("coop_nav")))
 
 
 def test_unassigned_goals_have_a_shared_reward() -> None:

@@ -100,6 +100,19 @@ def test_wheels_with_little_grip_skid_and_spin(backend: str) -> None:
     np.testing.assert_allclose(starts, [0.3, 0.2, 0.06], rtol=1e-4)
 
 
+@pytest.mark.parametrize("backend", SIMULATORS)
+def test_grip_limits_the_forces_along_and_across_together(backend: str) -> None:
+    """A robot that slides sideways and drives off, over one control step of 0.1 s."""
+    changes = []
+    for grip in (0.5, 1.0, 10.0):
+        robot = {"dynamics": "unicycle", "wheel_grip": grip}
+        row = drive(backend, [robot], [(0, 0, 0, 0.6)], [(1, 0)], 1)[-1, 0]
+        changes.append((row[2], 0.6 - row[3]))
+    np.testing.assert_allclose(changes[0], (0.05 * ACROSS, 0.05 * ACROSS), rtol=1e-4)
+    np.testing.assert_allclose(changes[1], (0.1 * ACROSS, 0.1 * ACROSS), rtol=1e-4)
+    np.testing.assert_allclose(changes[2], (0.15, 0.6), rtol=1e-4)  # as in published worlds
+
+
 def test_a_used_space_has_the_bodies_of_the_next_episode() -> None:
     """Both backends of Pymunk have the same bits with heavy, rough robots, episode by episode."""
     body = {"mass": 2.5, "friction": 0.7}

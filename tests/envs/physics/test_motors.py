@@ -56,9 +56,12 @@ def test_each_robot_has_its_own_delay() -> None:
 
 
 def test_a_lag_has_its_time_constant() -> None:
-    motors = motors_of(Robot(actuator_lag=0.4))
-    steps = followed(motors, np.ones((40, 2, 1, 2)))[:, 0, 0, 0]
-    np.testing.assert_allclose(1.0 - steps, (0.4 / 0.5) ** np.arange(1, 41), rtol=1e-12)
+    """Whatever the step: after the time constant, 1 / e of the way is left."""
+    for lag in (0.05, 0.4):
+        motors = motors_of(Robot(actuator_lag=lag))
+        steps = followed(motors, np.ones((40, 2, 1, 2)))[:, 0, 0, 0]
+        left = np.exp(-0.1 * np.arange(1, 41) / lag)
+        np.testing.assert_allclose(1.0 - steps, left, atol=1e-14)
 
 
 def test_a_late_robot_drives_the_same_way_later() -> None:
@@ -87,7 +90,7 @@ def test_each_episode_draws_its_own_delays_and_lags() -> None:
         for i in range(3):
             delay, lag = int(drawn["command_delay"][b, i]), drawn["actuator_lag"][b, i]
             steps = np.clip(np.arange(1, 13) - delay, 0, None)
-            expected = 1.0 - (lag / (lag + 0.1)) ** steps
+            expected = 1.0 - np.exp(-0.1 * steps / lag)
             np.testing.assert_allclose(arrived[:, b, i], expected, rtol=1e-12)
     motors.reset(np.array([0]), seeds[1:])
     again = followed(motors, np.ones((12, 2, 3, 2)))[:, 0, :, 0]

@@ -170,6 +170,28 @@ def search(task: Task, before: Step, now: Step) -> Values:
     }
 
 
+def pursuit(task: Task, before: Step, now: Step) -> Values:
+    old, new = robots_of(task, before, now)
+    n, sees_all = task.spec.n_agents, task.spec.rules.model_dump()["sight_range"] is None
+
+    def columns(step: Step, ending: str) -> Any:
+        own = own_columns(task, step.states)
+        return np.stack([v[:, 0] for k, v in own.items() if k.endswith(ending)], -1)
+
+    def knows(step: Step) -> Any:
+        if sees_all:
+            return (columns(step, ".captured") == 0).any(-1, keepdims=True)
+        return (columns(step, "_known").reshape(len(old), n, -1) == 1).any(-1)
+
+    captured = [columns(step, ".captured").sum(-1, keepdims=True) for step in (before, now)]
+    return {
+        "kept": knows(before) & knows(now) & (captured[0] == captured[1]),
+        "d_old": length(old[..., 6:] - old[..., :2]),
+        "d": length(new[..., 6:] - new[..., :2]),
+        "captured": captured[1] - captured[0],
+    }
+
+
 def robots_of(task: Task, before: Step, now: Step) -> tuple[Any, Any]:
     n = task.spec.n_agents
     return robots(before.states, n), robots(now.states, n)
@@ -185,6 +207,8 @@ VALUES: dict[str, Callable[[Task, Step, Step], Values]] = {
     "warehouse": warehouse,
     "intersection": intersection,
     "search": search,
+    "pursuit-n6": pursuit,
+    "pursuit-sight": pursuit,
 }
 
 

@@ -14,6 +14,7 @@ from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import (
     QUANTITIES,
     aggregate_table,
+    budget_table,
     case_table,
     difference_table,
     metric_table,
@@ -163,3 +164,13 @@ def test_who_is_better_by_how_much() -> None:
     assert gap.low < gap.value < gap.high
     assert math.isnan(cells(table, "bc")["bc"].value)
     assert "paired by episode" in table.caption
+
+
+def test_a_budget_is_kept_or_not() -> None:
+    made = result(n=40)
+    (case,) = group_results([made]).cases
+    costs = made.evaluation.metrics["robot_collisions"]
+    row = cells(budget_table(case, {"robot_collisions": 0.25}), "bc")
+
+    assert row["robot_collisions_over_budget"].value == pytest.approx(costs.mean() - 0.25)
+    assert row["robot_collisions_over_budget_share"].value == (costs > 0.25).mean()

@@ -77,6 +77,7 @@ def test_malformed_axes_show_how_to_write_them(text: str) -> None:
     ("axis", "observation", "communication"),
     [
         ("noise=0,0.2", "state+noise-0.2", None),
+        ("drift=0,0.02", "state+drift-0.02", None),
         ("range=3,1.5", "state+range-1.5", None),
         ("dropout=0,0.1", "state+dropout-0.1", None),
         ("delay=0,2", "state+delay-2", None),
@@ -113,6 +114,18 @@ def test_a_noise_is_a_parameter_if_and_only_if_robots_feel_it(kind: str, noise: 
     seen = [make_env(spec).reset(np.array([3], np.uint64)).observations for spec in (quiet, loud)]
     offered = f"noise.{noise}" in parameters(quiet, "observation")
     assert offered == (not np.array_equal(seen[0], seen[1]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_headings_drift_where_robots_have_some_and_landmarks_correct_drift(kind: str) -> None:
+    plain, drifting = (with_models(TaskSpec(), name) for name in (kind, f"{kind}+drift-0.1"))
+    turning = with_models(preset("coop_nav-unicycle"), kind)
+    headings = {"drift.heading", "drift.turning"}
+    for spec in (plain, drifting, turning):
+        seen = parameters(spec, "observation").keys()
+        assert seen >= {"drift", "drift.position"}
+        assert (seen & headings == headings) == (spec is turning)
+        assert ("landmarks" in seen) == (spec is drifting)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -1,5 +1,7 @@
 """Policies in two simulators: the same seeds, paired tables, ranks, and what is refused."""
 
+import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,10 @@ from swarmdata.evaluation.transfer.simulator_transfer import (
     plan_transfer,
     rank_agreement,
     run_transfer,
+    transfer_table,
 )
-from swarmdata.evaluation.transfer.transfer_page import transfer_page
+
+ROOT = Path(__file__).parents[3]
 
 NAMES = ("idle", "random", "straight")
 
@@ -65,18 +69,18 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
         plan_transfer(["idle"], ["coop_nav"], tmp_path, backend="mujoko")
 
 
-def test_the_page_has_what_was_measured(teams: list[TeamTransfer]) -> None:
-    page = transfer_page(teams)
-    assert "| score, Pymunk | score, a world without contacts | change |" in page
-    assert "\n| coop_nav | " in page.partition("## Ranks")[2]
-    assert (
-        "swarmdata transfer idle random straight --task coop_nav --backend kinematic "
-        "--episodes 3 --results FOLDER --out FILE" in page
-    )
-    row = next(line for line in page.splitlines() if line.startswith("| straight |"))
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
+def test_the_table_has_what_was_measured(teams: list[TeamTransfer]) -> None:
+    rows = list(csv.DictReader(io.StringIO(transfer_table(teams))))
+    found = {
+        (row["team"], row["quantity"], row["backend"]): float(row["mean"])
+        for row in rows
+        if row["task"] == "coop_nav"
+    }
     known, new = teams[2].metric("obstacle_collisions")
-    assert cells[-2:] == [f"{known.mean():.2f}", f"{new.mean():.2f}"] == [cells[-2], "0.00"]
-    assert cells[1] == "1"
-    idle = next(line for line in page.splitlines() if line.startswith("| idle |"))
-    assert "+0.0 [0.0, 0.0]" in idle
+    assert found["straight", "obstacle_collisions", "pymunk"] == pytest.approx(known.mean())
+    assert found["straight", "obstacle_collisions", "kinematic"] == new.mean() == 0.0
+    assert found["idle", "score", "change"] == 0.0
+    assert -1.0 <= found["", "rank_correlation", ""] <= 1.0
+    assert {row["policies"] for row in rows if row["team"]} == {"1"}
+    head = (ROOT / "cards/simulators.csv").read_text().splitlines()[0]
+    assert list(rows[0]) == head.split(",")

@@ -93,6 +93,13 @@ def test_a_window_of_all_blocks_gives_the_batches_of_the_whole(
         assert_same(next(sampler), next(expected))
 
 
+def test_only_the_wanted_fields_are_read(host: StaticHost, whole: Dataset) -> None:
+    index = np.arange(8)
+    some = stream(host, window=3).sampler(8).gather(index, {"actions"})
+    np.testing.assert_array_equal(some.actions, whole.sampler(8).gather(index).actions)
+    assert some.observations is None
+
+
 def test_a_moving_window_gives_rows_of_the_selected_episodes(
     host: StaticHost, whole: Dataset
 ) -> None:

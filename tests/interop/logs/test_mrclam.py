@@ -124,4 +124,4 @@ def test_a_robot_without_a_barcode_is_refused(tmp_path: Path) -> None:
 
 
 def test_maps_that_are_shipped() -> None:
-    assert list(shipped_maps()) == ["mrclam"]
+    assert list(shipped_maps()) == ["mrclam", "retlo-3", "retlo-5", "turtles"]

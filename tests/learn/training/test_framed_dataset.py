@@ -73,6 +73,15 @@ def test_batches_are_those_of_the_data_turned(data: Dataset, frame: Frame) -> No
         np.testing.assert_allclose(back, recorded / norm, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["observations", "actions", "next_actions", "rewards"])
+def test_a_field_alone_is_turned_as_with_all_others(data: Dataset, frame: Frame, name: str) -> None:
+    """Though actions are turned by what the robots observe."""
+    sampler, index = framed(data, frame).sampler(16, seed=3), np.arange(16)
+    some = sampler.gather(index, {name})
+    np.testing.assert_array_equal(getattr(some, name), getattr(sampler.gather(index), name))
+    assert some.states is None
+
+
 def test_windows_are_turned_step_by_step(data: Dataset, frame: Frame) -> None:
     sampler = framed(data, frame).sampler(16, horizon=5, burn_in=3, seed=3)
     plain = data.sampler(16, horizon=5, burn_in=3, seed=3)

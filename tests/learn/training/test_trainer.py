@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
 from swarmdata.errors import CheckpointError, DivergedError, SchemaError, UnknownNameError  # noqa: E402
-from swarmdata.interfaces import Policy  # noqa: E402
+from swarmdata.interfaces import Policy, fields_of  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy  # noqa: E402
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy  # noqa: E402
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy  # noqa: E402
@@ -24,7 +25,7 @@ from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
-from swarmdata.types import Episode, no_messages  # noqa: E402
+from swarmdata.types import Batch, Episode, no_messages  # noqa: E402
 
 SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
@@ -273,6 +274,36 @@ def test_training_that_diverges_stops_and_keeps_the_last_good_checkpoint(
     run("maddpg_bc", tmp_path / "d")
     run("maddpg_bc", tmp_path / "whole")
     assert_same_files(tmp_path / "d", tmp_path / "whole")
+
+
+def test_batches_hold_what_the_algorithm_declares(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a declaration they hold everything, and the training is the same."""
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "bc")
+    seen: list[set[str]] = []
+    update = kind.update
+
+    def watched(self: Any, batch: Batch) -> Any:
+        seen.append({f.name for f in fields(batch) if getattr(batch, f.name) is not None})
+        return update(self, batch)
+
+    monkeypatch.setattr(kind, "update", watched)
+    run("bc", tmp_path / "declared")
+    assert all(names == {"observations", "actions", "mask"} for names in seen)
+    seen.clear()
+    monkeypatch.delattr(kind, "FIELDS")
+    run("bc", tmp_path / "all")
+    assert_same_files(tmp_path / "all", tmp_path / "declared")
+    assert all(names == {f.name for f in fields(Batch)} for names in seen)
+
+
+def test_declared_fields_are_those_of_a_batch_and_of_the_class_itself() -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, "bc")
+    assert fields_of(kind) == frozenset({"observations", "actions"})
+    assert fields_of(type("Derived", (kind,), {})) is None  # it may read more
+    with pytest.raises(UnknownNameError, match="observation"):
+        fields_of(type("Misspelt", (), {"FIELDS": ("observation",)}))
 
 
 def test_a_learning_rate_that_is_far_too_large_is_an_error(tmp_path: Path) -> None:

@@ -217,7 +217,7 @@ def test_quantisation_hides_what_is_within_a_cell(scenes: Any) -> None:
 
 @pytest.mark.parametrize(
     "name",  # not intersection: who knows at which of its gates a robot starts knows where it is
-    ["coop_nav", "coop_nav-unassigned", "formation", "transport", "warehouse", "search"],
+    ["coop_nav", "coop_nav-unassigned", "formation", "transport", "warehouse", "search", "pursuit"],
 )
 @pytest.mark.parametrize("kind", ["state", "bearing"])
 def test_what_a_task_adds_hides_it_too(name: str, kind: str) -> None:

@@ -22,7 +22,10 @@ WORSE = {
     "dropout": 0.2,
     "delay": 1,
     "stack": 3,
+    "drift": {"position": 0.05, "heading": 0.04, "turning": 0.03},
+    "landmarks": 0.5,
 }
+BODY_STATE = {"kind": "state", "frame": "body"}
 TEAM = [
     {"name": "scout", "count": 1, "robot": {"dynamics": "unicycle", "sensor_range": 1.0}},
     {"name": "carrier", "count": 3, "robot": {"radius": 0.18}},
@@ -59,14 +62,16 @@ def rotated(step: Step, n_agents: int, c: float, s: float) -> Step:
     return step._replace(states=states, layouts=layouts)
 
 
-@pytest.mark.parametrize("kind", ["lidar", "bearing", "occupancy"])
+@pytest.mark.parametrize("model", [*({"kind": kind} for kind in KINDS[1:]), BODY_STATE])
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-def test_the_bodys_frame_turns_with_the_world(scenes: Any, kind: str, quarters: int) -> None:
+def test_the_bodys_frame_turns_with_the_world(
+    scenes: Any, model: dict[str, str], quarters: int
+) -> None:
     """By quarter turns in a square arena, and by any angle where no wall is in range."""
-    task = scenes.task({"kind": kind}, has_bodies=True, has_features=True)
+    task = scenes.task(model, has_bodies=True, has_features=True)
     step = scenes.step(task, 3, 5)
     wide = {"width": 40.0, "height": 40.0}
-    open_task = scenes.task({"kind": kind}, has_bodies=True, has_features=True, arena=wide)
+    open_task = scenes.task(model, has_bodies=True, has_features=True, arena=wide)
     angle = quarters + 0.5
     for where, c, s in [
         (task, *[(1, 0), (0, 1), (-1, 0), (0, -1)][quarters]),
@@ -205,6 +210,26 @@ def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> Non
     shown = Sensor(make_task(preset(name)), 2)
     seen, other = run(shown, spec.n_agents, [step, step._replace(states=states)])
     assert not np.array_equal(seen, other)
+
+
+def test_the_bodys_frame_has_no_coordinates_of_the_world(scenes: Any) -> None:
+    """Neither the own position nor the heading: a world that is moved and turned looks the same."""
+    task, world = (
+        scenes.task(model, has_bodies=True, has_features=True)
+        for model in (BODY_STATE, {"kind": "state"})
+    )
+    names = [feature.name for feature in Sensor(task, 1).features]
+    assert names == [f.name for f in Sensor(world, 1).features if f.name not in ("own.x", "own.y")]
+    step = scenes.step(task, 3, 5)
+    states, layouts = step.states.copy(), step.layouts.copy()
+    for column in (*range(0, 32, 8), *range(6, 32, 8), *range(32, states.shape[1], 7)):
+        states[:, column] += 3
+    layouts[..., 1] += 3
+    moved = rotated(step._replace(states=states, layouts=layouts), 4, np.cos(1.0), np.sin(1.0))
+    before, after = run(Sensor(task, 3), 4, [step, moved])
+    np.testing.assert_allclose(before, after, atol=1e-5)
+    first = names.index("own.heading_x")
+    np.testing.assert_array_equal(before[..., first : first + 2], [[[1, 0]] * 4] * 3)
 
 
 def test_an_array_of_the_wrong_width_is_refused(scenes: Any) -> None:

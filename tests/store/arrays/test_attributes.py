@@ -181,6 +181,23 @@ def test_values_keep_their_ranges(task: str, observation: str, channel: str) -> 
     assert not wrong
 
 
+def test_observations_say_in_whose_frame_they_are_and_how_poses_drift() -> None:
+    def described(model: str) -> dict[str, Any]:
+        spec = preset("coop_nav-unicycle").with_updates(observation=observation_model(model))
+        shapes = shapes_of(make_env(spec))
+        return attributes_of(recipe_of(spec), shapes)["observations"]
+
+    for model, frame, other in (("state", "world", "body"), ("state+body-frame", "body", "world")):
+        found = described(model)
+        assert {column["frame"] for column in found["columns"]} == {"", frame}
+        assert f"{frame} frame" in found["details"].replace("'s", "")
+        assert f"{other} frame" not in found["details"].replace("'s", "")
+    drifting = described("drift-0.02")
+    assert drifting["model"]["drift"] == dict.fromkeys(("position", "heading", "turning"), 0.02)
+    assert "(1 + p B0)" in drifting["details"]
+    assert "(1 + p B0)" not in described("noise-0.02")["details"]
+
+
 def test_robots_that_differ_have_columns_of_their_own() -> None:
     spec = preset("coop_nav-mixed")
     actions = attributes_of(recipe_of(spec), {"actions": (4, spec.n_agents, 2)})["actions"]

@@ -1,10 +1,8 @@
 """The CSV tables of a study: a row for each run, dataset, cell, and point of a learning curve."""
 
-import csv
-import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -29,22 +27,6 @@ RUN_METRICS = (
 """Metrics of the table of runs, as means over the episodes of a run."""
 
 Row = Mapping[str, str | float | int | None]
-
-
-def to_csv(rows: Sequence[Mapping[str, object]]) -> str:
-    """The rows as CSV, with numbers rounded alike on every machine; undefined values are empty."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows([[_format_cell(row.get(name)) for name in names] for row in rows])
-    return out.getvalue()
-
-
-def _format_cell(value: object) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return ""
-    return format(value, ".8g") if isinstance(value, float) else str(value)
 
 
 def run_rows(found: Findings) -> list[Row]:

@@ -1,18 +1,21 @@
 """Information: algorithms on the same data, seen and heard in other ways."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.drawing import markdown
-from swarmdata.drawing.style import family_looks
-from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
+from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, Column, format_estimate
+from swarmdata.evaluation.results.result_set import ResultSet
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_view_cell, results_of
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
+from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT
 from swarmdata.evaluation.study.plan import ViewsPlan
 from swarmdata.rollouts.score_statistics import Estimate
+
+FIGURE = "information.png"
 
 QUANTITIES_BESIDE = ("success", "clean_success", "robot_collisions", "obstacle_collisions")
 """Of a table each, after the score's."""
@@ -28,9 +31,7 @@ def information_section(found: Findings, out: Path) -> dict[str, str]:
     plan = found.study.information
     if plan is None or found.views is None:
         return {}
-    families = found.view_families
-    keys = (quantity_of(found.views).column.key, *QUANTITIES_BESIDE)
-    boards = [make_scoreboard(found.views, families, key) for key in keys]
+    boards = _boards(found.views, found.view_families)
     models = [
         (f"`{label}`", *(each or "as recorded" for each in view.models))
         for label, view in plan.views.items()
@@ -39,12 +40,47 @@ def information_section(found: Findings, out: Path) -> dict[str, str]:
         "Trained and evaluated with the same models:\n",
         markdown.table(("view", "observation", "communication"), models),
     ]
-    for dataset in map(short_name, plan.datasets):
-        columns = dict(view_columns(found, dataset))
-        if columns:
-            parts += [_panel(board, dataset, columns) for board in boards]
-            parts.append(_figure(found, boards[0], dataset, columns, out))
+    measured = _measured(found)
+    for dataset, columns in measured.items():
+        parts += [_panel(board, dataset, columns) for board in boards]
+    if measured:
+        _plot(boards[0], measured, tuple(plan.views), out / FIGURE)
+        parts.append(f"![{boards[0].column.label} by view]({FIGURE})\n")
     return {"Information: trained and evaluated with it": "\n".join(parts)}
+
+
+def _boards(views: ResultSet, families: Mapping[str, str]) -> list[Scoreboard]:
+    keys = (quantity_of(views).column.key, *QUANTITIES_BESIDE)
+    return [make_scoreboard(views, families, key) for key in keys]
+
+
+def _measured(found: Findings) -> dict[str, dict[str, str]]:
+    """Short name of each dataset with results -> view -> name of the case."""
+    plan = found.study.information
+    assert plan is not None
+    columns = {name: dict(view_columns(found, name)) for name in map(short_name, plan.datasets)}
+    return {dataset: views for dataset, views in columns.items() if views}
+
+
+def view_rows(found: Findings) -> list[dict[str, object]]:
+    """One row per dataset, view, row of the study and quantity, in stored units."""
+    if found.views is None:
+        return []
+    return [
+        {
+            "dataset": dataset,
+            "view": view,
+            "label": label,
+            "quantity": board.column.key,
+            "mean": estimate.value,
+            "low": estimate.low,
+            "high": estimate.high,
+        }
+        for board in _boards(found.views, found.view_families)
+        for dataset, views in _measured(found).items()
+        for view, name in views.items()
+        for label, estimate in board.estimates.get(name, {}).items()
+    ]
 
 
 def label_of(plan: ViewsPlan, cell: Cell) -> str:
@@ -86,22 +122,31 @@ def _text(found: Estimate | None, column: Column) -> str:
     return UNDEFINED if found is None else format_estimate(found, column)
 
 
-def _figure(
-    found: Findings, board: Scoreboard, dataset: str, columns: dict[str, str], out: Path
-) -> str:
-    shown = {
-        label: board.in_shown_units(name)
-        for label, name in columns.items()
-        if name in board.estimates
-    }
-    data = {
-        label: board.column.factor * board.data[name]
-        for label, name in columns.items()
-        if name in board.data
-    }
-    file = f"information-{dataset}.png"
-    looks = family_looks({**found.families, **board.families})
-    plot_by_dataset(
-        shown, data, looks, out / file, label=board.column.label, families=board.families
+def _plot(
+    board: Scoreboard, views: Mapping[str, Mapping[str, str]], order: Sequence[str], path: Path
+) -> None:
+    """Draws a row for each view, a column for each dataset and algorithm.
+
+    Colors are changes from the first view.
+    """
+    cells: dict[tuple[str, str], MatrixCell] = {}
+    columns: dict[str, list[str]] = {}
+    for dataset, names in views.items():
+        shown = {view: board.in_shown_units(each) for view, each in names.items()}
+        first = shown[next(iter(shown))]
+        labels = [label for label in board.families if label in first]
+        columns[dataset] = [f"{dataset}: {label}" for label in labels]
+        for view, found in shown.items():
+            best = board.leaders(names[view]) if len(labels) > 1 else []
+            for label in labels:
+                if label in found:
+                    change = found[label].value - first[label].value
+                    cell = MatrixCell(found[label].value, change, label in best)
+                    cells[view, f"{dataset}: {label}"] = cell
+    rows = [view for view in order if any(view in names for names in views.values())]
+    notes = Notes(
+        SCALE_LIMIT,
+        f"{board.column.label} minus that in the first row",
+        "framed: the best of a dataset in this row and those not clearly worse (paired)",
     )
-    return f"![{board.column.label} by view]({file})\n"
+    plot_matrix(cells, {"": rows}, columns, path, notes)

@@ -1,21 +1,27 @@
-"""The sections on differences that a study asks for: its pairs of rows, paired by episode."""
+"""The sections on differences: those that a study asks for, and how far rows are from the data."""
 
-from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from swarmdata.drawing import markdown
+from swarmdata.evaluation.results.estimate_table import UNDEFINED
+from swarmdata.evaluation.results.result_tables import UNDEFINED_ESTIMATE
 from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.pages.difference_figure import plot_row_differences
 from swarmdata.evaluation.study.pages.doubling import budget_table, order_table
 from swarmdata.evaluation.study.pages.row_differences import (
     columns_of,
     format_difference,
+    main_column,
     measured_differences,
     missing_pairs,
     verdict_of,
 )
-from swarmdata.evaluation.study.pages.study_figures import plot_differences_from_zero
-from swarmdata.evaluation.study.plan import DifferencesPlan
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard
+from swarmdata.evaluation.study.plan import DifferencesPlan, Study
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
 
 ORDERS = (
     "Families by score, the best first. `>`: clearly better than the next, paired by episode; `≥`: "
@@ -35,8 +41,8 @@ def _section(found: Findings, name: str, out: Path) -> str:
         "The first row minus the second, paired by episode. A difference is higher or lower if "
         "its whole interval is.\n\n"
     )
-    if measured_differences(found, plan):
-        _plot_pairs(found, plan, out / figure)
+    if differences := measured_differences(found, plan):
+        plot_row_differences(differences, columns_of(found), out / figure)
         head += f"![the first row minus the second]({figure})\n\n"
     return head + _tables(found, plan)
 
@@ -65,20 +71,57 @@ def _tables(found: Findings, plan: DifferencesPlan) -> str:
     return "\n".join(parts)
 
 
-def _plot_pairs(found: Findings, plan: DifferencesPlan, path: Path) -> None:
-    """Draws all differences, a row each.
+CLONE = "bc"
+"""The algorithm that copies the data."""
 
-    A group has the pairs on one dataset; a pair on several datasets is a group of its own.
-    """
-    groups: dict[str, dict[str, list[Estimate]]] = {}
-    columns, differences = columns_of(found), measured_differences(found, plan)
-    counts = Counter(difference.words for difference in differences)
-    for each in differences:
-        pair = f"{each.one} − {each.other}"
-        is_alone = counts[each.words] == 1
-        title, row = (each.dataset, pair) if is_alone else (pair, each.dataset)
-        groups.setdefault(title, {})[row] = [
-            Estimate(*(column.factor * end for end in each.estimates[column.key]))
-            for column in columns
-        ]
-    plot_differences_from_zero(groups, [f"change of {each.header}" for each in columns], path)
+
+class Distance(NamedTuple):
+    """How far a row is from the data on a dataset."""
+
+    dataset: str
+    label: str
+    from_mean: Estimate  # of the data: a known number, so nothing is paired
+    from_clone: Estimate  # paired by episode
+
+
+def clone_of(study: Study) -> str:
+    """The label of the plain clone; empty if the study has none."""
+    plain = (
+        label
+        for label, row in study.algorithms.items()
+        if row.algorithm == CLONE and not row.settings and row.rewards is None
+    )
+    return next(plain, "")
+
+
+def distance_table(found: Findings) -> str:
+    """A row for each dataset and row of the study."""
+    board = make_scoreboard(found.results, found.families, main_column(found).key)
+    rows = [
+        (
+            without_version(each.dataset),
+            f"`{each.label}`",
+            _cell(each.from_mean, board),
+            _cell(each.from_clone, board),
+        )
+        for each in _distances(board, clone_of(found.study))
+    ]
+    label = board.column.label
+    head = ("dataset", "row", f"{label} minus the mean of the data", f"{label} minus the clone's")
+    return markdown.table(head, rows)
+
+
+def _distances(board: Scoreboard, clone: str) -> Iterator[Distance]:
+    for dataset, estimates in board.estimates.items():
+        mean = board.data.get(dataset)
+        for label, found in estimates.items():
+            from_mean = UNDEFINED_ESTIMATE if mean is None else Estimate(*(e - mean for e in found))
+            is_paired = clone in estimates and label != clone
+            from_clone = board.lead(dataset, label, clone) if is_paired else UNDEFINED_ESTIMATE
+            yield Distance(dataset, label, from_mean, from_clone)
+
+
+def _cell(difference: Estimate, board: Scoreboard) -> str:
+    if difference is UNDEFINED_ESTIMATE:
+        return UNDEFINED
+    return f"{format_difference(difference, board.column)}, {verdict_of(difference)}"

@@ -30,6 +30,25 @@ class RowDifference:
         return f"`{self.one}` − `{self.other}`"
 
 
+def difference_rows(found: Findings) -> list[dict[str, object]]:
+    """One row per list of pairs, pair, dataset and quantity: the difference, in stored units."""
+    return [
+        {
+            "list": name,
+            "one": each.one,
+            "other": each.other,
+            "dataset": each.dataset,
+            "quantity": key,
+            "mean": estimate.value,
+            "low": estimate.low,
+            "high": estimate.high,
+        }
+        for name, plan in found.study.differences.items()
+        for each in measured_differences(found, plan)
+        for key, estimate in each.estimates.items()
+    ]
+
+
 def verdict_of(difference: Estimate) -> Verdict:
     """Whether a difference is above 0 with its whole interval, below, or neither."""
     if difference.low > 0.0:

@@ -10,6 +10,7 @@ from swarmdata.evaluation.figures.dot_plot import (
     Panel,
     PanelLine,
     family_legend,
+    fits_on_a_screen,
     plot_dots,
 )
 from swarmdata.evaluation.results.aggregates import collisions, pareto_front
@@ -17,6 +18,7 @@ from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_plots import plot_pareto
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard
+from swarmdata.evaluation.study.pages.study_matrices import plot_board
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
 from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO
 from swarmdata.rollouts.score_statistics import Estimate
@@ -175,7 +177,15 @@ def safety_sections(found: Findings, out: Path) -> dict[str, str]:
     """
     success, clean, crashes = _boards(found).values()
     fronts = fronts_of(found)
-    plot_safety(found, fronts, out / "safety.png")
+    if fits_on_a_screen(max(len(each.clean) for each in fronts.values()), len(fronts)):
+        plot_safety(found, fronts, out / "safety.png")
+    else:
+        solved = {
+            dataset: {label: each.value for label, each in success.in_shown_units(dataset).items()}
+            for dataset in clean.estimates
+        }
+        scale = "clean success minus success, percentage points"
+        plot_board(clean, out / "safety.png", solved, scale)
     body = (
         f"Episodes solved (%):\n\n{scoreboard_table(success)}\n"
         f"Episodes solved without a collision (%):\n\n{scoreboard_table(clean)}\n"

@@ -1,10 +1,10 @@
-"""The figures of a study that only it has: training curves, differences.
+"""The figures of a study that only it has: training curves.
 
 A label has the same color and marker in all figures: the color of its family, a marker of its own.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,13 @@ from swarmdata.drawing.style import (
     thousands,
 )
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks, Panel, PanelLine, plot_dots
+from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.results.learning_curves import Curve
-from swarmdata.evaluation.study.pages.row_differences import verdict_of
-from swarmdata.rollouts.score_statistics import Estimate
 
 MARKED_POINTS = 6
 """Markers on a training curve, at most about."""
 
-CURVE_PANEL_HEIGHT = 1.5
+CURVE_PANEL_HEIGHT = 1.45
 """Inches."""
 
 
@@ -43,7 +41,7 @@ def plot_training_curves(
 ) -> None:
     """Draws values over training: the mean over seeds in a band from lowest to highest.
 
-    All panels have the same axes, and labels stand at the ends of their lines.
+    Panels share the vertical axis; labels stand at the ends of their lines.
 
     Args:
         panels: title -> algorithm -> curve.
@@ -62,7 +60,7 @@ def plot_training_curves(
     width = COLUMN_WIDTH if n_columns == 1 else max(PAGE_WIDTH, 2.1 * n_columns)
     lines = line_looks(looks)
     with figure(path, width=width, height=0.5 + (CURVE_PANEL_HEIGHT + 0.35) * n_rows) as drawing:
-        grid = drawing.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True).ravel()
+        grid = drawing.subplots(n_rows, n_columns, squeeze=False, sharey=True).ravel()
         for axes, (title, curves) in zip(grid, panels.items(), strict=False):
             for name, curve in curves.items():
                 look = {**looks[name], **lines[name]}
@@ -73,7 +71,8 @@ def plot_training_curves(
             set_up_panel(axes, title)
         for axes in grid[: len(panels)]:  # all lines are drawn, so the shared limits are final
             label_ends(axes, axes.get_lines(), CURVE_PANEL_HEIGHT)
-        _hide_unused(grid, len(panels), n_columns)
+        for axes in grid[len(panels) :]:
+            axes.set_visible(False)
         drawing.supxlabel(xlabel, fontsize=8)
         drawing.supylabel(ylabel, fontsize=8)
 
@@ -86,40 +85,7 @@ def _draw_band(axes: Any, curve: Curve, factor: float, label: str, look: Mapping
     axes.fill_between(curve.progress, low, high, color=look["color"], alpha=0.13, lw=0)
 
 
-def _hide_unused(grid: Sequence[Any], n_used: int, n_columns: int) -> None:
-    """Hides panels without content; those above them get the ticks of the axis they share."""
-    for axes in grid[n_used:]:
-        axes.set_visible(False)
-    for axes in grid[max(0, n_used - n_columns) : n_used]:
-        axes.tick_params(axis="x", labelbottom=True)
-
-
 def set_up_panel(axes: Any, title: str) -> None:
     """Gives a panel its title and a grid."""
     axes.set_title(title, loc="left", fontsize=7.5, fontweight="bold")
     draw_grid(axes, width=0.5)
-
-
-def plot_differences_from_zero(
-    groups: Mapping[str, Mapping[str, Sequence[Estimate]]], labels: Sequence[str], path: Path
-) -> None:
-    """Draws differences with intervals beside 0: a line of panels for each group.
-
-    Rows are sorted by the first quantity, the highest on top. Markers of differences that may be 0
-    are not filled.
-
-    Args:
-        groups: title -> row -> difference of each quantity, in shown units; NaN is left out.
-        labels: of the axes, one for each quantity.
-        path: where to save.
-    """
-    lines = []
-    for title, found in groups.items():
-        rows = sorted(found, key=lambda row: (-found[row][0].value, row))
-        panels = []
-        for k, label in enumerate(labels):
-            known = {row: found[row][k] for row in rows if not math.isnan(found[row][k].value)}
-            unclear = [row for row, each in known.items() if verdict_of(each) == "no clear change"]
-            panels.append(Panel(known, label, "" if k else title, scale=label, hollow=unclear))
-        lines.append(PanelLine(rows, panels))
-    plot_dots(lines, {}, path, legend={"no clear change": HOLLOW_LOOK}, zero=True)

@@ -1,5 +1,6 @@
 """Writes a study's folder: CSV tables, figures, and a page of tables and figures."""
 
+import math
 import shutil
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
@@ -7,9 +8,13 @@ from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
 from swarmdata.drawing import markdown
-from swarmdata.drawing.page_text import page_with
-from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
+from swarmdata.evaluation.figures.dot_plot import (
+    MAX_PANELS_IN_A_LINE,
+    fits_on_a_screen,
+    plot_by_dataset,
+)
 from swarmdata.evaluation.results.aggregates import comparable_scores
+from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
@@ -28,14 +33,17 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     dataset_rows,
     estimate_rows,
     run_rows,
-    to_csv,
 )
 from swarmdata.evaluation.study.pages.data_sizes import size_section
-from swarmdata.evaluation.study.pages.data_views import information_section
-from swarmdata.evaluation.study.pages.differences_section import differences_sections
-from swarmdata.evaluation.study.pages.distance import distance_table
+from swarmdata.evaluation.study.pages.data_views import information_section, view_rows
+from swarmdata.evaluation.study.pages.differences_section import (
+    differences_sections,
+    distance_table,
+)
+from swarmdata.evaluation.study.pages.row_differences import difference_rows
 from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
+from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT, plot_board
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_table,
     duration,
@@ -58,6 +66,7 @@ from swarmdata.evaluation.study.shifts.shift_table import (
     transfer_section,
     write_shifts,
 )
+from swarmdata.evaluation.study.shifts.sweep_figure import plot_sweeps
 from swarmdata.evaluation.study.shifts.sweep_files import (
     SWEEP_FILE,
     SWEEPS_FOLDER,
@@ -70,6 +79,8 @@ from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
 from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
 
+MADE = "<!-- What follows is made by swarmdata; what stands above this line is kept. -->"
+
 STUDY = OutputKind("study")
 
 REPORT_FILE = "report.md"
@@ -77,6 +88,8 @@ RESULTS_FILE = "results.csv"
 DATA_FILE = "data.csv"
 COSTS_FILE = "costs.csv"
 CURVES_FILE = "curves.csv"
+DIFFERENCES_FILE = "differences.csv"
+VIEWS_FILE = "views.csv"
 
 BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
 """What texts call the seeds of a block."""
@@ -172,6 +185,12 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as unpacked:
         found, notes = read_archive(study, folder / ARCHIVE_FILE, Path(unpacked))
         write_file(folder / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
+        for name, rows in (
+            (DIFFERENCES_FILE, difference_rows(found)),
+            (VIEWS_FILE, view_rows(found)),
+        ):
+            if rows:
+                write_file(folder / name, to_csv(rows).encode())
         made = _made(found, folder, notes.command, read_sweeps(study, out))
         page = page_with(made, out / REPORT_FILE, study.title or f"Study {study.name}")
         write_file(folder / REPORT_FILE, page.encode())
@@ -197,13 +216,24 @@ def _made(found: Findings, out: Path, command: str, sweeps: Sequence[SweptAxis])
         *curve_section(found, out).items(),
         *online_curve_section(found, out).items(),
         *loss_sections(found, out),
-        *(_sweep_section(found.study, sweep) for sweep in sweeps),
+        *_sweep_sections(found, sweeps, out),
         *transfer_section(found, read_shifts(out / TRANSFER_FILE)).items(),
-        *task_section(found, read_shifts(out / TASKS_FILE)).items(),
+        *task_section(found, read_shifts(out / TASKS_FILE), out).items(),
         ("Without results", markdown.table(("cell", "reason"), missing) if missing else ""),
         ("Cost", cost_table(found)),
     ]
     return "\n".join(f"## {title}\n\n{body.rstrip()}\n" for title, body in sections if body)
+
+
+def _sweep_sections(
+    found: Findings, sweeps: Sequence[SweptAxis], out: Path
+) -> list[tuple[str, str]]:
+    """A figure of all sweeps, and what is left of each row at the worst value of each."""
+    if not sweeps:
+        return []
+    plot_sweeps(sweeps, found.looks, out / "robustness.png")
+    whole = "Robustness", "![success in worse conditions](robustness.png)"
+    return [whole, *(_sweep_section(found.study, sweep) for sweep in sweeps)]
 
 
 def _sweep_section(study: Study, sweep: SweptAxis) -> tuple[str, str]:
@@ -215,7 +245,7 @@ def _sweep_section(study: Study, sweep: SweptAxis) -> tuple[str, str]:
         f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
         f"{sweep.n_episodes:,} seeds at each value; changes are paired by training seed and "
         f"episode. [All values]({folder}/{SWEEP_FILE}).\n\n"
-        f"![{sweep.name}]({folder}/{sweep.picture})\n\n{sweep_table(sweep)}"
+        f"{sweep_table(sweep)}"
     )
 
 
@@ -294,15 +324,24 @@ def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
     data_means = {
         without_version(name): board.column.factor * value for name, value in board.data.items()
     }
-    plot_by_dataset(
-        shown,
-        data_means,
-        found.looks,
-        out / "scores.png",
-        label=board.column.label,
-        families=board.families,
-        shares_axis=key == "score",
-    )
+    n_lines = math.ceil(len(shown) / MAX_PANELS_IN_A_LINE)
+    if fits_on_a_screen(len(board.families), n_lines):
+        plot_by_dataset(
+            shown,
+            data_means,
+            found.looks,
+            out / "scores.png",
+            label=board.column.label,
+            families=board.families,
+            shares_axis=key == "score",
+        )
+    else:
+        means = {
+            name: dict.fromkeys(each, board.column.factor * board.data[name])
+            for name, each in board.estimates.items()
+        }
+        scale = f"{board.column.label} minus the mean of the data"
+        plot_board(board, out / "scores.png", means, scale, SCALE_LIMIT, has_side=True)
     return (
         f"{scale} Bold: the best algorithm of a dataset, and those whose difference to it, paired "
         f"by episode, is not clearly below 0.\n\n{scoreboard_table(board)}\n"
@@ -323,3 +362,15 @@ def _overall(found: Findings, out: Path) -> dict[str, str]:
         plot_differences(tables, out / "differences.png")
         body += "\n![paired differences of scores](differences.png)\n"
     return {"Aggregates over datasets": body}
+
+
+def page_with(made: str, file: Path, title: str) -> str:
+    """Returns a page whose tables and figures are new, and whose text is that of the file.
+
+    Args:
+        made: tables and figures.
+        file: the page before; it need not exist. Where it has no line `MADE`, all of it is text.
+        title: of a new page.
+    """
+    old = file.read_text(encoding="utf-8") if file.exists() else f"# {title}\n"
+    return f"{old.partition(MADE)[0].rstrip()}\n\n{MADE}\n\n{made.strip()}\n"

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swarmdata.drawing import markdown
-from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate
+from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
+from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate, to_csv
 from swarmdata.evaluation.results.result_tables import QUANTITIES, Quantity
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.csv_tables import to_csv
-from swarmdata.evaluation.study.pages.scoreboard import quantity_of
+from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
 
 TRANSFER_FILE = "transfer.csv"
@@ -20,6 +21,10 @@ TASKS_FILE = "tasks.csv"
 
 NO_FIT = "other inputs"
 """Stands where a policy cannot read what it would be given, or the robots are others."""
+
+TASKS_FIGURE = "tasks.png"
+
+TRAINED = "task of training"
 
 METRIC, ESTIMATE = "metric", ("estimate", "low", "high")
 
@@ -115,8 +120,14 @@ def _matrix(rows: Sequence[Shifted], quantity: Quantity) -> str:
     )
 
 
-def task_section(found: Findings, rows: Sequence[Shifted]) -> dict[str, str]:
-    """A table for each dataset and quantity, by the section's title; empty without rows."""
+def task_section(found: Findings, rows: Sequence[Shifted], out: Path) -> dict[str, str]:
+    """A table for each dataset and quantity, by the section's title; empty without rows.
+
+    Args:
+        found: what was measured.
+        rows: policies in other tasks.
+        out: folder for the figure.
+    """
     if not rows:
         return {}
     quantities = (quantity_of(found.results), QUANTITIES["success"], QUANTITIES["clean_success"])
@@ -133,7 +144,32 @@ def task_section(found: Findings, rows: Sequence[Shifted]) -> dict[str, str]:
         for dataset, by_label in by_dataset.items()
         for quantity in quantities
     ]
-    return {"Other places and sizes of teams": text + "\n".join(tables)}
+    _plot_tasks(found, rows, out / TASKS_FIGURE)
+    picture = f"\n![success by task]({TASKS_FIGURE})\n"
+    return {"Other places and sizes of teams": text + "\n".join(tables) + picture}
+
+
+def _plot_tasks(found: Findings, rows: Sequence[Shifted], path: Path) -> None:
+    """Draws success, a row for each dataset and algorithm, a column for each task."""
+    board = make_scoreboard(found.results, found.families, "success")
+    trained = {without_version(name): board.in_shown_units(name) for name in board.estimates}
+    cells: dict[tuple[str, str], MatrixCell] = {}
+    names: dict[str, list[str]] = {}
+    for (dataset, label), group in _grouped(rows).items():
+        own = trained[dataset][label].value
+        name = f"{dataset}: {label}"
+        names.setdefault(dataset, []).append(name)
+        cells[name, TRAINED] = MatrixCell(own, 0.0)
+        for each in group:
+            if "success" in each.estimates:
+                solved = board.column.factor * each.estimates["success"].value
+                cells[name, each.used_with] = MatrixCell(solved, solved - own)
+    columns = [TRAINED, *dict.fromkeys(each.used_with for each in rows)]
+    notes = Notes(
+        100.0, "success minus that in the task of training, percentage points",
+        "number: success (%); dot: the policy has inputs of another size",
+    )  # fmt: skip
+    plot_matrix(cells, names, {"": columns}, path, notes)
 
 
 def _task_table(

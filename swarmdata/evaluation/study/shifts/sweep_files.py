@@ -20,11 +20,6 @@ SWEEP_FILE = "sweep.csv"
 SUCCESS, CLEAN = QUANTITIES["success"], QUANTITIES["clean_success"]
 
 
-def picture_of(part: str, parameter: str) -> str:
-    """The name of a sweep's figure."""
-    return f"{part}-{parameter}.png"
-
-
 class SweptAxis(NamedTuple):
     """One sweep of a study."""
 
@@ -35,11 +30,6 @@ class SweptAxis(NamedTuple):
     def name(self) -> str:
         """The parameter with its part, such as `communication drop`."""
         return f"{self.rows[0]['part']} {self.rows[0]['parameter']}"
-
-    @property
-    def picture(self) -> str:
-        """The name of its figure."""
-        return picture_of(self.rows[0]["part"], self.rows[0]["parameter"])
 
     @property
     def n_episodes(self) -> int:

@@ -8,17 +8,15 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.robustness.sweep import sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
-from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder, is_done
 from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan, View
-from swarmdata.evaluation.study.shifts.sweep_files import SWEEP_FILE, SWEEPS_FOLDER, picture_of
+from swarmdata.evaluation.study.shifts.sweep_files import SWEEP_FILE, SWEEPS_FOLDER
 from swarmdata.runtime.engines.open_engine import LOCAL
 
 
@@ -91,19 +89,17 @@ def run_sweeps(
     planned: Sequence[PlannedSweep],
     work: Path,
     out: Path,
-    looks: Looks,
     *,
     engine: str | Executor = LOCAL,
     workers: int = 1,
     progress: bool = True,
 ) -> None:
-    """Runs the sweeps and puts their tables and figures beside the page.
+    """Runs the sweeps and puts their tables beside the page.
 
     Args:
         planned: sweeps whose cells are done.
         work: folder of the cells; an interrupted sweep resumes there.
         out: folder of the page.
-        looks: color and marker of each row of the study.
         engine: where policies are evaluated, as `build` takes it.
         workers: processes of the engine `local`; 1: this one.
         progress: whether to show a progress bar for each.
@@ -113,11 +109,10 @@ def run_sweeps(
         folder = each.folder(work)
         names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
-        (found,) = sweep(
+        sweep(
             names, [axis], folder, n_episodes=each.n_episodes, engine=engine, workers=workers,
             progress=progress,
         )  # fmt: skip
         page_folder = out / SWEEPS_FOLDER / each.label
         page_folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)
-        plot_degradation(found, page_folder / picture_of(axis.part, axis.name), looks)

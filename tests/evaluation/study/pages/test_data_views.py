@@ -56,7 +56,7 @@ def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Pat
     assert moved["`recorded`"][2] == "other inputs"
     assert moved["`recorded`"][0] != moved["`recorded`"][1]
     assert {path.name for path in tmp_path.glob("work/transfer/bc/*/*")} == set(VIEWS)
-    assert (tmp_path / "out" / "information-coop_nav-tiny-v0.png").exists()
+    assert (tmp_path / "out" / "information.png").exists()
     recorded = (tmp_path / "out" / "results.csv").read_text()
     assert "@" not in recorded, "the grid stays as recorded"
     again, _ = run_study(study, options, "x")

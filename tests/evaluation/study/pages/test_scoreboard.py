@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.study.pages.csv_tables import to_csv
+from swarmdata.evaluation.results.estimate_table import Column, to_csv
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.evaluation.study.pages.study_tables import duration, scoreboard_table
 from swarmdata.rollouts.score_intervals import difference_interval, mean_interval

@@ -47,7 +47,7 @@ def rows(file: Path) -> list[dict[str, str]]:
 
 @pytest.mark.usefixtures("empty_figures")
 def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) -> None:
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False)
     failures, files = run_study(study, options, "swarmdata study tiny.yaml")
     assert failures == {}
     assert files[0] == tmp_path / "out" / "report.md"
@@ -85,7 +85,9 @@ def test_a_mixture_is_a_dataset_of_its_own(
         information={"datasets": ["both"], "algorithms": ["bc"], "views": views},
     )
     failures, files = run_study(
-        study, StudyOptions(tmp_path / "out", tmp_path / "work", progress=False), "swarmdata study"
+        study,
+        StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False),
+        "swarmdata study",
     )
     assert failures == {}
     found = {run["dataset"]: run for run in rows(tmp_path / "out" / "data.csv")}
@@ -135,7 +137,7 @@ def test_pages_are_made_again_from_the_folder_alone(
                       "algorithms": ["maddpg"]}},
     )  # fmt: skip
     out, work = tmp_path / "out", tmp_path / "work"
-    options = StudyOptions(out, work, progress=False)
+    options = StudyOptions(out, work, 1, progress=False)
     run_study(study, options, "swarmdata study tiny.yaml")
     moved = tmp_path / "elsewhere"
     out.rename(moved)
@@ -160,12 +162,12 @@ def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     other = tmp_path / "other-v0"
     shutil.copytree(data, other)
     study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="bc/coop*", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, only="bc/coop*", progress=False)
     _, files = run_study(study, options, "x")
     assert "| bc/other-v0 | not run yet |" in files[0].read_text()
     monkeypatch.setattr(cell_worker, "_evaluate", _run_out_of_space)
     study = make_study(algorithms={"bc": BC})
-    empty = StudyOptions(tmp_path / "out", tmp_path / "empty", progress=False)
+    empty = StudyOptions(tmp_path / "out", tmp_path / "empty", 1, progress=False)
     with pytest.raises(StudyError, match="no cell on the study's datasets is done"):
         run_study(study, empty, "x")
     error = tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt"
@@ -181,7 +183,7 @@ def test_a_row_with_other_rewards_stands_beside_the_one_without(
     make_study: Callable[..., Study], data: Path, tmp_path: Path
 ) -> None:
     study = make_study(algorithms={"m": MADDPG, "strict": {**MADDPG, "rewards": {"time": 9.0}}})
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False)
     failures, (page, *_) = run_study(study, options, "x")
     assert failures == {}
     runs = rows(tmp_path / "out" / "results.csv")
@@ -216,7 +218,7 @@ def test_pairs_and_online_rows_have_sections(
             "same": {"title": "Cost", "pairs": [["bc-2x", "bc"]]},
         },
     )  # fmt: skip
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", only="[!l]*", progress=False)
+    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, only="[!l]*", progress=False)
     run_study(study, options, "x")
     failures, (report, *_) = run_study(study, replace(options, only="learned/*"), "x")
     assert failures == {}

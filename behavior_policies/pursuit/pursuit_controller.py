@@ -1,0 +1,117 @@
+"""The controller that a pursuit needs: surround the evader from afar, and close in together.
+
+In each step, each robot decides from what it believes (`beliefs`) who surrounds which evader
+(`groups`), and where to drive (`ring`). `navigator` drives it there: paths on the map, then
+reciprocal avoidance.
+
+Without messages that hold positions and targets (payload `pose_and_goal`), robots that do not see
+everything know only what they see, of their teammates too.
+"""
+
+import numpy as np
+
+from swarmdata.behavior_policies.heard_goals import HeardGoals
+from swarmdata.behavior_policies.navigation.navigator import Navigator
+from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.pursuit.beliefs import (
+    Beliefs,
+    Hunt,
+    blank_beliefs,
+    update_beliefs,
+)
+from swarmdata.behavior_policies.pursuit.groups import Plans, blank_plans, choose_goals
+from swarmdata.behavior_policies.pursuit.ring import N_DIRECTIONS
+from swarmdata.envs.pursuit.evader import EvaderModel, direction_table
+from swarmdata.envs.pursuit.pursuit import Pursuit
+from swarmdata.envs.pursuit.pursuit_rules import PursuitRules
+from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.state_layout import X, Y, robots_of
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Double, Float, Int, Seeds, Step
+
+RINGS: Double = np.zeros((0, 2))
+"""Leads of a team that surrounds (`groups.choose_goals`)."""
+
+
+@kernel
+def choose_all(
+    seeds: Seeds,
+    times: Int,
+    states: Float,
+    heard: Double,
+    layouts: Float,
+    leads: Double,
+    hunt: Hunt,
+    beliefs: Beliefs,
+    plans: Plans,
+    goals: Double,
+) -> None:
+    """Writes where the robots of all copies go, as `choose_goals` does for one."""
+    for b in range(states.shape[0]):
+        believed = Beliefs(
+            beliefs.places[b], beliefs.velocities[b], beliefs.ages[b], beliefs.are_gone[b],
+            beliefs.mates[b], beliefs.told[b],
+        )  # fmt: skip
+        planned = Plans(
+            plans.groups[b], plans.grouped_for[b], plans.are_closing[b], plans.waits[b],
+            plans.search_places[b], plans.search_ends[b],
+        )  # fmt: skip
+        update_beliefs(states[b], heard[b], layouts[b], hunt, believed)
+        choose_goals(seeds[b], times[b], layouts[b], leads, hunt, believed, planned, goals[b])
+
+
+class PursuitController:
+    """Surrounds evaders and closes in; with leads, each robot chases the nearest one instead.
+
+    It knows the map (`step.layouts`). Where robots see everything, it knows all robots and evaders
+    (`step.states`). Otherwise each robot knows what it sees and remembers (`step.states`), and what
+    messages say (`step.observations`); it avoids those that are near.
+
+    Args:
+        spec: the task; its robots may differ from each other in every way.
+        noise: standard deviation of the Gaussian noise on each command.
+        leads: of robots that chase (`groups.goals_of_chases`), [N, 2].
+
+    Raises:
+        SpecError: `noise` is not a standard deviation, the spec is another task's, or the arena is
+            too large to be mapped.
+    """
+
+    uses_state = True
+
+    def __init__(self, spec: TaskSpec, *, noise: float = 0.0, leads: Double = RINGS) -> None:
+        rules, task = spec.rules_as(PursuitRules), Pursuit(spec)
+        self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
+        self._n_agents, self._heard, self._leads = spec.n_agents, HeardGoals(task), leads
+        model = EvaderModel.of(spec, rules)
+        self._hunt = Hunt(
+            task.columns, model.half, max(robot.radius for robot in spec.robots),
+            model.pursuer_speed, model.speed, model.dt, rules.sight_range or 0.0, rules.captors,
+            direction_table(N_DIRECTIONS),
+        )  # fmt: skip
+        n_views = 1 if rules.sight_range is None else spec.n_agents
+        self._sizes = (n_views, spec.n_agents, rules.evaders)
+        self._beliefs, self._plans = blank_beliefs(0, *self._sizes), blank_plans(0, *self._sizes)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Maps the layouts of `copies`, and forgets what their robots had in mind."""
+        self._navigator.reset(step, copies)
+        if len(step.seeds) != len(self._beliefs.ages):
+            self._beliefs = blank_beliefs(len(step.seeds), *self._sizes)
+            self._plans = blank_plans(len(step.seeds), *self._sizes)
+        blank = (*blank_beliefs(len(copies), *self._sizes), *blank_plans(len(copies), *self._sizes))
+        for kept, fresh in zip((*self._beliefs, *self._plans), blank, strict=True):
+            kept[copies] = fresh
+        starts = robots_of(step.states[copies], self._n_agents)[:, None, :, X : Y + 1]
+        self._beliefs.mates[copies] = starts
+
+    def act(self, step: Step) -> Float:
+        goals: Double = np.empty((len(step.seeds), self._n_agents, 2))
+        choose_all(
+            step.seeds, step.times, step.states, self._heard.of(step), step.layouts, self._leads,
+            self._hunt, self._beliefs, self._plans, goals,
+        )  # fmt: skip
+        return self._noisy.actions(step, self._navigator.commands(step, goals))
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return self._noisy.log_probs(step, actions)

@@ -1,0 +1,1 @@
+"""The task `pursuit`: robots surround and capture evaders that are faster than they are."""

@@ -1,0 +1,222 @@
+"""Matrices of numbers, colored by their difference to a reference: blue is better, orange worse."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from swarmdata.drawing.style import GRAY, INK, PAGE_WIDTH, figure, words_of
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.figures.dot_plot import SCREEN_HEIGHT
+
+WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"
+"""Ends and middle of the scale, safe for color-blind readers."""
+
+LEAST_CONTRAST = 0.6
+"""Of the scale, from where letters are white."""
+
+ROW, LOWEST_ROW, GAP = 0.19, 0.11, 0.3
+"""Inches: height of a row; space between two groups, in rows or columns."""
+
+WIDEST_COLUMN = 0.62
+"""Inches."""
+
+SCALE_WIDTH = 1.5
+"""Inches of the color bar."""
+
+LETTER = 0.058
+"""Inches: width of a letter of 7 points."""
+
+
+class MatrixCell(NamedTuple):
+    """A number of a matrix.
+
+    Attributes:
+        value: in shown units.
+        change: difference to the reference; its color.
+        is_framed: whether it has a frame and bold letters.
+    """
+
+    value: float
+    change: float
+    is_framed: bool = False
+
+
+Groups = Mapping[str, Sequence[str]]
+"""Title of a group -> keys of its rows or columns, in their order."""
+
+
+class Notes(NamedTuple):
+    """What a matrix says about itself.
+
+    Attributes:
+        limit: difference at which colors end.
+        scale: what the colors show.
+        below: a line on frames and on what is absent.
+        colors: title of a group of columns -> color of its bar.
+        side: key of a row -> number beside its name.
+        side_title: of those numbers.
+    """
+
+    limit: float
+    scale: str
+    below: str = ""
+    colors: Mapping[str, str] = {}
+    side: Mapping[str, float] = {}
+    side_title: str = ""
+
+
+def plot_matrix(
+    cells: Mapping[tuple[str, str], MatrixCell],
+    rows: Groups,
+    columns: Groups,
+    path: Path,
+    notes: Notes,
+) -> None:
+    """Draws a matrix with names on all sides and a color bar.
+
+    Args:
+        cells: (row, column) -> number; what is absent is a dot.
+        rows: from the top.
+        columns: from the left; of a key `group: name`, only the name is shown.
+        path: where to save; the suffix is the format.
+        notes: on colors and frames.
+
+    Raises:
+        SchemaError: there is nothing to draw, or the suffix is unknown.
+        MissingExtraError: matplotlib is not installed.
+    """
+    if not cells:
+        raise SchemaError("there are no cells to draw, expected at least one.")
+    from matplotlib.colors import LinearSegmentedColormap  # noqa: PLC0415  (an extra)
+
+    scale = LinearSegmentedColormap.from_list("change", (WORSE, SAME, BETTER))
+    size = _layout(rows, columns, notes)
+    with figure(path, width=size.width, height=size.height) as drawing:
+        drawing.set_layout_engine("none")
+        axes = drawing.add_axes((0.0, 0.0, 1.0, 1.0), frameon=False, xticks=[], yticks=[])
+        right = size.width - size.left
+        axes.set_xlim(-size.left / size.column, right / size.column)
+        axes.set_ylim(size.n_rows + size.below / size.row, -size.above / size.row)
+        for name, y in size.ys.items():
+            for key, x in size.xs.items():
+                if (name, key) in cells:
+                    _draw_cell(axes, x, y, cells[name, key], scale, notes.limit)
+                else:
+                    _write(axes, x + 0.5, y + 0.5, "·", color=GRAY)
+        _name_rows(axes, size, notes)
+        _name_columns(axes, columns, size, notes)
+        _draw_scale(axes, scale, size, notes)
+
+
+class _Layout(NamedTuple):
+    """Inches: sizes of a row and a column, what is beside the cells, the figure; and places."""
+
+    row: float
+    column: float
+    left: float
+    above: float
+    below: float
+    width: float
+    height: float
+    ys: Mapping[str, float]  # in rows
+    xs: Mapping[str, float]  # in columns
+
+    @property
+    def n_rows(self) -> float:
+        """With the gaps between groups."""
+        return max(self.ys.values()) + 1.0
+
+
+def _layout(rows: Groups, columns: Groups, notes: Notes) -> _Layout:
+    ys, xs = _places(rows), _places(columns)
+    left = LETTER * max(len(words_of(name)) for name in ys) + 0.15 + 0.35 * bool(notes.side)
+    lean = 0.72 * LETTER * max(len(_name(key)) for key in xs)
+    span, n_rows = max(xs.values()) + 1.0, max(ys.values()) + 1.0
+    column = min(WIDEST_COLUMN, (PAGE_WIDTH - left - lean) / span)
+    above, below = lean + 0.25, 0.62 + 0.17 * bool(notes.below) + 0.36 * any(columns)
+    row = min(ROW, max(LOWEST_ROW, (SCREEN_HEIGHT - above - below) / n_rows))
+    words = max(SCALE_WIDTH + 0.2 + LETTER * len(notes.scale), LETTER * len(notes.below)) + 0.2
+    width = max(left + column * span + lean, words)
+    height = row * n_rows + above + below
+    return _Layout(row, column, left, above, below, width, height, ys, xs)
+
+
+def _name(key: str) -> str:
+    return words_of(key.rpartition(": ")[2])
+
+
+def _places(groups: Groups) -> dict[str, float]:
+    """Where each key begins; between groups is a gap."""
+    places, at = {}, 0.0
+    for k, keys in enumerate(groups.values()):
+        at += GAP * (k > 0)
+        for key in keys:
+            places[key] = at
+            at += 1.0
+    return places
+
+
+def _write(axes: Any, x: float, y: float, text: str, **look: Any) -> None:
+    axes.text(x, y, text, **{"ha": "center", "va": "center", "fontsize": 7, **look})
+
+
+def _draw_cell(axes: Any, x: float, y: float, cell: MatrixCell, scale: Any, limit: float) -> None:
+    from matplotlib.patches import Rectangle  # noqa: PLC0415  (matplotlib is an extra)
+
+    shade = max(-1.0, min(1.0, cell.change / limit))
+    edge = INK if cell.is_framed else "none"
+    box = Rectangle((x + 0.04, y + 0.06), 0.92, 0.88, fc=scale(0.5 + shade / 2), ec=edge, lw=1.2)
+    axes.add_patch(box)
+    color = "white" if abs(shade) > LEAST_CONTRAST else INK
+    weight = "bold" if cell.is_framed else "normal"
+    _write(axes, x + 0.5, y + 0.52, number(cell.value), color=color, fontweight=weight)
+
+
+def number(value: float) -> str:
+    """A whole number with a minus sign, and no minus before 0."""
+    return f"{round(value)}".replace("-", "−")
+
+
+def _name_rows(axes: Any, size: _Layout, notes: Notes) -> None:
+    """Names and numbers beside rows."""
+    edge, room = -0.06 / size.column, 0.35 / size.column * bool(notes.side)
+    for name, y in size.ys.items():
+        _write(axes, edge - room, y + 0.5, words_of(name), ha="right")
+        if name in notes.side:
+            _write(axes, edge, y + 0.5, number(notes.side[name]), ha="right", color=GRAY)
+    if notes.side:
+        _write(axes, edge, -0.3, notes.side_title, ha="right", va="bottom", color=GRAY)
+
+
+def _name_columns(axes: Any, columns: Groups, size: _Layout, notes: Notes) -> None:
+    """Names above columns; titles of groups below them, on two heights in turn."""
+    lean = {"rotation": 45, "rotation_mode": "anchor", "ha": "left", "va": "bottom"}
+    for k, (title, keys) in enumerate(columns.items()):
+        for key in keys:
+            _write(axes, size.xs[key] + 0.4, -0.15, _name(key), **lean)
+        if title:
+            ends = size.xs[keys[0]] + 0.04, size.xs[keys[-1]] + 0.96
+            look = {"color": notes.colors.get(title, GRAY), "lw": 2.5, "solid_capstyle": "butt"}
+            axes.plot(ends, [size.n_rows + 0.05 / size.row] * 2, **look)
+            below = size.n_rows + (0.09 + 0.13 * (k % 2)) / size.row
+            _write(axes, sum(ends) / 2, below, title, va="top")
+
+
+def _draw_scale(axes: Any, scale: Any, size: _Layout, notes: Notes) -> None:
+    """The color bar with its ends, and the note below it."""
+    from matplotlib.patches import Rectangle  # noqa: PLC0415  (matplotlib is an extra)
+
+    note = 0.17 * bool(notes.below)
+    left, top = (0.1 - size.left) / size.column, size.n_rows + (size.below - 0.36 - note) / size.row
+    n, width = 60, SCALE_WIDTH / size.column
+    for k in range(n):
+        box = (left + k * width / n, top), width / n * 1.05, 0.11 / size.row
+        axes.add_patch(Rectangle(*box, fc=scale((k + 0.5) / n), lw=0))
+    limit, ticks = number(notes.limit), top + 0.14 / size.row
+    ends = (0.0, f"−{limit}", "left"), (0.5, "0", "center"), (1.0, f"+{limit}", "right")
+    for at, text, ha in ends:
+        _write(axes, left + at * width, ticks, text, va="top", ha=ha)
+    beside = left + width + 0.1 / size.column
+    _write(axes, beside, top + 0.06 / size.row, notes.scale, ha="left")
+    if notes.below:
+        _write(axes, left, top + 0.36 / size.row, notes.below, ha="left", color=GRAY)

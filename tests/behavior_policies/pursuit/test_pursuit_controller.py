@@ -1,0 +1,45 @@
+"""The scripted team of `pursuit` captures, and tells what it sees."""
+
+import numpy as np
+import pytest
+
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.types import Float
+
+
+def success(policy: str, task: str, n_episodes: int = 24, channel: str | None = None) -> float:
+    spec = preset(task)
+    if channel is not None:
+        spec = spec.with_updates(communication=channel)
+    team = make_policy(policy, spec)
+    found = evaluate(team, spec, name=policy, n_episodes=n_episodes, progress=False)
+    return float(found.metrics["success"].mean())
+
+
+def test_the_ring_captures_and_the_best_naive_team_mostly_does_not() -> None:
+    assert success("scripted", "pursuit") >= 0.75
+    assert success("pursuit-lead-3", "pursuit") <= 0.6
+
+
+def test_messages_are_worth_much_where_sight_is_short() -> None:
+    told, silent = (success("scripted", "pursuit-sight", 24, c) for c in ("goal", "none"))
+    assert told >= silent + 0.25
+
+
+@pytest.mark.parametrize("task", ["pursuit-n6", "pursuit-sight"])
+def test_a_reset_forgets_what_was_before(task: str) -> None:
+    spec, actions = preset(task), list[Float]()
+    for first in (5, 9):
+        env, policy, copies = make_env(spec, 2), make_policy("scripted", spec), np.arange(2)
+        step = env.reset(np.array([first, 8], np.uint64))
+        policy.reset(step, copies)
+        for _ in range(20):
+            step = env.step(policy.act(step))
+        step = env.reset(np.array([7], np.uint64), np.array([0]))
+        policy.reset(step, copies[:1])
+        for _ in range(20):
+            step = env.step(policy.act(step))
+        actions.append(policy.act(step)[0])
+    np.testing.assert_array_equal(actions[0], actions[1])

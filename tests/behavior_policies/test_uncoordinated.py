@@ -1,0 +1,78 @@
+"""Teams with less coordination: what a robot cannot see, it does not react to."""
+
+import numpy as np
+import pytest
+
+from swarmdata import evaluate, make_env
+from swarmdata.numerics.random import evaluation_seeds
+from swarmdata.registry.components import make_policy
+from swarmdata.registry.presets import preset
+from swarmdata.types import Float, Step
+
+TEAMS = ("scripted-alone", "scripted-naive", "scripted-deaf")
+
+
+def start(name: str, task: str, copies: int = 3) -> tuple[Step, Float]:
+    spec = preset(task)
+    step = make_env(spec, copies).reset(evaluation_seeds(copies))
+    policy = make_policy(name, spec)
+    policy.reset(step, np.arange(copies))
+    return step, policy.act(step)
+
+
+@pytest.mark.parametrize("name", TEAMS)
+def test_an_episode_has_the_same_actions_in_any_batch(name: str) -> None:
+    _, alone = start(name, "coop_nav", 1)
+    _, together = start(name, "coop_nav", 3)
+
+    assert np.array_equal(alone, together[:1])
+
+
+def test_a_robot_alone_ignores_where_others_are() -> None:
+    spec = preset("coop_nav")
+    step = make_env(spec, 1).reset(evaluation_seeds(1))
+    moved = step._replace(states=step.states.copy())
+    moved.states[0, 8:10] = moved.states[0, :2] + np.float32(0.3)  # the second beside the first
+    actions = {}
+    for name in ("scripted", "scripted-alone"):
+        for where, shown in (("there", step), ("near", moved)):
+            policy = make_policy(name, spec)
+            policy.reset(shown, np.arange(1))
+            actions[name, where] = policy.act(shown)[0, 0]
+
+    assert not np.array_equal(actions["scripted", "there"], actions["scripted", "near"])
+    assert np.array_equal(actions["scripted-alone", "there"], actions["scripted-alone", "near"])
+
+
+def test_goals_are_assigned_among_all_robots() -> None:
+    spec = preset("coop_nav-unassigned")
+    alone = evaluate(make_policy("scripted-alone", spec), spec, n_episodes=8, progress=False)
+
+    assert alone.metrics["success"].mean() >= 0.75  # and all fail if each plans for itself
+
+
+def test_the_gap_of_a_corridor_is_large() -> None:
+    spec = preset("coop_nav-corridor")
+    success = {
+        name: evaluate(make_policy(name, spec), spec, n_episodes=12, progress=False)
+        .metrics["success"]
+        .mean()
+        for name in ("scripted", "scripted-alone", "scripted-naive")
+    }
+
+    assert success["scripted"] == 1.0
+    assert success["scripted-alone"] <= 0.6
+    assert success["scripted-naive"] <= 0.3
+
+
+def test_a_deaf_team_does_not_react_to_messages() -> None:
+    spec = preset("search")
+    env = make_env(spec, 2)
+    step = env.reset(evaluation_seeds(2))
+    idle = np.zeros((2, spec.n_agents, spec.action_size), np.float32)
+    deaf = make_policy("scripted-deaf", spec)
+    deaf.reset(step, np.arange(2))
+    step = env.step(idle)
+
+    unheard = step._replace(observations=np.zeros_like(step.observations))
+    assert np.array_equal(deaf.act(step), deaf.act(unheard))

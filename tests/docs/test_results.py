@@ -1,0 +1,66 @@
+"""Numbers of the pages of results are those of the results' files."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.docs.marked_numbers import MARK, cell, faults
+
+ROOT = Path(__file__).parents[2]
+STUDIES = ROOT / "cards/studies"
+PAGES = sorted(
+    page for page in (ROOT / "docs/results").glob("*.md") if page.name != "README.md"
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_numbers_are_those_of_the_files(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(MARK.findall(text)) >= 10
+    assert not list(faults(text, STUDIES))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_has_a_claim_one_short_table_a_limit_and_a_command(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert text.split("\n\n")[1].startswith("**"), "the claim"
+    assert text.count("\n|---|") == 1
+    assert len(re.findall(r"^\| ", text, re.MULTILINE)) <= 1 + 10
+    assert text.count("\n![") == (page.stem != "simulators")
+    assert "\n## What this does not show\n" in text
+    assert re.search(r"swarmdata (study|transfer) ", text.partition("\nRun it again")[2])
+
+
+def test_a_changed_number_is_found_in_a_page_and_in_a_file(tmp_path: Path) -> None:
+    mark = "safe:maddpg_bc:coop_nav-medium-replay:score"
+    value, half = cell(mark, STUDIES)
+    page = f"It scores **{value:.1f} ± {half:.1f}**<!--{mark}-->."
+    assert not list(faults(page, STUDIES))
+    (wrong,) = faults(page.replace(f"{value:.1f}", f"{value + 0.1:.1f}"), STUDIES)
+    assert f"the page has {value + 0.1:.1f}, the file {value:.1f}" in wrong
+    (wide,) = faults(page.replace(f"± {half:.1f}", f"± {half + 1:.1f}"), STUDIES)
+    assert "±" in wide
+    shutil.copytree(STUDIES / "safe", tmp_path / "safe")
+    file = tmp_path / "safe/estimates.csv"
+    text = file.read_text()
+    row = next(r for r in text.splitlines() if r.startswith("maddpg_bc,") and ",score," in r)
+    stored = row.split(",")[-3]
+    file.write_text(text.replace(stored, f"{float(stored) + 1:.6f}"))
+    (changed,) = faults(page, tmp_path)
+    assert f"the file {value + 1:.1f}" in changed
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("It scores 81.5.", "81.5 has no mark"),
+        ("It scores 72<!--safe:nobody:coop_nav-medium-replay:score-->.", "names 0 cells"),
+        ("It scores 72<!--safe:maddpg_bc:coop_nav-medium-replay-->.", "cells of"),
+        ("It scores 72<!--nothing:bc:x:score-->.", "No such file"),
+        ("It scores well<!--safe:maddpg_bc:x:score-->.", "follows no number"),
+    ],
+)
+def test_a_number_without_its_cell_is_found(text: str, fault: str) -> None:
+    assert any(fault in found for found in faults(text, STUDIES))

@@ -1,0 +1,167 @@
+"""Each kind of figure, filled as large studies fill it: no label is cut off or covers another."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib", reason="figures need the plots extra")
+
+from swarmdata.drawing.style import FAMILY_OF, family_colors, family_looks
+from swarmdata.evaluation.figures import dot_plot, front_plot, matrix_plot
+from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
+from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
+from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
+from swarmdata.evaluation.results import result_plots
+from swarmdata.evaluation.results.estimate_table import Column
+from swarmdata.evaluation.results.learning_curves import Curve
+from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
+from swarmdata.evaluation.study.pages import study_figures
+from swarmdata.evaluation.study.pages.difference_figure import plot_row_differences
+from swarmdata.evaluation.study.pages.row_differences import RowDifference
+from swarmdata.evaluation.study.pages.study_figures import plot_training_curves
+from swarmdata.evaluation.study.shifts import sweep_figure
+from swarmdata.evaluation.study.shifts.sweep_figure import plot_sweeps
+from swarmdata.evaluation.study.shifts.sweep_files import SweptAxis
+from swarmdata.rollouts.score_statistics import Estimate
+from tests.support.drawn import label_faults, shown_figure
+
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
+ROOT = Path(__file__).parents[3]
+LABELS = [name for name in FAMILY_OF if name not in ("mappo", "maddpg")]
+LOOKS = family_looks(FAMILY_OF)
+TASKS = ("coop_nav", "formation", "transport", "warehouse")
+DATASETS = [f"{task}-{tier}" for task in TASKS for tier in
+            ("medium-replay", "medium-expert", "expert", "lanes-two-conventions")]  # fmt: skip
+SWEEPS = sorted((ROOT / "cards/studies/robustness/sweeps").glob("*/sweep.csv"))
+
+
+def at(value: float, half: float = 3.0) -> Estimate:
+    return Estimate(value, value - half, value + half)
+
+
+def dots(path: Path) -> None:
+    found = {name: {label: at(9.0 * k) for k, label in enumerate(LABELS)} for name in DATASETS[:4]}
+    plot_by_dataset(found, {}, LOOKS, path, label="score", families=FAMILY_OF)
+
+
+def many_rows(path: Path) -> None:
+    labels = {f"maddpg_bc-setting-{k}": "actor-critic" for k in range(36)}
+    found = {DATASETS[0]: {label: at(float(k)) for k, label in enumerate(labels)}}
+    plot_by_dataset(found, {DATASETS[0]: 3.0}, family_looks(labels), path, label="score")
+
+
+def matrix(path: Path) -> None:
+    families: dict[str, list[str]] = {}
+    for label in LABELS:
+        families.setdefault(FAMILY_OF[label], []).append(label)
+    cells = {
+        (dataset, label): MatrixCell(-110.0 + 12 * i, -60.0 + 8 * i, i % 3 == 0)
+        for dataset in DATASETS
+        for i, label in enumerate(LABELS[:-1])
+    }
+    rows = {task: [name for name in DATASETS if name.startswith(task)] for task in TASKS}
+    colors, side = family_colors(tuple(families)), dict.fromkeys(DATASETS, -81.0)
+    words = "score minus the mean of the data", "framed: the best; dot: not run"
+    notes = Notes(60.0, *words, colors, side, "data")
+    plot_matrix(cells, rows, families, path, notes)
+
+
+def small_fronts(path: Path) -> None:
+    points = {label: (at(0.1 * k, 0.05), at(9.0 - k)) for k, label in enumerate(LABELS)}
+    panels = {name: FrontPanel(points, LABELS[:2], 4.0) for name in DATASETS}
+    plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return", legend={})
+
+
+def large_fronts(path: Path) -> None:
+    points = {label: (at(0.4 * k, 0.05), at(9.0 - 2 * k)) for k, label in enumerate(LABELS[:4])}
+    panels = {name: FrontPanel(points, LABELS[:2]) for name in DATASETS[:4]}
+    plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return", legend={})
+
+
+def curves(path: Path) -> None:
+    """Lines of different lengths that end at almost the same height."""
+    lengths = {"mappo": 5e6, "maddpg": 1e6, "vdn": 1e6, "qmix": 3e5}
+    lines = {
+        name: Curve(np.linspace(0, end, 9), np.linspace(0, 0.9 + 0.01 * k, 9)[None].repeat(2, 0))
+        for k, (name, end) in enumerate(lengths.items())
+    }
+    plot_training_curves(dict.fromkeys(TASKS, lines), LOOKS, path, ylabel="success (%)",
+                         factor=100.0, n_columns=2, xlabel="joint steps")  # fmt: skip
+
+
+def profiles(path: Path) -> None:
+    plot_score_profiles({name: np.full((2, 1, 3), 9.0 * k) for k, name in enumerate(LABELS)},
+                        LOOKS, path)  # fmt: skip
+
+
+def pairs(path: Path) -> None:
+    plot_differences({f"{name}-fast-4x": np.full((2, 1, 3), 9.0 * k)
+                      for k, name in enumerate(LABELS)}, path)  # fmt: skip
+
+
+def differences(n_datasets: int, n_pairs: int) -> Callable[[Path], None]:
+    columns = [Column("score", "score", "", 1), Column("success", "success", "%", 1, 100.0)]
+
+    def draw(path: Path) -> None:
+        found = [
+            RowDifference(f"{name}-fast-4x", f"{name}-fast-2x", dataset,
+                          {"score": at(3.0 * k), "success": at(0.05 * k, 0.02)})
+            for dataset in DATASETS[:n_datasets]
+            for k, name in enumerate(LABELS[:n_pairs])
+        ]  # fmt: skip
+        plot_row_differences(found, columns, path)
+
+    return draw
+
+
+def sweeps(path: Path) -> None:
+    found = []
+    for file in SWEEPS:
+        with file.open(newline="") as text:
+            found.append(SweptAxis(file.parent.name, list(csv.DictReader(text))))
+    plot_sweeps(found, family_looks({**FAMILY_OF, "bc-gru": "recurrent cloning"}), path)
+
+
+@pytest.mark.parametrize(
+    ("module", "draw"),
+    [
+        (dot_plot, dots),
+        (dot_plot, many_rows),
+        (matrix_plot, matrix),
+        (front_plot, small_fronts),
+        (front_plot, large_fronts),
+        (study_figures, curves),
+        (result_plots, profiles),
+        (result_plots, pairs),
+        (dot_plot, differences(1, 9)),
+        (dot_plot, differences(4, 9)),
+        (matrix_plot, differences(12, 9)),
+        (sweep_figure, sweeps),
+    ],
+)
+def test_labels_are_whole_and_apart_on_one_screen(
+    module: ModuleType,
+    draw: Callable[[Path], None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawing = shown_figure(monkeypatch, module, lambda: draw(tmp_path / "a.png"))
+    assert label_faults(drawing) == []
+    assert drawing.get_figheight() <= 6.0, "1,200 pixels"
+
+
+def test_a_label_that_is_cut_off_or_covered_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawing = shown_figure(monkeypatch, dot_plot, lambda: dots(tmp_path / "a.png"))
+    drawing.text(0.5, 0.5, "one")
+    drawing.text(0.5, 0.5, "two")
+    drawing.text(0.99, 0.5, "a long name")
+    found = label_faults(drawing)
+    assert "'a long name' is cut off" in found
+    assert "'one' lies on 'two'" in found

@@ -1,0 +1,90 @@
+"""Tables whose rows are windows of several steps, with positions in pixels of an image."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from swarmdata.audit import audit
+from swarmdata.errors import ConversionError, SpecError
+from swarmdata.interop.logs import import_logs
+from swarmdata.interop.logs.map_files import read_map
+from swarmdata.specs.origins.log_map import LogMap
+from tests.interop.logs.logged_team import write_csv
+
+ROBOTS = ("H", "F1", "T")
+N_WINDOWS, N_STEPS = 12, 26
+SPEED, TURN = 0.08, 0.2  # m/s, rad/s
+
+
+def poses(robot: int, window: int) -> np.ndarray:
+    """x and y in m, y up, and the heading in rad, on a circle, [26, 3]."""
+    heading = robot + window + TURN * 0.5 * np.arange(N_STEPS)
+    circle = SPEED / TURN * np.stack([np.sin(heading), -np.cos(heading)], axis=1)
+    return np.column_stack([1.0 + circle, heading])
+
+
+def write_windows(path: Path) -> Path:
+    """A look-alike of Thy-ReTLo: whole pixels, y down, degrees."""
+    columns: dict[str, Any] = {}
+    for step in range(N_STEPS):
+        for number, robot in enumerate(ROBOTS):
+            rows = np.array([poses(number, window)[step] for window in range(N_WINDOWS)])
+            degrees = np.rad2deg(np.angle(np.exp(1j * rows[:, 2])))
+            columns[f"{step}_{robot}_x"] = rows[:, 0] / 0.0033
+            columns[f"{step}_{robot}_y"] = 600 - rows[:, 1] / 0.0033
+            columns[f"{step}_{robot}_o"] = degrees
+    return write_csv(path, columns)
+
+
+def test_each_window_is_an_episode(tmp_path: Path) -> None:
+    log = write_windows(tmp_path / "Train.csv")
+    dataset = import_logs(log, tmp_path / "data", log_map="retlo-3", id="retlo-alike-v0")
+    assert audit(dataset.path, progress=False).problems == ()
+    assert [len(episode) for episode in dataset] == [N_STEPS - 1] * N_WINDOWS
+    for number in range(len(ROBOTS)):
+        seen, expected = dataset[5].observations[:, number], poses(number, 5)
+        assert_allclose(seen[:, 0], expected[:, 0], atol=1e-6)
+        assert_allclose(seen[:, 1], expected[:, 1] - 600 * 0.0033, atol=1e-6)
+        assert_allclose(seen[:, 2], np.cos(expected[:, 2]), atol=1e-6)
+        actions = dataset[5].actions[:, number]
+        assert_allclose(actions[:, 0], SPEED, rtol=0.01)  # a chord
+        assert_allclose(actions[:, 1], TURN, rtol=1e-4)
+
+
+def test_a_column_that_is_no_step_is_refused(tmp_path: Path) -> None:
+    log = write_windows(tmp_path / "Train.csv")
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join(f"{line},{'note' if k == 0 else 1}" for k, line in enumerate(lines)))
+    with pytest.raises(ConversionError, match="column 'note', expected columns of windows"):
+        import_logs(log, tmp_path / "data", log_map="retlo-3", id="retlo-alike-v0")
+
+
+def test_columns_with_other_steps_are_refused(tmp_path: Path) -> None:
+    log = write_windows(tmp_path / "Train.csv")
+    log.write_text(log.read_text().replace("25_T_o", "27_T_o"))
+    with pytest.raises(ConversionError, match="'T_o' has 26 steps from 0 to 27, expected 0 to 25"):
+        import_logs(log, tmp_path / "data", log_map="retlo-3", id="retlo-alike-v0")
+
+
+def shipped(**changes: Any) -> LogMap:
+    log_map = read_map("retlo-3")
+    assert isinstance(log_map, LogMap)
+    return LogMap.parse({**log_map.model_dump(mode="json"), **changes})
+
+
+def test_windows_that_would_be_joined_are_refused() -> None:
+    with pytest.raises(
+        SpecError, match=r"pause is 7 s, expected more than every `max_gap` \(8 s\)"
+    ):
+        shipped(max_gap=8.0)
+
+
+@pytest.mark.parametrize("column", [{"unit": "px"}, {"unit": "m", "scale": 0.1}, {"scale": 0.1}])
+def test_pixels_and_nothing_else_have_a_scale(column: dict[str, Any]) -> None:
+    robot = {"name": "a", "pose": {"x": {"column": "x", **column}},
+             "command": {"components": ["v"]}}  # fmt: skip
+    with pytest.raises(SpecError, match=r"pixels \(unit: px\) need the metres of one"):
+        LogMap.parse({"dt": 0.1, "robots": [robot]})

@@ -1,0 +1,100 @@
+"""Policies are exported by the name of their run, those that learned from logs too."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import swarmdata
+from swarmdata.datasets.action_scaling import action_scale
+from swarmdata.errors import PolicyFitError, SpecError
+from swarmdata.interop.exported_policies import export_policy
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
+from tests.examples.robot_runner import Runner
+from tests.interop.logs.logged_team import drive, log_map, write_csv
+
+torch = pytest.importorskip("torch", reason="algorithms need torch")
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory: pytest.TempPathFactory) -> tuple[swarmdata.Dataset, Path, Any]:
+    """Two robots, of which one knows its battery too; the run folder, and its policy."""
+    folder = tmp_path_factory.mktemp("logged")
+    columns = drive(12.0), drive(12.0, 1.0)
+    columns[1]["volts"] = np.linspace(12, 11, len(columns[1]["t"]))
+    files = [write_csv(folder / f"{name}.csv", each)
+             for name, each in zip(("anna", "bert"), columns, strict=True)]  # fmt: skip
+    volts = {"name": "battery", "column": "volts"}
+    robots = ["anna", {"name": "bert", "features": [volts]}]
+    dataset = swarmdata.import_logs(
+        files, folder / "data", id="hall-logs-v0",
+        log_map=log_map(robots=robots, episodes={"length": 2}),
+    )  # fmt: skip
+    (policy,) = swarmdata.train(
+        "bc", str(dataset.path), folder / "run", n_seeds=1, progress=False,
+        changes={"n_updates": "20", "batch_size": "16", "hidden": "8"},
+    )  # fmt: skip
+    return dataset, folder / "run", policy
+
+
+def test_a_policy_that_learned_from_logs_drives_a_robot(
+    logged: tuple[swarmdata.Dataset, Path, Any], tmp_path: Path
+) -> None:
+    dataset, run, policy = logged
+    path = export_policy(run, tmp_path / "policy.py")
+    spec, rows = dataset.spec, dataset[0].observations
+    assert isinstance(spec, RecordedSpec)
+    expected = action_scale(spec).to_environment(policy.actions(rows))
+    for number, name in enumerate(("anna", "bert")):
+        runner = Runner(str(path), name)
+        assert runner.time_step == pytest.approx(0.1)
+        for row, command in zip(rows[:, number], expected[:, number], strict=True):
+            seen = dict(zip(runner.features, row.tolist(), strict=False))
+            found = runner.command(runner.act(seen))
+            np.testing.assert_allclose(found, command, rtol=0, atol=1e-6)
+    assert Runner(str(path), "anna").features == ["pose.0", "pose.1", "pose.2", "pose.3"]
+    assert runner.features == ["battery", "battery_known", *Runner(str(path), "anna").features]
+    sent: list[tuple[float, ...]] = []
+    runner.drive(lambda: dict.fromkeys(runner.features, 0.0), sent.append, seconds=0.0)
+    assert sent == [(0.0, 0.0)]  # v and omega: zero stops it
+
+
+def test_what_is_no_file_for_robots_is_refused(
+    logged: tuple[swarmdata.Dataset, Path, Any], tmp_path: Path
+) -> None:
+    _, run, _ = logged
+    with pytest.raises(SpecError, match=r"suffix '\.npz', expected \.onnx, or \.py"):
+        export_policy(run, tmp_path / "policy.npz")
+    with pytest.raises(SpecError, match="has the seeds 0, got seed 3"):
+        export_policy(run, tmp_path / "policy.py", seed=3)
+    assert not list(tmp_path.iterdir())
+
+
+def test_commands_of_tasks() -> None:
+    from swarmdata.interop.exported_policies import _commands
+
+    robots = [
+        {"dynamics": "unicycle", "max_speed": 0.5, "max_turn_rate": 2.0},
+        {"command": "acceleration", "max_acceleration": 1.5},
+    ]
+    team = [{"count": 1, "name": f"kind{k}", "robot": robot} for k, robot in enumerate(robots)]
+    found = _commands(TaskSpec.parse({"team": team}))
+    assert found["time_step"] == 0.1
+    assert [each["half"] for each in found["commands"]] == [[0.5, 2.0], [1.5, 1.5]]
+    assert [each["stop"] for each in found["commands"]] == [[0.0, 0.0], None]
+
+
+def test_choices_are_refused() -> None:
+    from swarmdata.interop.exported_policies import _commands
+
+    agent = {
+        "name": "a", "observation": {"kind": "box", "shape": [1], "dtype": "float32"},
+        "action": {"kind": "discrete", "n": 3},
+    }  # fmt: skip
+    spec = RecordedSpec.parse(
+        {"task": "game", "agents": [agent], "state_size": 1, "state_from": "observations"}
+    )
+    with pytest.raises(PolicyFitError, match="choose among whole numbers"):
+        _commands(spec)
