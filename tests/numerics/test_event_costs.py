@@ -43,7 +43,9 @@ def test_batches_and_transitions_have_them(collisions: Dataset) -> None:
     sampler = collisions.sampler(batch_size=64, seed=1)
     index = sampler.draw()
     batch = sampler.gather(index)
-    assert np.array_equal(batch.costs, costs_of(collisions.stored.arrays["events"][index]))
+    expected = costs_of(collisions.stored.arrays["events"][index])
+    assert expected is not None
+    assert np.array_equal(batch.costs, expected)
     windows = collisions.sampler(batch_size=16, horizon=50, seed=1)
     found = next(windows)
     assert found.costs.shape == (16, 50, collisions.spec.n_agents, len(COSTS))
