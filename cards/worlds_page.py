@@ -18,7 +18,7 @@ INDEX_HEAD = """# Worlds
 How many of {n} reserved episodes reference teams solve in every preset, in per cent, and in
 brackets how many without any contact. `straight` drives straight to its target, `scripted` knows
 the map; it is `-alone` as if there were no others, `-naive` as if others were parked, and `-deaf`
-without messages. Other columns are teams of the task that do not act together.
+without messages ([why](../coordination.md)). Other columns are teams that do not act together.
 `medium` and `expert` are the means of the learned policies of a [tier](../tiers.md), without
 action noise; in presets that need a convention, `expert` is the mean of the two scripted teams.
 [references.json](../../cards/references.json) has every checkpoint, metric and interval.

@@ -279,7 +279,7 @@ def export_policy(
     ],
     seed: Annotated[int, typer.Option(min=0, help="seed of the training")] = 0,
 ) -> None:
-    """Export a policy for robots, as ONNX or as Python with NumPy alone.
+    """Export a policy for robots, as ONNX or Python with NumPy.
 
     The file has the frame, the normalization, the network and the memory of one robot, and says
     which features it observes. It runs without swarmdata or torch.
