@@ -21,6 +21,7 @@ FOLDERS = {
     "combine": ["{tiny}", "--id", "coop_nav-some-v0"],
     "convert": ["{plan}", "{out}", "--from", "d4rl", "--id", "coop_nav-some-v0"],
     "evaluate": ["random", "--episodes", "1"],
+    "fetch": ["turtles", "--accept-terms", "--from", "nothing"],
     "filter": ["{tiny}", "--id", "coop_nav-some-v0"],
     "generate": ["coop_nav-random-mini"],
     "import": ["nothing", "--map", "mrclam", "--id", "hall-monday-v0"],

@@ -88,7 +88,7 @@ PAIRS = (
             **dict.fromkeys(("targets", "task", "label"), "give `policy`, `spec` and `name`"),
             **dict.fromkeys(("observation", "communication", "backend", "randomize"),
                             "change the spec"),
-            **dict.fromkeys(("out", "again", "workers", "engine", "part", "collect"),
+            **dict.fromkeys(("out", "again", "workers", "engine", "part", "collect", "budget"),
                             "of many results in a folder"),
             "validation": "the block `validation`",
         },

@@ -19,6 +19,7 @@ from swarmdata.types import Batch, Double, Int, Wanted
 
 BATCH_ARRAYS = (
     "observations", "states", "actions", "rewards", "terminations", "truncations", "log_probs",
+    "events",
     "alive",
 )  # fmt: skip
 """Arrays that batches are made of; `alive` where it was recorded."""

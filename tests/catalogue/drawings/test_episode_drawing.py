@@ -38,8 +38,9 @@ def test_an_episode_is_a_small_drawing(name: str) -> None:
     assert ("payload" in classes) == (name == "transport")
     assert "obstacle" in classes
     assert len(text) < 6000
-    n_shared = spec.rules.victims if isinstance(spec.rules, SearchRules) else 0
-    assert classes.count("goal shared") == n_shared
+    n_shared = {"search": "victims", "pursuit": "evaders"}.get(spec.task)
+    shared = 0 if n_shared is None else getattr(spec.rules, n_shared)
+    assert classes.count("goal shared") == shared
 
 
 def places(text: str, kind: str) -> list[tuple[float, float]]:

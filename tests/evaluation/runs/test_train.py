@@ -30,7 +30,7 @@ from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
-from swarmdata.registry.presets import preset
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Reference
 from swarmdata.registry.recipes import FAMILIES, checkpoints
 from swarmdata.specs.model_choice import with_models
@@ -81,7 +81,7 @@ def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> Non
     config = override(MAPPOConfig(), read_settings(name))
     assert config != MAPPOConfig()
     assert config.n_steps >= 500_000 or config.critic_warmup_fraction == 1  # clones are short
-    task = max((each for each in FAMILIES if name.startswith(f"{each}-")), key=len)
+    task = max((each for each in preset_names() if name.startswith(f"{each}-")), key=len)
     env = make_env(preset(task), 1)
     assert (find_frame(env.features, config.frame) is None) == (config.frame == "world")
 

@@ -295,7 +295,8 @@ def test_batches_hold_what_the_algorithm_declares(
     monkeypatch.delattr(kind, "FIELDS")
     run("bc", tmp_path / "all")
     assert_same_files(tmp_path / "all", tmp_path / "declared")
-    assert all(names == {f.name for f in fields(Batch)} for names in seen)
+    recorded = {f.name for f in fields(Batch)} - {"costs"}  # these data have no events
+    assert all(names == recorded for names in seen)
 
 
 def test_declared_fields_are_those_of_a_batch_and_of_the_class_itself() -> None:

@@ -156,7 +156,7 @@ def _plot_tasks(found: Findings, rows: Sequence[Shifted], path: Path) -> None:
     cells: dict[tuple[str, str], MatrixCell] = {}
     names: dict[str, list[str]] = {}
     for (dataset, label), group in _grouped(rows).items():
-        own = trained[dataset][label].value
+        own = trained[without_version(dataset)][label].value
         name = f"{dataset}: {label}"
         names.setdefault(dataset, []).append(name)
         cells[name, TRAINED] = MatrixCell(own, 0.0)
