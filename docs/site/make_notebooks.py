@@ -73,6 +73,7 @@ def make_notebook(source: Path) -> Path:
     notebook.metadata.pop("language_info", None)
     target = source.with_suffix(".ipynb")
     written = nbformat.writes(notebook).replace(settings["SWARMDATA_CACHE"], "~/.cache/swarmdata")
+    written = written.replace(str(work), "~/work")
     target.write_text(written + "\n", encoding="utf-8")
     return target
 

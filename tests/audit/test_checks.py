@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from threadpoolctl import threadpool_info, threadpool_limits
 
 from swarmdata.audit import CHECKS, Audit, audit, problems_of
-from swarmdata.behavior_policies.simple import Random
 from swarmdata.cards.card import write_card
 from swarmdata.errors import MissingManifestError
 from swarmdata.hub.catalog.catalog import load
@@ -24,7 +22,7 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.types import END_REASONS, Float, Step
+from swarmdata.types import END_REASONS
 from tests.support.tiny import sign
 
 Arrays = dict[str, Any]
@@ -405,22 +403,6 @@ def random_team(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., 
     folder = tmp_path_factory.mktemp("tiers") / "random"
     record(folder, preset("coop_nav"), ("random",), tier="random")
     return folder
-
-
-def test_policies_choose_again_on_one_thread(
-    random_team: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    act = Random.act
-    seen: list[int] = []
-
-    def watched(self: Random, step: Step) -> Float:
-        seen.extend(info["num_threads"] for info in threadpool_info())
-        return act(self, step)
-
-    monkeypatch.setattr(Random, "act", watched)
-    with threadpool_limits(3):
-        look(random_team, sample=2)
-    assert set(seen) == {1}
 
 
 def test_swapped_tiers(random_team: Path, forge: Forge) -> None:

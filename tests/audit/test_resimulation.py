@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from swarmdata.audit import resimulation
+from swarmdata.audit import audit, resimulation
 from swarmdata.audit.resimulation import replay
+from swarmdata.behavior_policies.simple import Random
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, Step
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +81,19 @@ def test_another_length_is_a_difference(dataset: Dataset) -> None:
     wider = np.zeros((*first.layout.shape, 2), np.float32)
     problem = resimulation._difference(first, dataclasses.replace(first, layout=wider))
     assert problem == "layout differ from row 0 on"
+
+
+def test_policies_choose_again_on_one_thread(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    act = Random.act
+    seen: list[int] = []
+
+    def watched(self: Random, step: Step) -> Float:
+        seen.extend(info["num_threads"] for info in threadpool_info())
+        return act(self, step)
+
+    monkeypatch.setattr(Random, "act", watched)
+    with threadpool_limits(3):
+        audit(dataset.path, sample=2, progress=False)
+    assert set(seen) == {1}

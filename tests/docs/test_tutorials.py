@@ -1,6 +1,7 @@
 """The notebooks are the tutorials with outputs: nothing is edited by hand, and nothing failed."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -46,3 +47,9 @@ def test_text_and_code_alternate() -> None:
         ("code", "a = 1\n\nb = 2"),
         ("markdown", "More.\n\n    a command"),
     ]
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=name_of)
+def test_no_output_names_a_folder_of_the_machine_that_made_it(source: Path) -> None:
+    outputs = [cell.get("outputs", []) for cell in notebook_of(source)["cells"]]
+    assert not re.search(r"/(tmp|home|root|var)/", json.dumps(outputs))
