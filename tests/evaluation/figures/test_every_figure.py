@@ -35,6 +35,9 @@ ROOT = Path(__file__).parents[3]
 LABELS = [name for name in FAMILY_OF if name not in ("mappo", "maddpg")]
 LOOKS = family_looks(FAMILY_OF)
 TASKS = ("coop_nav", "formation", "transport", "warehouse")
+
+CONDITIONS = ("coop_nav", "coop_nav~lidar-16~none", "coop_nav~state+no-velocities~errand+lossy-60",
+              "coop_nav~state+goal-for-0+no-velocities~errand+expires-0")  # fmt: skip
 DATASETS = [f"{task}-{tier}" for task in TASKS for tier in
             ("medium-replay", "medium-expert", "expert", "lanes-two-conventions")]  # fmt: skip
 SWEEPS = sorted((ROOT / "cards/studies/robustness/sweeps").glob("*/sweep.csv"))
@@ -90,7 +93,7 @@ def curves(path: Path) -> None:
         name: Curve(np.linspace(0, end, 9), np.linspace(0, 0.9 + 0.01 * k, 9)[None].repeat(2, 0))
         for k, (name, end) in enumerate(lengths.items())
     }
-    plot_training_curves(dict.fromkeys(TASKS, lines), LOOKS, path, ylabel="success (%)",
+    plot_training_curves(dict.fromkeys(CONDITIONS, lines), LOOKS, path, ylabel="success (%)",
                          factor=100.0, n_columns=2, xlabel="joint steps")  # fmt: skip
 
 

@@ -86,6 +86,6 @@ def _draw_band(axes: Any, curve: Curve, factor: float, label: str, look: Mapping
 
 
 def set_up_panel(axes: Any, title: str) -> None:
-    """Gives a panel its title and a grid."""
-    axes.set_title(title, loc="left", fontsize=7.5, fontweight="bold")
+    """Gives a panel its title, with the models of a condition below its task, and a grid."""
+    axes.set_title(title.replace("~", "\n"), loc="left", fontsize=7.5, fontweight="bold")
     draw_grid(axes, width=0.5)
