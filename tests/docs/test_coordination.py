@@ -35,3 +35,10 @@ def test_the_best_naive_team_of_pursuit() -> None:
     best = max(shares, key=lambda name: float(percent(shares[name])))
     assert best == "pursuit-lead-3"
     assert f"solves {percent(shares[best])} %" in PAGE.read_text("utf-8").replace("\n  ", " ")
+
+
+def test_what_robots_that_ignore_each_other_solve_in_coop_nav() -> None:
+    alone = references()["coop_nav"].policies["scripted-alone"]
+    text = " ".join(PAGE.read_text("utf-8").split())
+    assert f"{percent(alone['success'])} % of the episodes are solved" in text
+    assert f"{percent(alone['clean_success'])} % cleanly" in text
