@@ -368,7 +368,7 @@ def test_interrupt_is_code_130_and_says_how_to_go_on(recipe_file: Path, tmp_path
     process.send_signal(signal.SIGINT)
     _, stderr = process.communicate(timeout=300)
 
-    assert process.returncode == 130
+    assert process.returncode == 130, stderr
     assert stderr.endswith("Stopped. Run the same command again to resume.\n")
     assert "Traceback" not in stderr
 
