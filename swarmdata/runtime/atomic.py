@@ -296,8 +296,9 @@ def _marked(path: Path) -> tuple[Path, Lock]:
                 return scratch, lock
         except FileNotFoundError:
             pass  # somebody took it for a leftover, before it was locked
-        except BaseException:
-            scratch.rmdir()
+        except BaseException:  # Ctrl-C as well, with or without a marker
+            _remove(scratch)
+            lock.release()
             raise
 
 

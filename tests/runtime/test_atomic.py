@@ -11,6 +11,7 @@ import sys
 from collections import namedtuple
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
 
@@ -23,6 +24,7 @@ from swarmdata.runtime.atomic import (
     staged,
     write_file,
 )
+from swarmdata.runtime.locking import Lock
 from tests.support.tiny import abandoned
 
 HEX = "0" * 32
@@ -81,6 +83,27 @@ def test_an_error_leaves_the_old_file_and_nothing_else(
         write_half()
     assert (tmp_path / "x").read_bytes() == b"old"
     assert names(tmp_path) == ["x"]
+
+
+@pytest.mark.parametrize("moment", ["mkdir", "open", "flock", "pwrite", "acquire"])
+def test_an_interrupt_while_the_marker_is_made_stays_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    """Python raises it after the call of the system that it came in."""
+    owner = {"acquire": Lock, "flock": fcntl}.get(moment, os)
+    call = getattr(owner, moment)
+
+    def interrupted(*arguments: Any, **options: Any) -> NoReturn:
+        call(*arguments, **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(owner, moment, interrupted)
+    with pytest.raises(KeyboardInterrupt), staged(tmp_path / "file"):
+        pass
+    monkeypatch.undo()
+    with staged(tmp_path / "file") as target:
+        target.touch()
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
 
 
 def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
