@@ -9,6 +9,7 @@
 #   make slow | learns           the long tests; tests that train until a threshold is beaten
 #   make docs | notebooks        the site, into dist/docs; the notebooks of the tutorials, which takes minutes
 #   make bench | wheel           the timings, into docs/measurements.md; the installable files, into dist/
+#   make release                 the wheel, the source, their checksums and every mini as a folder for a hub, in dist/
 #   make digests                 builds every mini under many circumstances, compares digests; takes hours
 #   make clean                   removes what the targets made, except datasets in the user cache
 
@@ -48,7 +49,7 @@ TOOLS = $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
 QUICK_DATA = coop_nav-medium-replay-mini
 
-.PHONY: quickstart clips test core matrix check fix slow learns docs notebooks bench digests wheel clean
+.PHONY: quickstart clips test core matrix check fix slow learns docs notebooks bench digests wheel release clean
 .DELETE_ON_ERROR:
 
 $(STAMPS)/venv:
@@ -151,6 +152,15 @@ wheel: $(STAMPS)/test
 	  $(BIN)/swarmdata warm && $(BIN)/python -m swarmdata.runtime.kernel_pack build/kernels $(PACK); }
 	$(BIN)/python -m hatchling build --target wheel --target sdist --directory dist
 	rm -rf $(PACK) build
+
+# Built in a cache of its own, so that cards are those of this version; CONTRIBUTING.md says what comes then.
+MINIS = $(patsubst cards/published/%.md,%,$(wildcard cards/published/*-mini-v*.md))
+
+release: wheel
+	mkdir -p dist/hub
+	set -e; export SWARMDATA_CACHE=$(CURDIR)/dist/cache; for id in $(MINIS); do \
+	  test -e dist/hub/$$id/manifest.json || { $(BIN)/swarmdata generate $$id; $(BIN)/swarmdata push $$id file://$(CURDIR)/dist/hub; }; done
+	cd dist && sha256sum *.whl *.tar.gz > SHA256SUMS
 
 clean:
 	rm -rf .venv .venv-* dist quickstart .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -61,6 +61,7 @@ _CONTEXT = {
     "name": {"@container": "@language"},
     "parentField": "cr:parentField",
     "path": "cr:path",
+    "prov": "http://www.w3.org/ns/prov#",
     "rai": "http://mlcommons.org/croissant/RAI/",
     "recordSet": "cr:recordSet",
     "references": "cr:references",
@@ -74,7 +75,7 @@ _CONTEXT = {
     "subField": "cr:subField",
     "transform": "cr:transform",
 }
-"""The context of Croissant 1.1, which validators compare word by word."""
+"""The context of Croissant 1.1, which validators compare word by word, and PROV."""
 
 _SPLIT_KINDS = {
     "train": "cr:TrainingSplit",
@@ -145,19 +146,46 @@ def _citation(dataset: Dataset) -> str:
 
 
 def _responsible(dataset: Dataset) -> dict[str, Any]:
-    """The fields of the RAI extension, about data that a simulator made."""
-    labels = ", ".join(source.label for source in dataset.recipe.policies)
+    """The fields of the RAI extension and of PROV that conferences ask for.
+
+    Only a recipe is known to be of a simulator, and logs of robots; of what others recorded or
+    converted, nothing is claimed that its author has not said.
+    """
+    origin = dataset.recipe
+    labels = ", ".join(source.label for source in origin.policies)
+    made_by = {"recipe": "Recorded in simulation", "logs": "Imported from logs of robots"}
+    how = made_by.get(origin.kind, f"Source: {origin.source}")
+    synthetic = {"recipe": True, "logs": False}.get(origin.kind)
+    limits = {
+        "recipe": "Simulation only; no claim about physical robots.",
+        "logs": "Motion of the robots that were logged; no simulator is bound to it.",
+    }
+    people = {"recipe": "None: no person took part."}
     return {
-        "rai:dataCollection": f"Recorded in simulation. Behavior policies: {labels}.",
+        "rai:dataCollection": f"{how}. Behavior policies: {labels}.",
         "rai:dataCollectionType": "Software Collection",
-        "rai:hasSyntheticData": True,
+        **({} if synthetic is None else {"rai:hasSyntheticData": synthetic}),
         "rai:dataBiases": "Episodes are those of the behavior policies; states that these do not "
         "visit are absent.",
-        "rai:dataLimitations": "Simulation only; no claim about physical robots.",
+        "rai:dataLimitations": limits.get(origin.kind, "Not known to the converter."),
         "rai:dataUseCases": "Training and evaluation of offline multi-agent learning.",
-        "rai:personalSensitiveInformation": "None: no person took part.",
+        "rai:dataSocialImpact": "Policies learned offline may collide or fail on robots and among "
+        "people; these data say nothing about safety there.",
+        "rai:personalSensitiveInformation": people.get(origin.kind, "Not known to the converter."),
         "rai:dataReleaseMaintenancePlan": "A published version never changes from version 1 on; "
         "corrections get a new version.",
+        "prov:wasGeneratedBy": {
+            "@type": "prov:Activity",
+            "name": f"swarmdata, {origin.kind} {origin.hash()}",
+            "description": ", ".join(
+                f"{name} {version}"
+                for name, version in sorted(dataset.stored.manifest.provenance.items())
+            ),
+        },
+        "prov:wasDerivedFrom": [
+            {"@type": "prov:Entity", "name": parent.id, "identifier": f"sha256:{parent.digest}"}
+            for parent in origin.parents
+        ],
     }
 
 

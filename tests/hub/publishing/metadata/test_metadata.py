@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 import yaml
 
+from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.hub.publishing.metadata import hub_card, metadata_files, write_episode_parquet
+from swarmdata.hub.publishing.metadata.croissant import croissant
 from swarmdata.hub.publishing.metadata.episode_parquet import EPISODE_COLUMNS
+from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.store import SPLITS, write_file
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import END_REASONS
+from tests.interop.logs.logged_team import drive, log_map, write_csv
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
 
@@ -81,8 +85,24 @@ def test_croissant_lists_every_file_with_its_checksum(folder: Path) -> None:
         data = (folder / path).read_bytes()
         assert entry["sha256"] == hashlib.sha256(data).hexdigest(), path
         assert entry["contentSize"] == f"{len(data)} B"
-    assert content["rai:hasSyntheticData"] is True
     assert content["version"] == "0.0.0"
+
+
+def test_croissant_claims_what_the_origin_tells(folder: Path, tmp_path: Path) -> None:
+    """Logs of robots are not synthetic, and an edit names the data that it was made from."""
+    made = Dataset.open(folder)
+    drives = write_csv(tmp_path / "anna.csv", drive(12.0))
+    logs = import_logs(
+        [drives], tmp_path / "logs", id="hall-logs-v0", log_map=log_map(robots=["anna"])
+    )
+    edit = filter_dataset(made, tmp_path / "edit", id="mine-some-v0", episodes=range(8))
+    found = [json.loads(croissant(each, {})) for each in (made, logs, edit)]
+    assert [each.get("rai:hasSyntheticData") for each in found] == [True, False, None]
+    assert all(each["rai:dataSocialImpact"] for each in found)
+    assert [len(each["prov:wasDerivedFrom"]) for each in found] == [0, 0, 1]
+    assert found[2]["prov:wasDerivedFrom"][0]["identifier"] == f"sha256:{made.digest}"
+    for dataset, each in zip((made, logs, edit), found, strict=True):
+        assert dataset.recipe.hash() in each["prov:wasGeneratedBy"]["name"]
 
 
 def test_without_pyarrow_there_is_still_croissant(
@@ -138,7 +158,8 @@ def test_mlcroissant_accepts_it_and_notices_a_changed_file(folder: Path) -> None
     write_all(folder)
     found = library.Dataset(jsonld=str(folder / "croissant.json"))
     assert not found.metadata.ctx.issues.errors
-    assert not found.metadata.ctx.issues.warnings
+    (warning,) = found.metadata.ctx.issues.warnings
+    assert "datePublished" in warning, "the text has no dates of its own"
     rows = list(found.records("episodes"))
     lengths = [row["episodes/length"] for row in rows]
     assert lengths == Dataset.open(folder).episodes.lengths.tolist()

@@ -1,0 +1,94 @@
+"""What is published with the package agrees with it; what has to be filled in first is known."""
+
+import json
+import re
+import shlex
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.support.package_sources import ROOT
+
+PLACEHOLDERS = {
+    ".ci/conda/recipe.yaml", ".zenodo.json", "CITATION.cff", "codemeta.json", "pyproject.toml"
+}  # fmt: skip
+"""Files that name the repository's owner or the archive's checksum, which nobody knows yet."""
+
+CONDA_NAMES = {"huggingface-hub": "huggingface_hub", "xxhash": "python-xxhash"}
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+FORMS = sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml"))
+
+
+def loaded(name: str) -> dict[str, object]:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    found = json.loads(text) if name.endswith(".json") else yaml.safe_load(text)
+    assert isinstance(found, dict)
+    return found
+
+
+def test_placeholders_are_where_the_list_says() -> None:
+    pattern = re.compile(r"\bOWNER\b|SHA256-OF-THE-SOURCE")
+    tracked = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, check=True, text=True,
+    ).stdout.split("\0")  # fmt: skip
+    kinds = (".json", ".toml", ".yaml", ".yml", ".cff", ".md")
+    found = {
+        name for name in tracked
+        if name.endswith(kinds) and (ROOT / name).stat().st_size < 200_000
+        and pattern.search((ROOT / name).read_text(encoding="utf-8"))
+    }  # fmt: skip
+    assert found - {"CONTRIBUTING.md"} == PLACEHOLDERS
+
+
+@pytest.mark.parametrize("name", ["CITATION.cff", ".zenodo.json", "codemeta.json"])
+def test_the_version_and_license_are_those_of_the_package(name: str) -> None:
+    found = loaded(name)
+    assert found["version"] == PROJECT["version"]
+    assert str(found["license"]).rpartition("/")[2] == PROJECT["license"]
+
+
+def test_the_conda_recipe_requires_what_the_package_does() -> None:
+    recipe = loaded(".ci/conda/recipe.yaml")
+    assert recipe["context"] == {"version": PROJECT["version"]}
+    expected = {f"python {PROJECT['requires-python']}"}
+    for each in PROJECT["dependencies"]:
+        name, bounds = re.fullmatch(r"([\w-]+)(.*)", each).groups()  # type: ignore[union-attr]
+        expected.add(f"{CONDA_NAMES.get(name, name)} {bounds}")
+    assert set(recipe["requirements"]["run"]) == expected  # type: ignore[index]
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
+def test_workflows_run_what_is_there(path: Path) -> None:
+    jobs = yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"]
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    commands = [
+        shlex.split(step["run"]) for job in jobs.values() for step in job["steps"] if "run" in step
+    ]
+    for words in commands:
+        assert (words[0] == "make" and words[1] in targets) or (ROOT / words[1]).exists(), words
+    for step in (step for job in jobs.values() for step in job["steps"] if "uses" in step):
+        assert re.fullmatch(r"[\w-]+/[\w-]+@[\w/.]+", step["uses"])
+
+
+@pytest.mark.parametrize("path", FORMS, ids=lambda path: path.stem)
+def test_forms_ask_something(path: Path) -> None:
+    form = yaml.safe_load(path.read_text(encoding="utf-8"))
+    names = [field["id"] for field in form["body"]]
+    assert {"name", "description", "body"} <= form.keys()
+    assert len(set(names)) == len(names) > 0
+    assert any(field.get("validations", {}).get("required") for field in form["body"])
+
+
+def test_the_index_shows_the_readme_with_links_that_work_there() -> None:
+    pytest.importorskip("hatch_fancy_pypi_readme", reason="builds the wheel; the group 'test'")
+    from hatchling.builders.wheel import WheelBuilder
+
+    text = WheelBuilder(str(ROOT)).metadata.core.readme
+    assert not re.findall(r"\]\((?!https?:|#)|src=\"(?!https?:)", text)
+    assert "github.com/OWNER/swarmdata/blob/main/docs/" in text
