@@ -29,7 +29,6 @@ from swarmdata.catalogue.result_sources import (
     own_sources,
     results_on,
     studies_without_episodes,
-    with_families,
     with_keys,
 )
 from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
@@ -43,7 +42,6 @@ from swarmdata.specs.model_choice import (
     Source,
     check_messages,
     chosen_models,
-    is_same_world,
     with_models,
 )
 from swarmdata.specs.observation_names import observation_model
@@ -120,7 +118,7 @@ def build_catalogue(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
             "only a clone of the repository has, in cards/studies"
         )
-    sources = with_keys([*committed, *with_families(own, committed)])
+    sources = with_keys([*committed, *own])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
@@ -187,8 +185,9 @@ def _write_page(
 ) -> bool:
     """Writes the page of a dataset, and says whether that went well."""
     with failures.item(one.entry.id):
-        peers = _peers(one.entry, [each.entry for each in shown])
-        _write(site, dataset_page(one.entry, one.spec, one.n_episodes, peers, sources))
+        entries = [each.entry for each in shown]
+        page = dataset_page(one.entry, one.spec, one.n_episodes, one.picture, entries, sources)
+        _write(site, page)
         return True
     return False
 
@@ -237,20 +236,6 @@ def _with_page(
         return outcome
     shutil.rmtree(site / "data" / outcome.key, ignore_errors=True)
     return replace(outcome, key="")
-
-
-def _peers(entry: Entry, entries: Sequence[Entry]) -> list[str]:
-    """Other datasets with episodes in the same world, or of the same environment."""
-    if entry.dataset is None:
-        return []
-    others = (other for other in entries if other is not entry and other.dataset is not None)
-    return [other.id for other in others if _is_comparable(entry.spec, other.spec)]
-
-
-def _is_comparable(one: Spec, other: Spec) -> bool:
-    if one.world is None or other.world is None:
-        return one.hash() == other.hash()
-    return is_same_world(one.world, other.world)
 
 
 class _Drawings:

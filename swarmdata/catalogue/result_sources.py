@@ -16,6 +16,7 @@ from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE, committed_studies
 from swarmdata.catalogue.drawings.charts import Line
+from swarmdata.drawing.style import FAMILY_OF, family_name
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import read_results
@@ -65,6 +66,7 @@ class ResultSource:
         outcomes: by dataset and label.
         data: mean score of each dataset's own episodes, where it is known.
         charts: learning curves and sweeps.
+        is_own: whether it is no study of this installation.
     """
 
     title: str
@@ -72,6 +74,7 @@ class ResultSource:
     outcomes: tuple[Outcome, ...]
     data: Mapping[str, float]
     charts: tuple[LineSet, ...] = ()
+    is_own: bool = False
 
 
 def committed_sources() -> list[ResultSource]:
@@ -112,25 +115,8 @@ def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource
     found = []
     for place in places:
         with failures.item(str(place)):
-            found.append(_of_place(Path(place)))
+            found.append(replace(_of_place(Path(place)), is_own=True))
     return found
-
-
-def with_families(
-    own: Sequence[ResultSource], committed: Sequence[ResultSource]
-) -> list[ResultSource]:
-    """Gives one's own results the families, and so the colors, that studies give the algorithms."""
-    known = {each.label: each.family for source in committed for each in source.outcomes}
-    return [
-        replace(
-            source,
-            outcomes=tuple(
-                replace(each, family=known.get(each.family, each.family))
-                for each in source.outcomes
-            ),
-        )
-        for source in own
-    ]
 
 
 def _of_place(place: Path) -> ResultSource:
@@ -151,7 +137,7 @@ def _of_place(place: Path) -> ResultSource:
             found = {each.column.key: estimate(each, case, label) for each in quantities_of(case)}
             names = tuple(sorted({run.run_name for run in runs if run.run_name is not None}))
             updates = "" if origin.updates is None else str(origin.updates)
-            family = origin.algorithm or "policy without training"
+            family = family_name(origin.algorithm or "policy without training")
             outcomes.append(
                 Outcome(label, family, case.name, found, len(runs), updates, "", names, runs)
             )
@@ -236,7 +222,7 @@ def _outcome(rows: Rows, file: Path) -> Outcome:
     }
     return Outcome(
         label=first["label"],
-        family=first.get("family", ""),
+        family=FAMILY_OF.get(first["label"], family_name(first.get("family", ""))),
         dataset=first["dataset"],
         estimates=found,
         n_runs=int(first.get("seeds") or 0),

@@ -18,8 +18,8 @@ from swarmdata.types import Double, Float
 
 WIDTH, BOTTOM = 680.0, 44.0
 
-ROWS_TOP, ROW_HEIGHT, NAMES_WIDTH, VALUES_WIDTH = 10.0, 24.0, 190.0, 70.0
-"""Of a chart of estimates."""
+MARK_WIDTH, MARK_HEIGHT, MARK_ROOM = 170.0, 18.0, 6.0
+"""Of an interval in a row of a table, and room for half a disc at its ends."""
 
 LINES_TOP, TICKS_WIDTH, LABELS_WIDTH, LEAST_HEIGHT, LABEL_HEIGHT = 28.0, 52.0, 170.0, 300.0, 15.0
 """Of a chart of lines."""
@@ -76,63 +76,55 @@ def nice_axis(values: Sequence[float], start: float, end: float) -> Axis:
     return Axis(first, last if last > first else first + step, step, start, end)
 
 
-@dataclass(frozen=True)
-class Bar:
-    """One row of a chart of estimates."""
-
-    label: str
-    estimate: Estimate  # in shown units
-    series: int  # which color
-    note: str = ""  # more about it, shown on hovering
-    href: str = ""  # the page of its runs and episodes; empty: there is none
-
-
-def estimate_chart(bars: Sequence[Bar], quantity: str, title: str, data: float | None) -> Html:
-    """Draws a row for each estimate: its mean as a disc on the line of its interval.
+def score_axis(estimates: Sequence[Estimate], data: float | None, low: float) -> Axis:
+    """Returns the axis of the intervals of a table.
 
     Args:
-        bars: from top to bottom; those with undefined means are left out.
-        quantity: what the axis shows, with its unit.
-        title: for screen readers.
-        data: the mean of the dataset's own episodes, a dashed line; None: not known.
+        estimates: all of the table; undefined ones are left out.
+        data: the mean of the dataset's own episodes; None: not known.
+        low: where the axis begins at the latest, so that one bad row does not squeeze the others.
     """
-    rows = [bar for bar in bars if not math.isnan(bar.estimate.value)]
-    ends = [value for bar in rows for value in bar.estimate if not math.isnan(value)]
-    axis = nice_axis([*ends, *([] if data is None else [data])], NAMES_WIDTH, WIDTH - VALUES_WIDTH)
-    base = ROWS_TOP + ROW_HEIGHT * len(rows)
-    parts = [_ticks_below(axis, base, quantity)]
+    ends = [end for each in estimates for end in each if not math.isnan(end)]
+    ends += [] if data is None else [data]
+    return nice_axis([max(end, low) for end in ends], MARK_ROOM, MARK_WIDTH - MARK_ROOM)
+
+
+def interval_drawing(found: Estimate, axis: Axis, data: float | None, series: int) -> Html:
+    """Draws an estimate as a disc on the line of its interval, for one row of a table.
+
+    Args:
+        found: the estimate; below the axis, it is an arrow to the left.
+        axis: of the table.
+        data: the mean of the dataset's own episodes, an upright line; None: not known.
+        series: which color.
+    """
+    middle, parts = MARK_HEIGHT / 2, []
     if data is not None:
         x = axis.place(data)
-        parts.append(svg_shapes.line((x, ROWS_TOP), (x, base), class_="data"))
-        parts.append(svg_shapes.text((x, base + 38), "data", class_="data", text_anchor="middle"))
-    parts += [_row(bar, ROWS_TOP + ROW_HEIGHT * (k + 0.5), axis) for k, bar in enumerate(rows)]
-    role = "group" if any(bar.href for bar in rows) else "img"  # links are no part of an image
-    return svg_shapes.drawing(WIDTH, base + BOTTOM, title, *parts, class_="chart", role=role)
+        parts.append(svg_shapes.line((x, 0), (x, MARK_HEIGHT), class_="data"))
+    value, low, high = found
+    if value < axis.low:
+        tip = [(1.0, middle), (7.0, middle - 4), (7.0, middle + 4)]
+        parts.append(svg_shapes.path(tip, closed=True, class_="beyond"))
+    elif not math.isnan(value):
+        if not math.isnan(low):
+            ends = (axis.place(max(low, axis.low)), middle), (axis.place(high), middle)
+            parts.append(svg_shapes.line(*ends))
+        parts.append(svg_shapes.disc((axis.place(value), middle), 4))
+    looks = f"interval mark series-{series}"
+    return svg_shapes.picture(MARK_WIDTH, MARK_HEIGHT, *parts, class_=looks)
 
 
-def _ticks_below(axis: Axis, base: float, quantity: str) -> Html:
-    parts = []
-    for tick in axis.ticks:
-        x = axis.place(tick)
-        parts.append(svg_shapes.line((x, ROWS_TOP), (x, base), class_="grid"))
-        parts.append(svg_shapes.text((x, base + 15), axis.label(tick), text_anchor="middle"))
-    at = WIDTH - VALUES_WIDTH, base + 38
-    parts.append(svg_shapes.text(at, quantity, text_anchor="end", class_="quantity"))
-    return element("g", *parts, class_="axis")
-
-
-def _row(bar: Bar, y: float, axis: Axis) -> Html:
-    value, low, high = bar.estimate
-    inside = []
-    if not math.isnan(low):
-        inside.append(svg_shapes.line((axis.place(low), y), (axis.place(high), y)))
-    inside.append(svg_shapes.disc((axis.place(value), y), 4.5))
-    mark = element("g", *inside, class_=f"mark series-{bar.series}")
-    name = svg_shapes.text((NAMES_WIDTH - 12, y + 4), bar.label, text_anchor="end")
-    at = WIDTH - VALUES_WIDTH + 14, y + 4
-    shown = svg_shapes.text(at, axis.label(value, extra=1), class_="value")
-    inside = [element("title", f"{bar.label}: {bar.note}"), name, mark, shown]
-    return element("a", *inside, href=bar.href) if bar.href else element("g", *inside)
+def axis_drawing(axis: Axis) -> Html:
+    """Draws the ends of the axis of a table, and its zero where it is between them."""
+    anchors = {axis.low: "start", axis.high: "end"}
+    if axis.low < 0 < axis.high:
+        anchors[0.0] = "middle"
+    parts = [
+        svg_shapes.text((axis.place(tick), 12), axis.label(tick), text_anchor=anchor)
+        for tick, anchor in anchors.items()
+    ]
+    return svg_shapes.picture(MARK_WIDTH, MARK_HEIGHT, *parts, class_="interval axis")
 
 
 Line = Mapping[float, Estimate]

@@ -44,3 +44,8 @@ def interval(found: Estimate | None, factor: float = 1.0, decimals: int = 1) -> 
         return UNKNOWN
     value, low, high = (f"{factor * each:.{decimals}f}" for each in found)
     return value if math.isnan(found.low) else f"{value} [{low}, {high}]"
+
+
+def per_episode(collisions: tuple[float, float] | None) -> str:
+    """The mean number of collisions of an episode, of both kinds."""
+    return UNKNOWN if collisions is None else f"{sum(collisions):.2f}"
