@@ -78,7 +78,7 @@ def test_facets_are_what_the_datasets_are(visit: Visit) -> None:
 
 
 def test_filters_that_leave_nothing_say_how_to_widen(visit: Visit) -> None:
-    visit.open("index.html#task=transport&team=4&kind=other+environment&search=expert")
+    visit.open("index.html#task=transport&team=4&kind=other+environment&search=medium-expert")
     assert visit.texts(".card") == []
     assert visit.texts("#shown")[0].startswith("0 of ")
     assert [text.split(" (")[0] for text in visit.texts("#widen button")] == [
@@ -86,7 +86,7 @@ def test_filters_that_leave_nothing_say_how_to_widen(visit: Visit) -> None:
         "Clear all filters",
     ]
     visit.page.click("#widen button >> nth=0")
-    assert visit.texts(".card h2") == ["transport-expert-v1"]
+    assert visit.texts(".card h2") == ["transport-medium-expert-v1"]
     assert not visit.page.is_visible("#widen")
     visit.page.go_back()
     visit.wait("!document.getElementById('widen').hidden")
@@ -131,8 +131,8 @@ def test_a_dataset_leads_to_its_other_size_and_tiers(visit: Visit) -> None:
         visit.page.click("nav.sizes a:has-text('Mini')")
     assert visit.page.url.endswith("/coop_nav-medium-mini-v1.html")
     with visit.page.expect_navigation():
-        visit.page.click(".tiers a:has-text('expert')")
-    assert visit.page.url.endswith("/coop_nav-expert-mini-v1.html")
+        visit.page.click(".tiers a:has-text('scripted')")
+    assert visit.page.url.endswith("/coop_nav-scripted-mini-v1.html")
 
 
 def test_replays_are_where_the_recording_was(visit: Visit, shown: dict[str, Path]) -> None:
@@ -263,7 +263,7 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
 
 def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
     visit.page.set_viewport_size({"width": 1360, "height": 768})
-    for name in ("formation-small-v0", "painting_v1-mine-v0"):
+    for name in (TINY.id, "formation-small-v0", "painting_v1-mine-v0"):
         visit.open(f"datasets/{name}.html")
         box = visit.page.locator(".play").bounding_box()
         assert box["y"] + box["height"] <= 768

@@ -8,7 +8,7 @@ from swarmdata import __version__
 from swarmdata.cards.references import LESS_COORDINATED
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.entries import Entry
-from swarmdata.catalogue.pages.figures_shown import UNKNOWN, megabytes, percent, score
+from swarmdata.catalogue.pages.figures_shown import UNKNOWN, file_size, percent, score
 from swarmdata.datasets.action_scaling import action_scale, has_choices
 from swarmdata.errors import SchemaError
 from swarmdata.specs.model_choice import describe
@@ -37,7 +37,7 @@ def get_part(entry: Entry, spec: Spec) -> Html:
     install = "pip install 'swarmdata[torch]'" if _is_learned(entry) else "pip install swarmdata"
     codes = {
         "install": install,
-        "python": f'import swarmdata\ndataset = swarmdata.load("{name}"){models}',
+        "python": f'import swarmdata\ndata = swarmdata.load("{name}"){models}',
     }
     if _is_learned(entry):
         codes["shell"] = f"swarmdata train bc {shlex.quote(name)} --out runs/bc"
@@ -61,7 +61,7 @@ def _copy(key: str, label: str) -> Html:
 
 def _facts(entry: Entry) -> Html:
     episodes = UNKNOWN if entry.n_episodes is None else f"{entry.n_episodes:,}"
-    size = f"{megabytes(entry.n_bytes)}, {episodes} episodes, {entry.n_steps:,} joint steps"
+    size = f"{file_size(entry.n_bytes)}, {episodes} episodes, {entry.n_steps:,} joint steps"
     facts: list[tuple[str, object]] = [
         ("size", size + ("; the first 5 % of the full dataset" if entry.is_mini else "")),
         ("address", _address(entry)),

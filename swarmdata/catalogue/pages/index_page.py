@@ -6,8 +6,7 @@ from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.entries import Entry, in_sizes
 from swarmdata.catalogue.pages.figures_shown import (
     UNKNOWN,
-    compact,
-    megabytes,
+    file_size,
     per_episode,
     percent,
     score,
@@ -98,7 +97,7 @@ def _filters(found: Sequence[Sizes]) -> Html:
             choice("Source", "kind", sorted({entry.kind for entry in firsts})),
             choice("Sort by", "sort", list(SORTS), labels=SORTS, default="shown"),
             choice("Show as", "view", ["cards", "table"], default="cards"),
-            element("label", replays, " with replays", class_="check"),
+            element("label", replays, " replays", class_="check"),
         ),
     )
 
@@ -154,7 +153,7 @@ def _size_link(entry: Entry) -> Html:
     """A link to one size, marked where its episodes can be replayed."""
     name = "mini" if entry.is_mini else "full"
     mark = "▶ " if entry.dataset is not None else ""
-    size = element("small", f"{compact(entry.n_steps)}, {megabytes(entry.n_bytes)}")
+    size = element("small", file_size(entry.n_bytes))
     return element(
         "a",
         f"{mark}{name}",
