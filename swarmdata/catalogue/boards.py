@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +12,7 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS
 
 Group = Literal["algorithms", "variants", "others"]
 
-GROUPS: dict[Group, str] = {
+GROUPS: Mapping[str, str] = {
     "algorithms": "algorithms, one budget",
     "variants": "ablations and variants",
     "others": "other budgets and studies",

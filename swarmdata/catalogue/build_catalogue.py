@@ -10,6 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
+from swarmdata.catalogue.boards import Board, boards
 from swarmdata.catalogue.drawings.charts import rewards_drawing
 from swarmdata.catalogue.drawings.episode_drawing import episode_drawing
 from swarmdata.catalogue.elements import Html
@@ -125,10 +126,11 @@ def build_catalogue(
         shown = _write_episodes(site, entries, choices, failures)
         known = frozenset(each.entry.id for each in shown)
         sources = _write_results(site, sources, known, failures)
-        shown = [each for each in shown if _write_page(site, each, shown, sources, failures)]
+        found = boards(sources)
+        shown = [each for each in shown if _write_page(site, each, shown, found, failures)]
         pictures = {each.entry.id: each.picture for each in shown}
         _write(site, index_page([each.entry for each in shown], pictures))
-        _write(site, results_page(sources, known))
+        _write(site, results_page(found, sources, known))
         n_pages = sum(1 for _ in site.rglob("*.html"))
         note(f"{n_pages} pages, {_size(site)}, {perf_counter() - start:.0f} s")
     failures.check("datasets and results", f"The others are in {out / 'index.html'}.")
@@ -180,13 +182,13 @@ def _write_page(
     site: Path,
     one: _Shown,
     shown: Sequence[_Shown],
-    sources: Sequence[ResultSource],
+    results: Sequence[Board],
     failures: Failures,
 ) -> bool:
     """Writes the page of a dataset, and says whether that went well."""
     with failures.item(one.entry.id):
         entries = [each.entry for each in shown]
-        page = dataset_page(one.entry, one.spec, one.n_episodes, one.picture, entries, sources)
+        page = dataset_page(one.entry, one.spec, one.n_episodes, one.picture, entries, results)
         _write(site, page)
         return True
     return False

@@ -223,7 +223,9 @@ def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
 @slow
 def test_a_range_is_dragged_over_a_histogram(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
-    box = visit.page.locator("fieldset[data-name=return] svg").bounding_box()
+    histogram = visit.page.locator("fieldset[data-name=return] svg")
+    histogram.scroll_into_view_if_needed()
+    box = histogram.bounding_box()
     middle = box["y"] + box["height"] / 2
     visit.page.mouse.move(box["x"] + 0.55 * box["width"], middle)
     visit.page.mouse.down()

@@ -7,6 +7,7 @@ import pytest
 
 from swarmdata.cards.committed_studies import read_studies
 from swarmdata.catalogue import result_sources
+from swarmdata.catalogue.boards import boards
 from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.result_sources import ResultSource, committed_sources, own_sources
 from swarmdata.errors import DatasetNotFoundError, SchemaError
@@ -39,6 +40,10 @@ def study(tmp_path: Path) -> Path:
     return folder
 
 
+def page_of(sources: list[ResultSource], known: frozenset[str]) -> str:
+    return results_page(boards(sources), sources, known).body
+
+
 def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
     (found,) = own_sources([study], Failures(1))
 
@@ -53,7 +58,7 @@ def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
 
 
 def test_the_page_shows_and_links_them(study: Path) -> None:
-    text = results_page(own_sources([study], Failures(1)), frozenset({"coop_nav-medium-v1"})).body
+    text = page_of(own_sources([study], Failures(1)), frozenset({"coop_nav-medium-v1"}))
 
     assert 'href="datasets/coop_nav-medium-v1.html"' in text
     assert "50.0 [45.0, 55.0]" in text
@@ -63,7 +68,7 @@ def test_the_page_shows_and_links_them(study: Path) -> None:
 
 
 def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
-    assert "datasets/" not in results_page(own_sources([study], Failures(1)), frozenset()).body
+    assert "datasets/" not in page_of(own_sources([study], Failures(1)), frozenset())
 
 
 def test_studies_on_validation_seeds_are_no_committed_results(
@@ -103,7 +108,7 @@ def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:
 
 
 def test_without_results_the_page_says_how_to_add_some() -> None:
-    assert "swarmdata catalogue build --results FOLDER" in results_page([], frozenset()).body
+    assert "swarmdata catalogue build --results FOLDER" in page_of([], frozenset())
 
 
 def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> None:
@@ -122,7 +127,7 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
     estimate = outcome.estimates["return"]
     assert estimate.low < estimate.value < estimate.high
     assert found.data[MEDIUM] > 0
-    page = results_page([found], frozenset({MEDIUM})).body
+    page = page_of([found], frozenset({MEDIUM}))
     assert "results (yours)" in page
     assert "runs bc" in page
     assert str(tmp_path) not in page

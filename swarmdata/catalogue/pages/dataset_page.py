@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from urllib.parse import urlencode
 
-from swarmdata.catalogue.boards import boards
+from swarmdata.catalogue.boards import Board
 from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.entries import Entry, in_sizes
@@ -14,7 +14,6 @@ from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import about, brief_table, family_key, series_of
 from swarmdata.catalogue.pages.task_facts import arrays_part, lead, reward_part
 from swarmdata.catalogue.pages.viewer_parts import browser_part, series_viewer, world_viewer
-from swarmdata.catalogue.result_sources import ResultSource
 from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import Spec
 
@@ -37,7 +36,7 @@ def dataset_page(
     n_shown: int,
     picture: Html,
     entries: Sequence[Entry],
-    sources: Sequence[ResultSource],
+    results: Sequence[Board],
 ) -> Page:
     """Returns the page of a dataset.
 
@@ -47,7 +46,7 @@ def dataset_page(
         n_shown: episodes that are shown; 0: none.
         picture: drawing of the dataset.
         entries: all of the catalogue: those of its task are linked, and shown beside it.
-        sources: all results; those on this dataset are listed.
+        results: all leaderboards; the best of this dataset's are listed.
     """
     is_world = spec.world is not None
     scripts: tuple[str, ...] = ("core.js", "ready.js")
@@ -63,7 +62,7 @@ def dataset_page(
         element("div", element("h1", entry.id), _sizes(entry, entries), class_="top"),
         element("p", lead(entry), class_="lead"),
         _tiers(entry, entries),
-        element("div", viewer, get_part(entry, spec), _baselines(entry, sources), class_="dataset"),
+        element("div", viewer, get_part(entry, spec), _baselines(entry, results), class_="dataset"),
         element(
             "div",
             *([] if entry.spec.world is None else [reward_part(entry.spec.world)]),
@@ -147,17 +146,17 @@ def _sample(entry: Entry, n_shown: int) -> str:
     )
 
 
-def _baselines(entry: Entry, sources: Sequence[ResultSource]) -> Html:
+def _baselines(entry: Entry, results: Sequence[Board]) -> Html:
     """The best algorithms at one budget; beside a mini without results, on the full dataset."""
     title = element("h2", "Offline algorithms, best first", id="results")
-    found = [board for board in boards(sources) if board.name in (entry.id, entry.full_id)]
+    found = [board for board in results if board.name in (entry.id, entry.full_id)]
     if not found:
         text = element("p", "This catalogue has no results on it.", class_="note")
         return element("section", title, text, aria_labelledby="results")
     board = max(found, key=lambda each: (each.name == entry.id, each.dataset == each.name))
     rows = (board.of("algorithms") or list(board.rows))[:MOST_BASELINES]
     families = sorted({row.outcome.family for row in rows})
-    series = series_of(sorted({o.family for source in sources for o in source.outcomes}))
+    series = series_of(results)
     address = f"../results.html#{urlencode({'dataset': board.dataset, 'group': 'all'})}"
     where = "" if board.name == entry.id else f"On the full dataset, {board.name}. "
     return element(

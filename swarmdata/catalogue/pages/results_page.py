@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from swarmdata.catalogue.boards import GROUPS, Board, boards
+from swarmdata.catalogue.boards import GROUPS, Board
 from swarmdata.catalogue.drawings.charts import line_chart
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.pages.filters import choice, form, nothing_found
@@ -13,14 +13,16 @@ from swarmdata.catalogue.result_sources import ResultSource
 SCRIPTS = ("core.js", "filters.js", "sorting.js", "results_page.js")
 
 
-def results_page(sources: Sequence[ResultSource], known: frozenset[str]) -> Page:
+def results_page(
+    found: Sequence[Board], sources: Sequence[ResultSource], known: frozenset[str]
+) -> Page:
     """Returns the page of results.
 
     Args:
-        sources: of studies and of one's own.
+        found: all leaderboards.
+        sources: of studies and of one's own, with their charts.
         known: ids of datasets that have a page.
     """
-    found = boards(sources)
     body = join(
         element("h1", "Results"),
         element(
@@ -55,7 +57,7 @@ def _nothing() -> Html:
 
 def _leaderboards(found: Sequence[Board], known: frozenset[str]) -> list[Html]:
     """The form that chooses a board and its rows, and all boards."""
-    series = series_of(sorted({row.outcome.family for board in found for row in board.rows}))
+    series = series_of(found)
     largest = max(found, key=lambda board: len(board.of("algorithms"))).dataset
     search = element("input", type="search", name="search", placeholder="algorithm or family")
     fields = (

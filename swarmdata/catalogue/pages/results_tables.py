@@ -39,12 +39,9 @@ LEAST_SCORE = -50.0
 UNDEFINED = Estimate(math.nan, math.nan, math.nan)
 
 
-def series_of(families: Sequence[str]) -> dict[str, int]:
-    """The number of each family's color in the style sheet.
-
-    Args:
-        families: of all results of a page.
-    """
+def series_of(results: Sequence[Board]) -> dict[str, int]:
+    """The number of each family's color in the style sheet, the same on all pages."""
+    families = sorted({row.outcome.family for board in results for row in board.rows})
     known = (*COLORS, GRAY, *SPARE_COLORS)
     return {kind: known.index(color) for kind, color in family_colors(families).items()}
 

@@ -74,7 +74,7 @@ def arrays_part(entry: Entry) -> Html:
         stored = _recorded_rows(entry.dataset)
         names = {name for name, *_ in stored}
         rows = stored if spec is None else [row for row in rows if row[0] in names]
-    shown = [(element("code", name), shape, columns) for name, shape, columns in rows]
+    shown: list[tuple[object, ...]] = [(element("code", name), *rest) for name, *rest in rows]
     agents = "robots" if spec is not None else "agents"
     return element(
         "section",

@@ -140,8 +140,8 @@ class WorldColumns:
             found.append((Group("reached", n, 1.0), flags.astype(np.int64)))
         if known is not None:
             by_robot = extras[:, known:][:, : n * self.spec.n_agents] > 0
-            anyone = by_robot.reshape(len(states), -1, n).any(axis=1)
-            found.append((Group("known", n, 1.0), anyone.astype(np.int64)))
+            anyone = np.asarray(by_robot.reshape(len(states), -1, n).max(axis=1), np.int64)
+            found.append((Group("known", n, 1.0), anyone))
         return found
 
     def _events(self, episode: Episode) -> tuple[Group, Columns]:

@@ -183,13 +183,8 @@ def test_victims_are_known_once_a_robot_has_seen_them() -> None:
     n = spec.rules_as(SearchRules).victims
     episode = play(spec, "scripted")
     names = [column.name for column in state_columns(make_task(spec))]
-    seen = np.stack(
-        [
-            episode.states[:, [names.index(f"{robot}.known_{k}") for robot in spec.agent_names]]
-            for k in range(n)
-        ],
-        axis=1,
-    ).any(axis=2)
+    places = [[names.index(f"{robot}.known_{k}") for robot in spec.agent_names] for k in range(n)]
+    seen = (episode.states[:, places] > 0).max(axis=2)
 
     _, codes = columns_of(WorldColumns(spec).moving(episode))["known"]
 
