@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.catalogue.pages.questions import QUESTIONS
+from swarmdata.catalogue.pages.index_page import QUESTIONS
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.catalogue.elements import Html, element, join, table
 from swarmdata.catalogue.entries import Entry, in_sizes
 from swarmdata.catalogue.pages.figures_shown import (
     UNKNOWN,
@@ -13,9 +13,43 @@ from swarmdata.catalogue.pages.figures_shown import (
 )
 from swarmdata.catalogue.pages.filters import choice, form, nothing_found
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.catalogue.pages.questions import questions_table
+from swarmdata.registry.recipes import NEWEST_VERSION
 
 SCRIPTS = ("core.js", "filters.js", "sorting.js", "listing.js")
+
+QUESTIONS = (
+    ("learn at all?", ("coop_nav-expert",), "behavior cloning is as good as the data"),
+    (
+        "improve on the data?",
+        ("coop_nav-medium-replay", "coop_nav-medium"),
+        "the data contain better actions to find",
+    ),
+    ("choose among policies?", ("coop_nav-medium-expert",), "half of the steps are by experts"),
+    (
+        "stay close to narrow data?",
+        ("coop_nav-narrow",),
+        "one expert with little noise; the value of other actions cannot be estimated",
+    ),
+    (
+        "agree on a convention?",
+        ("coop_nav-ranks-two-conventions", "coop_nav-lanes-two-conventions"),
+        "robots that imitate the mixture separately fail",
+    ),
+    ("cope with mixed conventions?", ("coop_nav-mixed-conventions",), "half keep right, half left"),
+    ("learn without any success?", ("coop_nav-random",), "only the reward says what is good"),
+    ("scale with the team?", ("coop_nav-n8-medium", "formation-n8-medium"), "eight robots"),
+    (
+        "generalize beyond navigation?",
+        ("transport-medium", "warehouse-medium", "formation-medium"),
+        "pushing, oncoming traffic and moving slots",
+    ),
+    (
+        "learn to avoid contacts?",
+        ("coop_nav-scripted",),
+        "nearly all episodes are solved without a contact",
+    ),
+)
+"""What is asked of an algorithm, the datasets that answer it, without versions, and why; as in docs/which-dataset.md."""
 
 SORTS = {
     "shown": "replays first",
@@ -53,7 +87,7 @@ def index_page(entries: Sequence[Entry], pictures: Mapping[str, Html]) -> Page:
     body = join(
         element("h1", "Offline datasets of robot teams"),
         _opening(),
-        questions_table({entry.id: entry for entry in entries}),
+        _questions({entry.id: entry for entry in entries}),
         _filters(found),
         *nothing_found("datasets"),
         element("ul", *cards, id="cards", class_="cards"),
@@ -76,6 +110,25 @@ def _opening() -> Html:
         " loads a first dataset or rebuilds it without any server.",
         class_="lead",
     )
+
+
+def _questions(entries: Mapping[str, Entry]) -> Html:
+    """The questions that the datasets of a catalogue answer; empty if they answer none."""
+    rows: list[tuple[object, ...]] = []
+    for question, names, why in QUESTIONS:
+        found = [entries[key] for name in names if (key := f"{name}-v{NEWEST_VERSION}") in entries]
+        links = [_dataset_link(entry) for entry in found]
+        if links:
+            rows.append((question, join(*links), why))
+    if not rows:
+        return join()
+    head = ("Does my algorithm …", "use (solved)", "because")
+    return element("section", table(head, rows, class_="questions"), aria_label="Which dataset?")
+
+
+def _dataset_link(entry: Entry) -> Html:
+    link = element("a", entry.id, href=f"datasets/{entry.key}.html")
+    return element("span", link, f" {percent(entry.success)}")
 
 
 def _filters(found: Sequence[Sizes]) -> Html:
