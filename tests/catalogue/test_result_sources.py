@@ -65,6 +65,7 @@ def test_the_page_shows_and_links_them(study: Path) -> None:
     assert "My &lt;study&gt;" in text
     assert "<study>" not in text
     assert text.count('class="chart"') == 2
+    assert text.count("line series-0 dashed-0") == 2  # of cloning
 
 
 def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:

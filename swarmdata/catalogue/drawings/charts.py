@@ -13,6 +13,7 @@ import numpy as np
 from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.drawing.line_labels import spread_labels
+from swarmdata.drawing.style import words_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double, Float
 
@@ -28,10 +29,10 @@ MOST_BANDS = 8
 """Lines up to which bands are drawn: more would hide each other."""
 
 N_COLORS = 6
-"""Colors of series, `--series-0` and so on in the style sheet."""
+"""Colors of agents, `--series-0` and so on in the style sheet."""
 
 N_DASHES = 3
-"""Kinds of dashes, which change once the colors repeat."""
+"""Kinds of dashes, of lines of one color."""
 
 MOST_TICKS = 7
 
@@ -131,11 +132,14 @@ Line = Mapping[float, Estimate]
 """Place on the horizontal axis, in its order -> estimate, in shown units."""
 
 
-def line_chart(lines: Mapping[str, Line], x_name: str, y_name: str, title: str) -> Html:
+def line_chart(
+    lines: Mapping[str, Line], series: Mapping[str, int], x_name: str, y_name: str, title: str
+) -> Html:
     """Draws a line with a band for each label; labels stand beside the ends of their lines.
 
     Args:
         lines: label -> estimates; none is empty.
+        series: label -> which color; the dashes of lines of one color differ.
         x_name: of the horizontal axis, with its unit.
         y_name: of the vertical axis, with its unit.
         title: for screen readers.
@@ -150,8 +154,9 @@ def line_chart(lines: Mapping[str, Line], x_name: str, y_name: str, title: str) 
     places = LINES_TOP + span * spread_labels((last - LINES_TOP) / span, LABEL_HEIGHT / span)
     parts = [_axes(across, up, x_name, y_name)]
     for k, ((label, line), y) in enumerate(zip(lines.items(), places.tolist(), strict=True)):
-        name = svg_shapes.text((_right() + 8, y + 4), label, class_="name")
-        looks = f"line series-{k % N_COLORS} dashed-{k // N_COLORS % N_DASHES}"
+        name = svg_shapes.text((_right() + 8, y + 4), words_of(label), class_="name")
+        before = [series[other] for other in list(lines)[:k]].count(series[label])
+        looks = f"line series-{series[label]} dashed-{before % N_DASHES}"
         shapes = _line(line, across, up, has_band=len(lines) <= MOST_BANDS)
         parts.append(element("g", *shapes, name, class_=looks))
     return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart")

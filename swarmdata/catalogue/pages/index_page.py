@@ -49,7 +49,7 @@ QUESTIONS = (
         "nearly all episodes are solved without a contact",
     ),
 )
-"""What is asked of an algorithm, the datasets that answer it, without versions, and why; as in docs/which-dataset.md."""
+"""What is asked, the datasets that answer it, and why, as docs/which-dataset.md says at length."""
 
 SORTS = {
     "shown": "replays first",

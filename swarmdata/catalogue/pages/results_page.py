@@ -1,14 +1,21 @@
 """The results page: a leaderboard for each dataset, then learning curves and robustness."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from swarmdata.catalogue.boards import GROUPS, Board
 from swarmdata.catalogue.drawings.charts import line_chart
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.catalogue.pages.filters import choice, form, nothing_found
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.catalogue.pages.results_tables import about, board_table, family_key, series_of
+from swarmdata.catalogue.pages.results_tables import (
+    UNKNOWN_SERIES,
+    about,
+    board_table,
+    family_key,
+    series_of,
+)
 from swarmdata.catalogue.result_sources import ResultSource
+from swarmdata.drawing.style import family_name
 
 SCRIPTS = ("core.js", "filters.js", "sorting.js", "results_page.js")
 
@@ -33,7 +40,7 @@ def results_page(
             class_="lead",
         ),
         *(_leaderboards(found, known) if found else [_nothing()]),
-        *(_charts(each) for each in sources if each.charts),
+        *(_charts(each, series_of(found)) for each in sources if each.charts),
     )
     return Page(
         "results.html",
@@ -86,10 +93,15 @@ def _section(board: Board, series: dict[str, int], known: frozenset[str], key: s
     )
 
 
-def _charts(source: ResultSource) -> Html:
+def _charts(source: ResultSource, series: Mapping[str, int]) -> Html:
+    """Learning curves and sweeps, each line in the color of its family."""
+    families = {outcome.label: outcome.family for outcome in source.outcomes}
     parts = []
     for each in source.charts:
-        chart = line_chart(each.lines, each.x_name, each.y_name, f"{each.title}, {source.title}")
+        kinds = {label: families.get(label, family_name(label)) for label in each.lines}
+        colors = {label: series.get(kind, UNKNOWN_SERIES) for label, kind in kinds.items()}
+        title = f"{each.title}, {source.title}"
+        chart = line_chart(each.lines, colors, each.x_name, each.y_name, title)
         parts.append(element("figure", element("figcaption", each.title), chart))
     inside = element("div", *parts, class_="figures")
     summary = element("summary", f"{source.title}: {len(parts)} charts")

@@ -14,7 +14,7 @@ from swarmdata.catalogue.drawings.charts import (
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.catalogue.pages.figures_shown import interval, score
 from swarmdata.catalogue.result_sources import Outcome
-from swarmdata.drawing.style import COLORS, GRAY, SPARE_COLORS, family_colors
+from swarmdata.drawing.style import COLORS, GRAY, SPARE_COLORS, family_colors, words_of
 from swarmdata.rollouts.score_statistics import Estimate
 
 QUANTITIES = (
@@ -26,6 +26,9 @@ QUANTITIES = (
     ("obstacle_collisions", "obstacle collisions", 1.0, 2),
 )
 """Columns: key, head, factor to the shown unit, decimals."""
+
+UNKNOWN_SERIES = 6
+"""The gray of lines whose family is not known."""
 
 RANKS = ("score", "return")
 """Columns by one of which a table is ranked; the other says the same."""
@@ -88,7 +91,7 @@ def board_table(
             element("td", row.outcome.family),
             element("td", _source(row), class_="source", title=_place(row)),
             data_group=row.group,
-            data_text=f"{row.outcome.label} {row.outcome.family} {row.source.title}".lower(),
+            data_text=_searched(row),
         )
         for row in rows
     ]
@@ -154,11 +157,11 @@ def _head(name: str, *, is_low: bool = False) -> Html:
 def _label(outcome: Outcome, root: str) -> Html:
     """The name of an outcome, which leads to its runs and episodes."""
     note = f" rewards {outcome.rewards}" if outcome.rewards else ""
-    name: Html | str = outcome.label
+    name: Html | str = words_of(outcome.label)
     if outcome.key:
         name = element("a", name, href=f"{root}results/{outcome.key}.html")
     inside = [name, *([element("small", note)] if note else [])]
-    return element("th", *inside, scope="row")
+    return element("th", *inside, scope="row", title=outcome.label)
 
 
 def _number(text: str, value: object) -> Html:
@@ -170,6 +173,11 @@ def _estimate(outcome: Outcome, name: str, _: str, factor: float, decimals: int)
     value = -1e9 if found is None or math.isnan(found.value) else found.value
     text = interval(found, factor, decimals)
     return element("td", text, class_="n", data_value=f"{value:.8g}")
+
+
+def _searched(row: Row) -> str:
+    label = row.outcome.label
+    return f"{label} {words_of(label)} {row.outcome.family} {row.source.title}".lower()
 
 
 def _source(row: Row) -> str:

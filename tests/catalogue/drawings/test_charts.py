@@ -92,7 +92,7 @@ def test_labels_of_lines_do_not_cover_each_other(heights: list[float]) -> None:
         for k, y in enumerate(heights)
     }
 
-    text = line_chart(lines, "updates", "success (%)", "title")
+    text = line_chart(lines, dict.fromkeys(lines, 0), "updates", "success (%)", "title")
 
     tree = ElementTree.fromstring(text)
     labels = sorted(
@@ -103,6 +103,17 @@ def test_labels_of_lines_do_not_cover_each_other(heights: list[float]) -> None:
     assert all(b - a > LABEL_HEIGHT - 0.2 for a, b in pairwise(labels))
     assert labels[0] > 0
     assert labels[-1] < height
+
+
+def test_lines_of_one_color_have_dashes() -> None:
+    line = {0.0: Estimate(0, 0, 0), 1.0: Estimate(1, 0, 2)}
+    series = {"bc": 0, "iql": 2, "bc-4x": 0}
+
+    text = line_chart(dict.fromkeys(series, line), series, "updates", "score", "title")
+
+    found = [node.get("class") for node in ElementTree.fromstring(text).iter("g")][1:]
+    assert found == ["line series-0 dashed-0", "line series-2 dashed-0", "line series-0 dashed-1"]
+    assert "bc, 4 × updates" in text
 
 
 def test_numbers_in_drawings_are_short() -> None:
