@@ -25,7 +25,7 @@ def choice(
     *,
     labels: Mapping[str, str] = NONE,
     default: str = "",
-    every: str | None = None,
+    every: str | None = "",
 ) -> Html:
     """Returns a list to choose from.
 
@@ -35,14 +35,12 @@ def choice(
         values: to choose from.
         labels: of the values, where they differ.
         default: chosen at first.
-        every: the value that stands for all; None: where there is a default, nothing does, else
-            the empty one.
+        every: the value that stands for all; None: one has to be chosen.
     """
-    options = [element("option", labels.get(v, v), value=v, selected=v == default) for v in values]
-    if every is not None or not default:
-        options.insert(
-            0 if not default else len(options), element("option", "all", value=every or "")
-        )
+    known = {value: labels.get(value, value) for value in values}
+    if every is not None:
+        known = {every: "all", **known}
+    options = [element("option", v, value=k, selected=k == default) for k, v in known.items()]
     return element("label", label, element("select", *options, name=name))
 
 

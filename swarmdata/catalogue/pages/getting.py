@@ -108,7 +108,7 @@ def _messages(entry: Entry) -> str:
         return "not known"
     if not entry.has_messages:
         return "none; dataset.reobserve adds a radio"
-    return f"communication {describe(world).partition(', communication ')[2]}"
+    return describe(world).partition(", communication ")[2]
 
 
 def _gap(entry: Entry) -> object:

@@ -148,8 +148,8 @@ def _filters(found: Sequence[Sizes]) -> Html:
             choice("Messages", "messages", ["yes", "no"]),
             choice("Costs", "costs", ["yes", "no"]),
             choice("Source", "kind", sorted({entry.kind for entry in firsts})),
-            choice("Sort by", "sort", list(SORTS), labels=SORTS, default="shown"),
-            choice("Show as", "view", ["cards", "table"], default="cards"),
+            choice("Sort by", "sort", list(SORTS), labels=SORTS, default="shown", every=None),
+            choice("Show as", "view", ["cards", "table"], default="cards", every=None),
             element("label", replays, " replays", class_="check"),
         ),
     )

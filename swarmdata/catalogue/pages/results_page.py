@@ -68,7 +68,9 @@ def _leaderboards(found: Sequence[Board], known: frozenset[str]) -> list[Html]:
     largest = max(found, key=lambda board: len(board.of("algorithms"))).dataset
     search = element("input", type="search", name="search", placeholder="algorithm or family")
     fields = (
-        choice("Dataset", "dataset", [board.dataset for board in found], default=largest),
+        choice(
+            "Dataset", "dataset", [board.dataset for board in found], default=largest, every=None
+        ),
         choice("Results", "group", list(GROUPS), labels=GROUPS, default="algorithms", every="all"),
         element("label", "Search", search),
     )

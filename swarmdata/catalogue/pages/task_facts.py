@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from swarmdata.catalogue.elements import Html, element, join, table
 from swarmdata.catalogue.entries import Entry
+from swarmdata.catalogue.pages.figures_shown import count
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interfaces import Task
 from swarmdata.registry.components import make_task, reward_terms
@@ -25,10 +26,11 @@ def lead(entry: Entry) -> str:
     """The task in two sentences: what the team does, and when it is done."""
     spec = entry.spec.world
     if spec is None:
-        n, what = entry.spec.n_agents, "agents" if entry.spec.n_agents > 1 else "agent"
-        return (
-            f"Episodes of {n} {what} in {entry.spec.task}, recorded from outside of this package."
-        )
+        where = "logs of robots" if entry.kind == "robot logs" else "another environment"
+        who = count(entry.spec.n_agents, "agent")
+        text = f"Episodes of {who} in {entry.spec.task}, from {where}."
+        stated = {} if entry.dataset is None else entry.dataset.recipe.metadata or {}
+        return f"{text} {stated['description']}" if "description" in stated else text
     task = make_task(spec)
     doc = inspect.getdoc(sys.modules[type(task).__module__]) or ""
     first = " ".join(doc.partition("\n\n")[0].split()).rstrip(".")

@@ -1,11 +1,15 @@
 """The two sentences of a task, and names of columns in short."""
 
+from pathlib import Path
+
 import pytest
 
-from swarmdata.catalogue.entries import Entry
+from swarmdata.catalogue.entries import Entry, find_entries
 from swarmdata.catalogue.pages.task_facts import arrays_part, column_names, lead, reward_part
 from swarmdata.registry.presets import preset, preset_names
+from swarmdata.runtime.batches import Failures
 from swarmdata.types import Column
+from tests.support.image_world import record_images
 
 
 def entry_of(name: str) -> Entry:
@@ -25,6 +29,19 @@ def test_every_task_is_told_in_two_sentences(name: str) -> None:
     assert f"within {spec.horizon} steps" in when
     assert "`" not in text
     assert "N robots" not in what
+
+
+def test_a_recording_says_what_its_author_does(tmp_path: Path) -> None:
+    dataset = record_images(tmp_path / "images", description="Two <agents> paint.")
+    (entry,) = find_entries([str(dataset.path)], Failures(1), with_published=False)
+
+    text, arrays = lead(entry), arrays_part(entry)
+
+    assert text.startswith("Episodes of 2 agents in painting_v1, from another environment.")
+    assert text.endswith("Two <agents> paint.")
+    shape = dataset.stored.manifest.arrays["actions"].shape
+    assert f"<code>actions</code></th><td>T, {', '.join(map(str, shape[1:]))}</td>" in arrays
+    assert "log_probs" not in arrays
 
 
 def test_slots_are_named_once() -> None:
