@@ -272,6 +272,8 @@ def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
         assert visit.run("scrollY") == 0
     visit.open("datasets/formation-small-v0.html")
     assert visit.page.locator(".stage canvas >> nth=0").bounding_box()["height"] > 300
+    visit.page.click(".compare")
+    visit.wait("document.querySelector('.play').getBoundingClientRect().bottom <= 768")
 
 
 def test_back_leads_to_the_last_choice(visit: Visit) -> None:

@@ -113,18 +113,25 @@ def _tiers(entry: Entry, entries: Sequence[Entry]) -> Html:
     if len(tiers) < 2:
         return join()
     tiers.sort(key=lambda each: (each.success or 0.0, each.id))
+    are_told_apart = len({each.tier for each in tiers}) == len(tiers)
     items = [
         element(
             "a",
-            element("b", each.tier),
-            f"{percent(each.success)} solved",
-            svg_shapes.share_bar(each.success or 0.0),
+            element("b", each.tier if are_told_apart else each.id),
+            *_solved(each),
             href=f"{each.key}.html",
             aria_current="page" if each is entry else None,
         )
         for each in tiers
     ]
     return element("nav", *items, class_="tiers", aria_label="Tiers of this task")
+
+
+def _solved(entry: Entry) -> tuple[object, ...]:
+    """The share of solved episodes, where it is known, as text and as a bar."""
+    if entry.success is None:
+        return ()
+    return f"{percent(entry.success)} solved", svg_shapes.share_bar(entry.success)
 
 
 def _absent(entry: Entry, picture: Html) -> Html:

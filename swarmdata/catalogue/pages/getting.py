@@ -67,17 +67,23 @@ def _facts(entry: Entry) -> Html:
         ("address", _address(entry)),
         ("source", entry.kind),
         ("recorded by", _policies(entry)),
-        ("solved", f"{percent(entry.success)}, {percent(entry.clean_success)} without a contact"),
-        ("score", f"{score(entry.score)} (0 no skill, 100 expert)"),
+        ("solved", _solved(entry)),
+        ("score", UNKNOWN if entry.score is None else f"{score(entry.score)} (100: expert)"),
         ("costs", _costs(entry)),
         ("messages", _messages(entry)),
         ("coordination gap", _gap(entry)),
-        ("license", f"data {entry.license}, code Apache-2.0"),
+        ("license", "not stated" if entry.license == "unknown" else entry.license),
         ("digest", UNKNOWN if entry.digest is None else _digest(entry.digest)),
         ("cite as", _citation(entry)),
     ]
     rows = [join(element("dt", name), element("dd", value)) for name, value in facts]
     return element("dl", *rows, class_="facts")
+
+
+def _solved(entry: Entry) -> str:
+    if entry.clean_success is None:
+        return percent(entry.success)
+    return f"{percent(entry.success)}, {percent(entry.clean_success)} without a contact"
 
 
 def _address(entry: Entry) -> object:
@@ -105,7 +111,7 @@ def _costs(entry: Entry) -> str:
 def _messages(entry: Entry) -> str:
     world = entry.spec.world
     if world is None:
-        return "not known"
+        return UNKNOWN
     if not entry.has_messages:
         return "none; dataset.reobserve adds a radio"
     return describe(world).partition(", communication ")[2]

@@ -82,7 +82,7 @@ def _facts(source: ResultSource, outcome: Outcome) -> Html:
         ),
     ]
     figures = [join(element("dt", name), element("dd", value)) for name, value in facts]
-    return element("dl", *figures, class_="facts")
+    return element("dl", *figures, class_="facts across")
 
 
 def _explanation(outcome: Outcome, n_replays: int) -> str:
