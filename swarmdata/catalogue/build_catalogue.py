@@ -111,9 +111,12 @@ def build_catalogue(
         names, failures, workers=choices.workers, with_published=choices.published
     )
     failures.n_items = len(entries) + len(failures.reasons) + len(own)
-    committed = committed_sources()
-    if not choices.published:
-        committed = results_on(committed, {entry.id for entry in entries})
+    if choices.published:
+        committed = committed_sources()
+    else:
+        named = {entry.id for entry in entries}
+        full = {entry.full_id for entry in entries}  # beside a mini, results are on the full one
+        committed = results_on(committed_sources(named), named, full)
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "

@@ -77,11 +77,16 @@ class ResultSource:
     is_own: bool = False
 
 
-def committed_sources() -> list[ResultSource]:
-    """The studies that are part of this installation."""
+def committed_sources(shown: Container[str] | None = None) -> list[ResultSource]:
+    """The studies that are part of this installation.
+
+    Args:
+        shown: ids of the datasets on which episodes of results are shown, which takes a second or
+            more for each study that has some; None: on all.
+    """
     with as_file(files("swarmdata.cards").joinpath("studies")) as folder:
         return [
-            _of_study(folder / study.name, f"cards/studies/{study.name}")
+            _of_study(folder / study.name, f"cards/studies/{study.name}", shown)
             for study in committed_studies()
             if not study.chose_settings
         ]
@@ -93,16 +98,27 @@ def studies_without_episodes() -> list[str]:
     return [each.name for each in shown if not each.folder.joinpath(ARCHIVE_FILE).is_file()]
 
 
-def results_on(sources: Sequence[ResultSource], datasets: Container[str]) -> list[ResultSource]:
-    """Returns the results on some datasets, by their ids, without sources that have none."""
-    kept = (
-        replace(
-            source,
-            outcomes=tuple(o for o in source.outcomes if o.dataset.partition("@")[0] in datasets),
-        )
-        for source in sources
-    )
-    return [source for source in kept if source.outcomes]
+def results_on(
+    sources: Sequence[ResultSource], datasets: Container[str], beside: Container[str] = ()
+) -> list[ResultSource]:
+    """Returns the results on some datasets, by their ids, without sources that have none.
+
+    Args:
+        sources: to choose from.
+        datasets: whose results are shown.
+        beside: those whose results are shown without pages of their episodes.
+    """
+    found = []
+    for source in sources:
+        named = [(each, each.dataset.partition("@")[0]) for each in source.outcomes]
+        kept = [
+            each if name in datasets else replace(each, results=())
+            for each, name in named
+            if name in datasets or name in beside
+        ]
+        if kept:
+            found.append(replace(source, outcomes=tuple(kept)))
+    return found
 
 
 def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:
@@ -156,13 +172,14 @@ def _plan(folder: Path) -> dict[str, object]:
     return plan if isinstance(plan, dict) else {}
 
 
-def _of_study(folder: Path, place: str) -> ResultSource:
+def _of_study(folder: Path, place: str, shown: Container[str] | None = None) -> ResultSource:
     groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
     for row in _read(
         folder / ESTIMATES_FILE, ("label", "dataset", "quantity", "mean", "low", "high")
     ):
         groups.setdefault((row["dataset"], row["label"]), []).append(row)
-    results = _results_of_study(folder)
+    has_shown = shown is None or any(name.partition("@")[0] in shown for name, _ in groups)
+    results = _results_of_study(folder) if has_shown else {}
     outcomes = tuple(
         replace(_outcome(rows, folder / ESTIMATES_FILE), results=results.get(name, ()))
         for name, rows in groups.items()

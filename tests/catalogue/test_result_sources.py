@@ -9,7 +9,13 @@ from swarmdata.cards.committed_studies import read_studies
 from swarmdata.catalogue import result_sources
 from swarmdata.catalogue.boards import boards
 from swarmdata.catalogue.pages.results_page import results_page
-from swarmdata.catalogue.result_sources import ResultSource, committed_sources, own_sources
+from swarmdata.catalogue.result_sources import (
+    ResultSource,
+    committed_sources,
+    own_sources,
+    results_on,
+    with_keys,
+)
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import save_result
 from swarmdata.runtime.batches import Failures
@@ -75,7 +81,7 @@ def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
 def test_studies_on_validation_seeds_are_no_committed_results(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def of_study(folder: Path, place: str) -> ResultSource:
+    def of_study(folder: Path, place: str, shown: object) -> ResultSource:
         return ResultSource("", place, (), {})
 
     monkeypatch.setattr(result_sources, "_of_study", of_study)  # which reads archives for long
@@ -83,6 +89,20 @@ def test_studies_on_validation_seeds_are_no_committed_results(
 
     assert "cards/studies/goals" in places
     assert "cards/studies/validation" not in places
+
+
+def test_archives_are_read_only_for_datasets_that_are_shown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read: list[str] = []
+    monkeypatch.setattr(
+        result_sources, "_results_of_study", lambda folder: read.append(folder.name) or {}
+    )
+
+    found = committed_sources({"search-expert-v1"})
+
+    assert read == ["hearing"]
+    assert len(found) > len(read)
 
 
 def test_a_study_whose_episodes_are_not_installed_is_named(
@@ -132,6 +152,19 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
     assert "results (yours)" in page
     assert "runs bc" in page
     assert str(tmp_path) not in page
+
+
+def test_results_beside_a_mini_have_no_pages(tmp_path: Path) -> None:
+    save_result(result(algorithm="bc"), tmp_path / "results")
+    sources = own_sources([tmp_path / "results"], Failures(1))
+
+    (shown,) = results_on(sources, {MEDIUM})
+    (beside,) = results_on(sources, {"coop_nav-medium-mini-v1"}, {MEDIUM})
+
+    assert with_keys([shown])[0].outcomes[0].key
+    assert not with_keys([beside])[0].outcomes[0].key
+    assert beside.outcomes[0].estimates == shown.outcomes[0].estimates
+    assert results_on(sources, {"other-v1"}) == []
 
 
 def test_absent_results_are_one_sentence(tmp_path: Path) -> None:
