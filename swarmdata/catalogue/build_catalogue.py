@@ -111,12 +111,7 @@ def build_catalogue(
         names, failures, workers=choices.workers, with_published=choices.published
     )
     failures.n_items = len(entries) + len(failures.reasons) + len(own)
-    if choices.published:
-        committed = committed_sources()
-    else:
-        named = {entry.id for entry in entries}
-        full = {entry.full_id for entry in entries}  # beside a mini, results are on the full one
-        committed = results_on(committed_sources(named), named, full)
+    committed = committed_sources() if choices.published else _committed_on(entries)
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
@@ -138,6 +133,12 @@ def build_catalogue(
         note(f"{n_pages} pages, {_size(site)}, {perf_counter() - start:.0f} s")
     failures.check("datasets and results", f"The others are in {out / 'index.html'}.")
     return out / "index.html"
+
+
+def _committed_on(entries: Sequence[Entry]) -> list[ResultSource]:
+    """The committed results on some datasets, and beside minis those on the full ones."""
+    named = {entry.id for entry in entries}
+    return results_on(committed_sources(named), named, {entry.full_id for entry in entries})
 
 
 def _check_models(choices: CatalogueChoices) -> None:

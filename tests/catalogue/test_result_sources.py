@@ -17,7 +17,7 @@ from swarmdata.catalogue.result_sources import (
     with_keys,
 )
 from swarmdata.errors import DatasetNotFoundError, SchemaError
-from swarmdata.evaluation.results.result_files import save_result
+from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.runtime.batches import Failures
 from tests.support.measured import MEDIUM, result
 
@@ -95,9 +95,12 @@ def test_archives_are_read_only_for_datasets_that_are_shown(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     read: list[str] = []
-    monkeypatch.setattr(
-        result_sources, "_results_of_study", lambda folder: read.append(folder.name) or {}
-    )
+
+    def results_of(folder: Path) -> dict[tuple[str, str], tuple[Result, ...]]:
+        read.append(folder.name)
+        return {}
+
+    monkeypatch.setattr(result_sources, "_results_of_study", results_of)
 
     found = committed_sources({"search-expert-v1"})
 
