@@ -294,11 +294,11 @@ class Search:
         rules = spec.rules_as(SearchRules)
         return Appearance(
             legend=(
-                "Rings are victims, filled once they are rescued. Dashes lead from a robot to the "
-                "victim that it knows; from afar robots see none."
+                "Rings are victims: dotted until a robot has seen them, then whole, and filled "
+                "once they are rescued. Dashes lead from a robot to the victim that it knows."
             ),
             radius=rules.goal_radius,
-            shared=SharedTargets(rules.victims, reached=2 * rules.victims),
+            shared=SharedTargets(rules.victims, 2 * rules.victims, known=3 * rules.victims),
             is_linked=True,
             nowhere=(-spec.half_size[0], -spec.half_size[1]),
             moments=(

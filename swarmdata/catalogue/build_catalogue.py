@@ -10,6 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
+from swarmdata.catalogue.boards import Board, boards
 from swarmdata.catalogue.drawings.charts import rewards_drawing
 from swarmdata.catalogue.drawings.episode_drawing import episode_drawing
 from swarmdata.catalogue.elements import Html
@@ -29,7 +30,6 @@ from swarmdata.catalogue.result_sources import (
     own_sources,
     results_on,
     studies_without_episodes,
-    with_families,
     with_keys,
 )
 from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
@@ -43,7 +43,6 @@ from swarmdata.specs.model_choice import (
     Source,
     check_messages,
     chosen_models,
-    is_same_world,
     with_models,
 )
 from swarmdata.specs.observation_names import observation_model
@@ -112,29 +111,34 @@ def build_catalogue(
         names, failures, workers=choices.workers, with_published=choices.published
     )
     failures.n_items = len(entries) + len(failures.reasons) + len(own)
-    committed = committed_sources()
-    if not choices.published:
-        committed = results_on(committed, {entry.id for entry in entries})
+    committed = committed_sources() if choices.published else _committed_on(entries)
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
             "only a clone of the repository has, in cards/studies"
         )
-    sources = with_keys([*committed, *with_families(own, committed)])
+    sources = with_keys([*committed, *own])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
         shown = _write_episodes(site, entries, choices, failures)
         known = frozenset(each.entry.id for each in shown)
         sources = _write_results(site, sources, known, failures)
-        shown = [each for each in shown if _write_page(site, each, shown, sources, failures)]
+        found = boards(sources)
+        shown = [each for each in shown if _write_page(site, each, shown, found, failures)]
         pictures = {each.entry.id: each.picture for each in shown}
         _write(site, index_page([each.entry for each in shown], pictures))
-        _write(site, results_page(sources, known))
+        _write(site, results_page(found, sources, known))
         n_pages = sum(1 for _ in site.rglob("*.html"))
         note(f"{n_pages} pages, {_size(site)}, {perf_counter() - start:.0f} s")
     failures.check("datasets and results", f"The others are in {out / 'index.html'}.")
     return out / "index.html"
+
+
+def _committed_on(entries: Sequence[Entry]) -> list[ResultSource]:
+    """The committed results on some datasets, and beside minis those on the full ones."""
+    named = {entry.id for entry in entries}
+    return results_on(committed_sources(named), named, {entry.full_id for entry in entries})
 
 
 def _check_models(choices: CatalogueChoices) -> None:
@@ -182,13 +186,14 @@ def _write_page(
     site: Path,
     one: _Shown,
     shown: Sequence[_Shown],
-    sources: Sequence[ResultSource],
+    results: Sequence[Board],
     failures: Failures,
 ) -> bool:
     """Writes the page of a dataset, and says whether that went well."""
     with failures.item(one.entry.id):
-        peers = _peers(one.entry, [each.entry for each in shown])
-        _write(site, dataset_page(one.entry, one.spec, one.n_episodes, peers, sources))
+        entries = [each.entry for each in shown]
+        page = dataset_page(one.entry, one.spec, one.n_episodes, one.picture, entries, results)
+        _write(site, page)
         return True
     return False
 
@@ -237,20 +242,6 @@ def _with_page(
         return outcome
     shutil.rmtree(site / "data" / outcome.key, ignore_errors=True)
     return replace(outcome, key="")
-
-
-def _peers(entry: Entry, entries: Sequence[Entry]) -> list[str]:
-    """Other datasets with episodes in the same world, or of the same environment."""
-    if entry.dataset is None:
-        return []
-    others = (other for other in entries if other is not entry and other.dataset is not None)
-    return [other.id for other in others if _is_comparable(entry.spec, other.spec)]
-
-
-def _is_comparable(one: Spec, other: Spec) -> bool:
-    if one.world is None or other.world is None:
-        return one.hash() == other.hash()
-    return is_same_world(one.world, other.world)
 
 
 class _Drawings:

@@ -4,7 +4,8 @@ A published dataset whose files are not at hand is shown by its published figure
 dataset that was named, or is in the cache, also has its episodes.
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,7 +14,13 @@ from typing import Literal
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SpecError
 from swarmdata.hub.catalog.catalog import known_references, list_datasets, load
-from swarmdata.registry.published import normalized_score, published
+from swarmdata.registry.published import (
+    Interval,
+    license_of,
+    normalized_score,
+    published,
+    references_of,
+)
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.batches import Failures
 from swarmdata.specs.origins import Spec
@@ -21,7 +28,14 @@ from swarmdata.specs.plain_names import without_version
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
-Kind = Literal["generated", "recorded"]
+Kind = Literal["simulated", "robot logs", "other environment"]
+"""Worlds of this package, logs of robots, and what was recorded in other environments."""
+
+_COLLISIONS = tuple(
+    re.compile(rf"^\| {who} collisions per episode \| ([\d.]+) \|$", re.MULTILINE)
+    for who in ("robot", "obstacle")
+)
+"""Rows of a published card."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +53,9 @@ class Entry:
     success: float | None
     clean_success: float | None
     score: float | None
+    collisions: tuple[float, float] | None  # with robots and with obstacles, per episode
+    policies: tuple[str, ...]
+    license: str
     digest: str | None
     card: str | None  # Markdown
     dataset: Dataset | None  # None: its episodes are not shown
@@ -47,6 +64,42 @@ class Entry:
     def key(self) -> str:
         """Name of its page and of its data folder."""
         return self.id
+
+    @property
+    def is_mini(self) -> bool:
+        """Whether it is called a mini, a small part of another; small ones of users are not."""
+        return is_mini_id(self.id)
+
+    @property
+    def full_id(self) -> str:
+        """The id of the dataset that it is a mini of; its own if it is none."""
+        name = without_version(self.id)
+        return name.removesuffix("-mini") + self.id.removeprefix(name)
+
+    @property
+    def gaps(self) -> Mapping[str, Mapping[str, Interval]]:
+        """The coordination gaps of its task by less coordinated team; none if not measured."""
+        known = references_of(self.spec.hash())
+        return {} if known is None else known.gaps
+
+    @property
+    def need(self) -> float | None:
+        """Points of clean success that robots lose who ignore each other; None: not measured."""
+        alone = self.gaps.get("scripted-alone")
+        return None if alone is None else 100 * alone["clean_success"].value
+
+    @property
+    def has_messages(self) -> bool:
+        """Whether robots send messages."""
+        return self.spec.world is not None and self.spec.world.communication.kind != "none"
+
+
+def in_sizes(entries: Sequence[Entry]) -> list[list[Entry]]:
+    """The entries, those of one dataset together: the full one before its mini."""
+    found: dict[str, list[Entry]] = {}
+    for entry in sorted(entries, key=lambda each: (each.full_id, each.is_mini)):
+        found.setdefault(entry.full_id, []).append(entry)
+    return list(found.values())
 
 
 def find_entries(
@@ -109,13 +162,13 @@ def _of_dataset(dataset: Dataset) -> Entry:
     score = None
     if references is not None:
         score = float(normalized_score(figures.mean_return, references))
-    is_generated = spec.world is not None and dataset.recipe.kind != "recording"
+    table = dataset.episodes
     tells_success = spec.world is not None or figures.success > 0
     return Entry(
         id=dataset.id,
         tier=dataset.recipe.tier,
         spec=spec,
-        kind="generated" if is_generated else "recorded",
+        kind=_kind_of(dataset),
         n_steps=manifest.n_steps,
         n_episodes=manifest.n_episodes,
         n_bytes=sum(file.size for file in manifest.files.values()),
@@ -123,10 +176,22 @@ def _of_dataset(dataset: Dataset) -> Entry:
         success=figures.success if tells_success else None,
         clean_success=figures.clean_success if spec.world is not None else None,
         score=score,
+        collisions=None
+        if spec.world is None
+        else (float(table.robot_collisions.mean()), float(table.obstacle_collisions.mean())),
+        policies=tuple(policy.label for policy in dataset.recipe.policies),
+        license=license_of(dataset.recipe),
         digest=dataset.digest,
         card=_card_of(dataset),
         dataset=dataset,
     )
+
+
+def _kind_of(dataset: Dataset) -> Kind:
+    if dataset.recipe.kind == "logs":
+        return "robot logs"
+    is_ours = dataset.recipe.spec.world is not None and dataset.recipe.kind != "recording"
+    return "simulated" if is_ours else "other environment"
 
 
 def _card_of(dataset: Dataset) -> str | None:
@@ -139,11 +204,12 @@ def _card_of(dataset: Dataset) -> str | None:
 def _of_published(dataset_id: str, n_steps: int, score: float | None) -> Entry:
     recipe, figures = find_recipe(dataset_id), published().get(dataset_id)
     file = files("swarmdata.cards").joinpath("published", f"{dataset_id}.md")
+    card = file.read_text(encoding="utf-8") if file.is_file() else None
     return Entry(
         id=dataset_id,
         tier=recipe.tier,
         spec=recipe.spec,
-        kind="generated",
+        kind="simulated",
         n_steps=n_steps,
         n_episodes=figures.n_episodes if figures else None,
         n_bytes=figures.n_bytes if figures else None,
@@ -151,7 +217,16 @@ def _of_published(dataset_id: str, n_steps: int, score: float | None) -> Entry:
         success=figures.success if figures else None,
         clean_success=figures.clean_success if figures else None,
         score=score,
+        collisions=None if card is None else collisions_on(card),
+        policies=tuple(policy.label for policy in recipe.policies),
+        license=license_of(recipe),
         digest=figures.digest if figures else None,
-        card=file.read_text(encoding="utf-8") if file.is_file() else None,
+        card=card,
         dataset=None,
     )
+
+
+def collisions_on(card: str) -> tuple[float, float] | None:
+    """The mean collisions of an episode, with robots and with obstacles, that a card states."""
+    robots, obstacles = (pattern.search(card) for pattern in _COLLISIONS)
+    return None if robots is None or obstacles is None else (float(robots[1]), float(obstacles[1]))

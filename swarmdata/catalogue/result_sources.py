@@ -16,6 +16,7 @@ from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE, committed_studies
 from swarmdata.catalogue.drawings.charts import Line
+from swarmdata.drawing.style import FAMILY_OF, family_name
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import read_results
@@ -65,6 +66,7 @@ class ResultSource:
         outcomes: by dataset and label.
         data: mean score of each dataset's own episodes, where it is known.
         charts: learning curves and sweeps.
+        is_own: whether it is no study of this installation.
     """
 
     title: str
@@ -72,13 +74,19 @@ class ResultSource:
     outcomes: tuple[Outcome, ...]
     data: Mapping[str, float]
     charts: tuple[LineSet, ...] = ()
+    is_own: bool = False
 
 
-def committed_sources() -> list[ResultSource]:
-    """The studies that are part of this installation."""
+def committed_sources(shown: Container[str] | None = None) -> list[ResultSource]:
+    """The studies that are part of this installation.
+
+    Args:
+        shown: ids of the datasets on which episodes of results are shown, which takes a second or
+            more for each study that has some; None: on all.
+    """
     with as_file(files("swarmdata.cards").joinpath("studies")) as folder:
         return [
-            _of_study(folder / study.name, f"cards/studies/{study.name}")
+            _of_study(folder / study.name, f"cards/studies/{study.name}", shown)
             for study in committed_studies()
             if not study.chose_settings
         ]
@@ -90,16 +98,27 @@ def studies_without_episodes() -> list[str]:
     return [each.name for each in shown if not each.folder.joinpath(ARCHIVE_FILE).is_file()]
 
 
-def results_on(sources: Sequence[ResultSource], datasets: Container[str]) -> list[ResultSource]:
-    """Returns the results on some datasets, by their ids, without sources that have none."""
-    kept = (
-        replace(
-            source,
-            outcomes=tuple(o for o in source.outcomes if o.dataset.partition("@")[0] in datasets),
-        )
-        for source in sources
-    )
-    return [source for source in kept if source.outcomes]
+def results_on(
+    sources: Sequence[ResultSource], datasets: Container[str], beside: Container[str] = ()
+) -> list[ResultSource]:
+    """Returns the results on some datasets, by their ids, without sources that have none.
+
+    Args:
+        sources: to choose from.
+        datasets: whose results are shown.
+        beside: those whose results are shown without pages of their episodes.
+    """
+    found = []
+    for source in sources:
+        named = [(each, each.dataset.partition("@")[0]) for each in source.outcomes]
+        kept = [
+            each if name in datasets else replace(each, results=())
+            for each, name in named
+            if name in datasets or name in beside
+        ]
+        if kept:
+            found.append(replace(source, outcomes=tuple(kept)))
+    return found
 
 
 def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:
@@ -112,25 +131,8 @@ def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource
     found = []
     for place in places:
         with failures.item(str(place)):
-            found.append(_of_place(Path(place)))
+            found.append(replace(_of_place(Path(place)), is_own=True))
     return found
-
-
-def with_families(
-    own: Sequence[ResultSource], committed: Sequence[ResultSource]
-) -> list[ResultSource]:
-    """Gives one's own results the families, and so the colors, that studies give the algorithms."""
-    known = {each.label: each.family for source in committed for each in source.outcomes}
-    return [
-        replace(
-            source,
-            outcomes=tuple(
-                replace(each, family=known.get(each.family, each.family))
-                for each in source.outcomes
-            ),
-        )
-        for source in own
-    ]
 
 
 def _of_place(place: Path) -> ResultSource:
@@ -151,7 +153,7 @@ def _of_place(place: Path) -> ResultSource:
             found = {each.column.key: estimate(each, case, label) for each in quantities_of(case)}
             names = tuple(sorted({run.run_name for run in runs if run.run_name is not None}))
             updates = "" if origin.updates is None else str(origin.updates)
-            family = origin.algorithm or "policy without training"
+            family = family_name(origin.algorithm or "policy without training")
             outcomes.append(
                 Outcome(label, family, case.name, found, len(runs), updates, "", names, runs)
             )
@@ -170,13 +172,14 @@ def _plan(folder: Path) -> dict[str, object]:
     return plan if isinstance(plan, dict) else {}
 
 
-def _of_study(folder: Path, place: str) -> ResultSource:
+def _of_study(folder: Path, place: str, shown: Container[str] | None = None) -> ResultSource:
     groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
     for row in _read(
         folder / ESTIMATES_FILE, ("label", "dataset", "quantity", "mean", "low", "high")
     ):
         groups.setdefault((row["dataset"], row["label"]), []).append(row)
-    results = _results_of_study(folder)
+    has_shown = shown is None or any(name.partition("@")[0] in shown for name, _ in groups)
+    results = _results_of_study(folder) if has_shown else {}
     outcomes = tuple(
         replace(_outcome(rows, folder / ESTIMATES_FILE), results=results.get(name, ()))
         for name, rows in groups.items()
@@ -236,7 +239,7 @@ def _outcome(rows: Rows, file: Path) -> Outcome:
     }
     return Outcome(
         label=first["label"],
-        family=first.get("family", ""),
+        family=FAMILY_OF.get(first["label"], family_name(first.get("family", ""))),
         dataset=first["dataset"],
         estimates=found,
         n_runs=int(first.get("seeds") or 0),

@@ -16,6 +16,8 @@ class SharedTargets(NamedTuple):
     n: int  # x and y of each, one after the other
     reached: int | None = None  # the extra that is positive once the first is reached, and so on
     """None: a target is reached while a robot is on it."""
+    known: int | None = None  # the extra that is positive once robot 0 knows the first target
+    """Then of the others; then of the next robots. None: robots know all from the start."""
 
 
 class Moment(NamedTuple):

@@ -41,7 +41,7 @@ def little_published() -> Iterator[None]:
     """
     sources = own_sources([STUDY], Failures(1))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", lambda: sources)
+        patch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", lambda *_: sources)
         patch.setattr("swarmdata.catalogue.entries.list_datasets", few_published)
         yield
 

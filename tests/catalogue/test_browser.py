@@ -22,8 +22,8 @@ slow = pytest.mark.slow
 
 
 def test_the_index_is_filtered_sorted_and_restored_from_its_address(visit: Visit) -> None:
-    visit.open("index.html")
-    n_all = visit.page.locator(".card").count()
+    visit.open("index.html#view=cards")
+    n_all = visit.run("document.querySelectorAll('#table tbody tr').length")
     visit.page.check("input[name=replays]")
     assert len(visit.texts(".card")) == 7 < n_all
     assert visit.texts("#shown") == [f"7 of {n_all} datasets"]
@@ -32,7 +32,7 @@ def test_the_index_is_filtered_sorted_and_restored_from_its_address(visit: Visit
     assert visit.texts(".card h2") == ["transport-small-v0"]
 
     visit.page.click("button[type=reset]")
-    visit.page.fill("input[name=search]", "coop_nav mini")
+    visit.page.fill("input[name=search]", "coop_nav simulated")
     visit.page.select_option("select[name=sort]", "success")
     shares = [float(each) for each in visit.run("[...cards.children].map(c=>c.dataset.success)")]
     assert len(shares) > 3
@@ -44,6 +44,95 @@ def test_the_index_is_filtered_sorted_and_restored_from_its_address(visit: Visit
     visit.page.goto(address)
     visit.page.wait_for_selector("body[data-ready=yes]")
     assert visit.texts(".card h2") == names
+
+
+def test_the_table_has_what_the_cards_have(visit: Visit) -> None:
+    visit.open("index.html#task=transport&view=table")
+    rows = visit.page.locator("#table tbody tr:visible")
+    names = {text.split()[0] for text in rows.all_inner_texts()}
+    assert not visit.page.is_visible(".card")
+    assert len(names) > 2
+    visit.page.click("#table thead button:has-text('score')")
+    scores = visit.run(
+        "[...document.querySelectorAll('#table tbody tr')].filter((row) => !row.hidden)"
+        ".map((row) => Number(row.cells[6].dataset.value))"
+    )
+    assert scores == sorted(scores, reverse=True)
+    visit.page.select_option("select[name=view]", "cards")
+    assert set(visit.texts(".card h2")) == names
+
+
+def test_facets_are_what_the_datasets_are(visit: Visit) -> None:
+    visit.open("index.html")
+    for name, values in {
+        "need": {"large": "coop_nav-medium-v1", "unknown": "transport-medium-v1"},
+        "kind": {"other environment": "painting_v1-mine-v0"},
+        "messages": {"yes": "coop_nav-peer-v0"},
+        "costs": {"no": "painting_v1-mine-v0", "yes": "transport-medium-v1"},
+    }.items():
+        for value, expected in values.items():
+            visit.open(f"index.html#{name}={value.replace(' ', '+')}")
+            assert expected in visit.texts(".card h2"), (name, value)
+            visit.open(f"index.html#{name}={value.replace(' ', '+')}&search={expected}")
+            assert expected in visit.texts(".card h2")
+
+
+def test_filters_that_leave_nothing_say_how_to_widen(visit: Visit) -> None:
+    visit.open("index.html#task=transport&team=4&kind=other+environment&search=medium-expert")
+    assert visit.texts(".card") == []
+    assert visit.texts("#shown")[0].startswith("0 of ")
+    assert [text.split(" (")[0] for text in visit.texts("#widen button")] == [
+        "Any source",
+        "Clear all filters",
+    ]
+    visit.page.click("#widen button >> nth=0")
+    assert visit.texts(".card h2") == ["transport-medium-expert-v1"]
+    assert not visit.page.is_visible("#widen")
+    visit.page.go_back()
+    visit.wait("!document.getElementById('widen').hidden")
+    visit.page.click("#widen button:has-text('Clear all')")
+    visit.wait("document.querySelectorAll('.card').length > 3")
+
+
+def test_a_link_to_a_place_in_the_page_keeps_what_is_chosen(visit: Visit) -> None:
+    visit.open("index.html#task=transport")
+    names = visit.texts(".card h2")
+    visit.page.focus(".skip")
+    visit.page.keyboard.press("Enter")
+    visit.wait("location.hash === '#content'")
+    assert visit.texts(".card h2") == names
+    visit.open(f"datasets/{TINY.id}.html#episode=3&t=1")
+    visit.page.reload()
+    visit.page.wait_for_selector("body[data-ready=yes]")
+    visit.page.focus(".skip")
+    visit.page.keyboard.press("Enter")
+    visit.wait("location.hash === '#content'")
+    assert visit.run("swarmdata.views[0].replay.position") == 3
+
+
+def test_controls_on_a_phone_are_large_enough_for_a_finger(visit: Visit) -> None:
+    visit.page.set_viewport_size({"width": 390, "height": 844})
+    for path in ("index.html", f"datasets/{TINY.id}.html", "results.html"):
+        visit.open(path)
+        small = visit.run(
+            "[...document.querySelectorAll('button, select, summary, nav a, .sizes a, label.check,"
+            " input:not([type=checkbox])')].filter((each) => each.offsetParent &&"
+            " each.getBoundingClientRect().height < 40).map((each) => each.outerHTML)"
+        )
+        assert small == [], path
+        assert visit.run("document.documentElement.scrollWidth") <= 390, path
+
+
+def test_a_dataset_leads_to_its_other_size_and_tiers(visit: Visit) -> None:
+    visit.open("datasets/coop_nav-medium-v1.html")
+    tiers = visit.texts(".tiers a b")
+    assert {"random", "medium", "expert", "scripted"} <= set(tiers)
+    with visit.page.expect_navigation():
+        visit.page.click("nav.sizes a:has-text('Mini')")
+    assert visit.page.url.endswith("/coop_nav-medium-mini-v1.html")
+    with visit.page.expect_navigation():
+        visit.page.click(".tiers a:has-text('scripted')")
+    assert visit.page.url.endswith("/coop_nav-scripted-mini-v1.html")
 
 
 def test_replays_are_where_the_recording_was(visit: Visit, shown: dict[str, Path]) -> None:
@@ -134,7 +223,9 @@ def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
 @slow
 def test_a_range_is_dragged_over_a_histogram(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
-    box = visit.page.locator("fieldset[data-name=return] svg").bounding_box()
+    histogram = visit.page.locator("fieldset[data-name=return] svg")
+    histogram.scroll_into_view_if_needed()
+    box = histogram.bounding_box()
     middle = box["y"] + box["height"] / 2
     visit.page.mouse.move(box["x"] + 0.55 * box["width"], middle)
     visit.page.mouse.down()
@@ -174,13 +265,15 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
 
 def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
     visit.page.set_viewport_size({"width": 1360, "height": 768})
-    for name in ("formation-small-v0", "painting_v1-mine-v0"):
+    for name in (TINY.id, "formation-small-v0", "painting_v1-mine-v0"):
         visit.open(f"datasets/{name}.html")
         box = visit.page.locator(".play").bounding_box()
         assert box["y"] + box["height"] <= 768
         assert visit.run("scrollY") == 0
     visit.open("datasets/formation-small-v0.html")
     assert visit.page.locator(".stage canvas >> nth=0").bounding_box()["height"] > 300
+    visit.page.click(".compare")
+    visit.wait("document.querySelector('.play').getBoundingClientRect().bottom <= 768")
 
 
 def test_back_leads_to_the_last_choice(visit: Visit) -> None:
@@ -305,20 +398,30 @@ def test_code_is_copied(visit: Visit) -> None:
 
 
 def test_the_leaderboard_is_sorted_and_filtered(visit: Visit) -> None:
-    visit.open("results.html")
-    script = "[...leaderboard.tBodies[0].rows].map((row) => Number(row.cells[{}].dataset.value))"
-    assert visit.run(script.format(5)) == sorted(visit.run(script.format(5)), reverse=True)
-    rows = visit.texts("#leaderboard tbody tr")
-    assert len(set(rows)) == len(rows)
-    for name, column, best in (("success (%)", 7, max), ("robot collisions", 9, min)):
-        visit.page.click(f"#leaderboard thead button:has-text('{name}') >> nth=0")
+    visit.open("results.html#dataset=coop_nav-medium-v1")
+    board = ".leaderboard:not([hidden])"
+    assert visit.texts(f"{board} h2") == ["coop_nav-medium-v1"]
+    script = (
+        f"[...document.querySelector('{board}').querySelectorAll('tbody tr')]"
+        ".map((row) => Number(row.cells[{}].dataset.value))"
+    )
+    assert visit.run(script.format(1)) == sorted(visit.run(script.format(1)), reverse=True)
+    for name, column, best in (("success (%)", 3, max), ("robot collisions", 5, min)):
+        visit.page.click(f"{board} thead button:has-text('{name}') >> nth=0")
         values = visit.run(script.format(column))
         assert values == sorted(values, reverse=best is max)
         assert values[0] == best(values)
-    visit.page.fill("input[data-filters=leaderboard]", "maddpg_bc coop_nav-medium-v1")
-    rows = visit.page.locator("#leaderboard tbody tr:visible")
-    assert rows.count() >= 1
-    assert all("maddpg_bc" in text for text in rows.all_inner_texts())
+    visit.page.fill("input[name=search]", "maddpg_bc")
+    rows = visit.page.locator(f"{board} tbody tr:visible")
+    assert rows.count() == 1
+    address = visit.page.url
+    visit.page.select_option("select[name=dataset]", "coop_nav-expert-v1")
+    assert visit.texts(f"{board} h2") == ["coop_nav-expert-v1"]
+    visit.page.go_back()
+    visit.wait("document.querySelector('select[name=dataset]').value === 'coop_nav-medium-v1'")
+    assert visit.page.url == address
+    visit.page.fill("input[name=search]", "no such algorithm")
+    assert visit.texts("#widen button")[-1] == "Clear all filters"
 
 
 @slow
@@ -377,9 +480,9 @@ def test_values_that_are_not_finite_are_no_bars_and_in_no_range(visit: Visit) ->
 @slow
 def test_a_result_leads_to_its_episodes_and_replays(visit_results: Visit) -> None:
     visit = visit_results
-    visit.open("results.html")
+    visit.open(f"results.html#dataset={TINY.id}")
     with visit.page.expect_navigation():
-        visit.page.click("#leaderboard tbody tr:has-text('coop_nav-tiny') th a")
+        visit.page.click(".leaderboard:not([hidden]) tbody th a")
     visit.page.wait_for_selector("body[data-ready=yes]")
     assert visit.page.locator(".rows tbody tr").count() == 10
     rows = visit.run("swarmdata.table.rows.map((row) => [row.position, row.return])")

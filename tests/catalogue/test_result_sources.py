@@ -7,10 +7,17 @@ import pytest
 
 from swarmdata.cards.committed_studies import read_studies
 from swarmdata.catalogue import result_sources
+from swarmdata.catalogue.boards import boards
 from swarmdata.catalogue.pages.results_page import results_page
-from swarmdata.catalogue.result_sources import ResultSource, committed_sources, own_sources
+from swarmdata.catalogue.result_sources import (
+    ResultSource,
+    committed_sources,
+    own_sources,
+    results_on,
+    with_keys,
+)
 from swarmdata.errors import DatasetNotFoundError, SchemaError
-from swarmdata.evaluation.results.result_files import save_result
+from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.runtime.batches import Failures
 from tests.support.measured import MEDIUM, result
 
@@ -39,6 +46,10 @@ def study(tmp_path: Path) -> Path:
     return folder
 
 
+def page_of(sources: list[ResultSource], known: frozenset[str]) -> str:
+    return results_page(boards(sources), sources, known).body
+
+
 def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
     (found,) = own_sources([study], Failures(1))
 
@@ -53,23 +64,24 @@ def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
 
 
 def test_the_page_shows_and_links_them(study: Path) -> None:
-    text = results_page(own_sources([study], Failures(1)), frozenset({"coop_nav-medium-v1"})).body
+    text = page_of(own_sources([study], Failures(1)), frozenset({"coop_nav-medium-v1"}))
 
     assert 'href="datasets/coop_nav-medium-v1.html"' in text
     assert "50.0 [45.0, 55.0]" in text
     assert "My &lt;study&gt;" in text
     assert "<study>" not in text
-    assert text.count("<svg") == 3
+    assert text.count('class="chart"') == 2
+    assert text.count("line series-0 dashed-0") == 2  # of cloning
 
 
 def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
-    assert "datasets/" not in results_page(own_sources([study], Failures(1)), frozenset()).body
+    assert "datasets/" not in page_of(own_sources([study], Failures(1)), frozenset())
 
 
 def test_studies_on_validation_seeds_are_no_committed_results(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def of_study(folder: Path, place: str) -> ResultSource:
+    def of_study(folder: Path, place: str, shown: object) -> ResultSource:
         return ResultSource("", place, (), {})
 
     monkeypatch.setattr(result_sources, "_of_study", of_study)  # which reads archives for long
@@ -77,6 +89,23 @@ def test_studies_on_validation_seeds_are_no_committed_results(
 
     assert "cards/studies/goals" in places
     assert "cards/studies/validation" not in places
+
+
+def test_archives_are_read_only_for_datasets_that_are_shown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read: list[str] = []
+
+    def results_of(folder: Path) -> dict[tuple[str, str], tuple[Result, ...]]:
+        read.append(folder.name)
+        return {}
+
+    monkeypatch.setattr(result_sources, "_results_of_study", results_of)
+
+    found = committed_sources({"search-expert-v1"})
+
+    assert read == ["hearing"]
+    assert len(found) > len(read)
 
 
 def test_a_study_whose_episodes_are_not_installed_is_named(
@@ -103,7 +132,7 @@ def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:
 
 
 def test_without_results_the_page_says_how_to_add_some() -> None:
-    assert "swarmdata catalogue build --results FOLDER" in results_page([], frozenset()).body
+    assert "swarmdata catalogue build --results FOLDER" in page_of([], frozenset())
 
 
 def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> None:
@@ -117,12 +146,28 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
     assert (outcome.label, outcome.dataset, outcome.n_runs) == ("bc", MEDIUM, 2)
     assert outcome.updates == "3000"
     assert outcome.runs == ("bc",)
+    assert outcome.family == "cloning"
+    assert found.is_own
     estimate = outcome.estimates["return"]
     assert estimate.low < estimate.value < estimate.high
     assert found.data[MEDIUM] > 0
-    page = results_page([found], frozenset({MEDIUM})).body
-    assert "results; runs bc" in page
+    page = page_of([found], frozenset({MEDIUM}))
+    assert "results (yours)" in page
+    assert "runs bc" in page
     assert str(tmp_path) not in page
+
+
+def test_results_beside_a_mini_have_no_pages(tmp_path: Path) -> None:
+    save_result(result(algorithm="bc"), tmp_path / "results")
+    sources = own_sources([tmp_path / "results"], Failures(1))
+
+    (shown,) = results_on(sources, {MEDIUM})
+    (beside,) = results_on(sources, {"coop_nav-medium-mini-v1"}, {MEDIUM})
+
+    assert with_keys([shown])[0].outcomes[0].key
+    assert not with_keys([beside])[0].outcomes[0].key
+    assert beside.outcomes[0].estimates == shown.outcomes[0].estimates
+    assert results_on(sources, {"other-v1"}) == []
 
 
 def test_absent_results_are_one_sentence(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.catalogue.pages.index_page import QUESTIONS
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe
 
@@ -40,3 +41,14 @@ def test_sizes_are_those_of_the_cards() -> None:
     mini = published()["coop_nav-medium-mini-v1"]
     facts = f"{mini.n_bytes / 1e6:.0f} MB, {100 * mini.success:.1f} % of its episodes"
     assert facts in PAGE.read_text(encoding="utf-8")
+
+
+def test_the_catalogue_asks_the_same_questions() -> None:
+    rows = re.findall(r"^\| ([^|]+\?) \| (.+?) \| .+ \|$", PAGE.read_text(encoding="utf-8"), re.M)
+    asked = {question: tuple(re.findall(r"`([\w-]+)`", named)) for question, named in rows}
+    last = "depend on sensors and radios?"  # which every dataset answers
+
+    assert {question: names for question, names, _ in QUESTIONS} == {
+        question: names for question, names in asked.items() if question != last
+    }
+    assert last in asked

@@ -50,10 +50,12 @@ class Painting(ParallelEnv):  # type: ignore[misc]
         return images
 
 
-def record_images(path: Path, n_episodes: int = 3, id: str = "painting_v1-mine-v0") -> Dataset:
+def record_images(
+    path: Path, n_episodes: int = 3, id: str = "painting_v1-mine-v0", **metadata: str
+) -> Dataset:
     """Records episodes in which both agents repeat the actions 0, 1, 2."""
     env = Painting()
-    with Recorder(env, id=id, path=path) as recorder:
+    with Recorder(env, id=id, path=path, metadata=metadata) as recorder:
         for _ in range(n_episodes):
             recorder.reset()
             while recorder.agents:

@@ -60,5 +60,14 @@ window.swarmdata = (() => {
   const absent = ({ episodes }, position) =>
     `Episode ${episodes.number[position]} of ${episodes.policies[episodes.policy[position]]} ${page.absent}`;
 
-  return { page, el, svg, copyFrom, number, outcomes, absent };
+  // What the address says after its #: name=value pairs. Others, such as #content, are places.
+  const isPlace = () => location.hash.length > 1 && !location.hash.includes("=");
+  const address = () => new URLSearchParams(isPlace() ? "" : location.hash.slice(1));
+
+  // Back, Forward, and links to another choice; a link to a place in the page changes nothing.
+  const onAddress = (follow) => addEventListener("popstate", () => {
+    if (!isPlace()) follow();
+  });
+
+  return { page, el, svg, address, onAddress, copyFrom, number, outcomes, absent };
 })();

@@ -2,7 +2,7 @@
 "use strict";
 swarmdata.link = {
   read() {
-    const found = new URLSearchParams(location.hash.slice(1));
+    const found = swarmdata.address();
     const number = (name) => {
       const value = found.get(name);
       return value !== null && value !== "" && Number.isFinite(Number(value)) ? Number(value) : null;

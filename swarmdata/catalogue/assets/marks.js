@@ -28,7 +28,12 @@ swarmdata.marks = (() => {
     }
   }
 
-  function ring(pen, x, y, radius, color, reached) {
+  // A target that no robot knows yet is dotted.
+  function ring(pen, x, y, radius, color, reached, known = true) {
+    if (!known) {
+      pen.disc(x, y, radius - 0.01, { stroke: color, width: 0.014, dash: [0.03, 0.05] });
+      return;
+    }
     if (reached) pen.disc(x, y, 1.35 * radius, { fill: color, alpha: 0.22 });
     pen.disc(x, y, radius, { fill: color, alpha: reached ? 0.4 : 0.1 });
     pen.disc(x, y, radius - 0.01, { stroke: color, width: 0.022 });
@@ -64,7 +69,8 @@ swarmdata.marks = (() => {
         const reached = replay.has("reached")
           ? replay.value("reached", k, Math.floor(step)) > 0
           : places.some(([px, py]) => Math.hypot(px - x, py - y) <= radius);
-        ring(pen, x, y, radius, pen.colors.neutral, reached);
+        const known = !replay.has("known") || replay.value("known", k, Math.floor(step)) > 0;
+        ring(pen, x, y, radius, pen.colors.neutral, reached, known);
       }
       return;
     }

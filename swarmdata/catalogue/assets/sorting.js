@@ -1,4 +1,4 @@
-// Tables that are sorted by a click on their heads, and filtered by the field above them.
+// Tables that are sorted by a click on their heads.
 "use strict";
 (() => {
   const { el } = swarmdata;
@@ -23,17 +23,10 @@
 
   for (const table of document.querySelectorAll("table.sortable")) {
     [...table.tHead.rows[0].cells].forEach((head, column) => {
+      if (head.dataset.fixed) return; // a drawing of the column beside it
       const button = el("button", { type: "button" }, head.textContent);
       button.addEventListener("click", () => sortBy(table, column, head));
       head.replaceChildren(button);
-    });
-    const field = document.querySelector(`input[data-filters=${table.id}]`);
-    if (!field) continue;
-    field.addEventListener("input", () => {
-      const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
-      for (const row of table.tBodies[0].rows) {
-        row.hidden = !words.every((word) => row.textContent.toLowerCase().includes(word));
-      }
     });
   }
 })();

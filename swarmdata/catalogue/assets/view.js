@@ -1,6 +1,6 @@
 // One canvas: shows a replay at a time, in the colors of the page's theme.
 "use strict";
-const [LEAST_HEIGHT, BELOW] = [260, 175]; // px: of a canvas, and of caption, track and buttons below
+const [LEAST_HEIGHT, BELOW, CHOICE] = [200, 190, 45]; // px: of a canvas; below it, and more below two
 swarmdata.View = class {
   constructor(figure) {
     this.figure = figure;
@@ -24,7 +24,8 @@ swarmdata.View = class {
     const { world } = this.replay;
     const ratio = (world.height + 0.2) / (world.width + 0.2);
     const top = this.canvas.getBoundingClientRect().top + scrollY;
-    const room = Math.max(LEAST_HEIGHT, innerHeight - top - BELOW); // so that it is played in sight
+    const below = BELOW + (this.figure.closest(".two") ? CHOICE : 0);
+    const room = Math.max(LEAST_HEIGHT, innerHeight - top - below); // so that it is played in sight
     const width = Math.min(this.figure.clientWidth, Math.min(640, room) / ratio);
     const density = Math.min(3, window.devicePixelRatio || 1);
     this.canvas.style.width = `${width}px`;

@@ -137,7 +137,7 @@ swarmdata.startViewer = async ({ screens, describe, refresh }) => {
     remember();
     swarmdata.copyFrom(event.currentTarget, location.href);
   });
-  addEventListener("popstate", follow); // Back, Forward, and links to other episodes
+  swarmdata.onAddress(follow);
   Object.assign(swarmdata, { player, table: episodes });
   await follow();
   document.body.dataset.ready = "yes";

@@ -13,13 +13,14 @@ import numpy as np
 from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.drawing.line_labels import spread_labels
+from swarmdata.drawing.style import words_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double, Float
 
 WIDTH, BOTTOM = 680.0, 44.0
 
-ROWS_TOP, ROW_HEIGHT, NAMES_WIDTH, VALUES_WIDTH = 10.0, 24.0, 190.0, 70.0
-"""Of a chart of estimates."""
+MARK_WIDTH, MARK_HEIGHT, MARK_ROOM = 170.0, 18.0, 6.0
+"""Of an interval in a row of a table, and room for half a disc at its ends."""
 
 LINES_TOP, TICKS_WIDTH, LABELS_WIDTH, LEAST_HEIGHT, LABEL_HEIGHT = 28.0, 52.0, 170.0, 300.0, 15.0
 """Of a chart of lines."""
@@ -28,10 +29,10 @@ MOST_BANDS = 8
 """Lines up to which bands are drawn: more would hide each other."""
 
 N_COLORS = 6
-"""Colors of series, `--series-0` and so on in the style sheet."""
+"""Colors of agents, `--series-0` and so on in the style sheet."""
 
 N_DASHES = 3
-"""Kinds of dashes, which change once the colors repeat."""
+"""Kinds of dashes, of lines of one color."""
 
 MOST_TICKS = 7
 
@@ -76,74 +77,69 @@ def nice_axis(values: Sequence[float], start: float, end: float) -> Axis:
     return Axis(first, last if last > first else first + step, step, start, end)
 
 
-@dataclass(frozen=True)
-class Bar:
-    """One row of a chart of estimates."""
-
-    label: str
-    estimate: Estimate  # in shown units
-    series: int  # which color
-    note: str = ""  # more about it, shown on hovering
-    href: str = ""  # the page of its runs and episodes; empty: there is none
-
-
-def estimate_chart(bars: Sequence[Bar], quantity: str, title: str, data: float | None) -> Html:
-    """Draws a row for each estimate: its mean as a disc on the line of its interval.
+def score_axis(estimates: Sequence[Estimate], data: float | None, low: float) -> Axis:
+    """Returns the axis of the intervals of a table.
 
     Args:
-        bars: from top to bottom; those with undefined means are left out.
-        quantity: what the axis shows, with its unit.
-        title: for screen readers.
-        data: the mean of the dataset's own episodes, a dashed line; None: not known.
+        estimates: all of the table; undefined ones are left out.
+        data: the mean of the dataset's own episodes; None: not known.
+        low: where the axis begins at the latest, so that one bad row does not squeeze the others.
     """
-    rows = [bar for bar in bars if not math.isnan(bar.estimate.value)]
-    ends = [value for bar in rows for value in bar.estimate if not math.isnan(value)]
-    axis = nice_axis([*ends, *([] if data is None else [data])], NAMES_WIDTH, WIDTH - VALUES_WIDTH)
-    base = ROWS_TOP + ROW_HEIGHT * len(rows)
-    parts = [_ticks_below(axis, base, quantity)]
+    ends = [end for each in estimates for end in each if not math.isnan(end)]
+    ends += [] if data is None else [data]
+    return nice_axis([max(end, low) for end in ends], MARK_ROOM, MARK_WIDTH - MARK_ROOM)
+
+
+def interval_drawing(found: Estimate, axis: Axis, data: float | None, series: int) -> Html:
+    """Draws an estimate as a disc on the line of its interval, for one row of a table.
+
+    Args:
+        found: the estimate; below the axis, it is an arrow to the left.
+        axis: of the table.
+        data: the mean of the dataset's own episodes, an upright line; None: not known.
+        series: which color.
+    """
+    middle, parts = MARK_HEIGHT / 2, []
     if data is not None:
         x = axis.place(data)
-        parts.append(svg_shapes.line((x, ROWS_TOP), (x, base), class_="data"))
-        parts.append(svg_shapes.text((x, base + 38), "data", class_="data", text_anchor="middle"))
-    parts += [_row(bar, ROWS_TOP + ROW_HEIGHT * (k + 0.5), axis) for k, bar in enumerate(rows)]
-    role = "group" if any(bar.href for bar in rows) else "img"  # links are no part of an image
-    return svg_shapes.drawing(WIDTH, base + BOTTOM, title, *parts, class_="chart", role=role)
+        parts.append(svg_shapes.line((x, 0), (x, MARK_HEIGHT), class_="data"))
+    value, low, high = found
+    if value < axis.low:
+        tip = [(1.0, middle), (7.0, middle - 4), (7.0, middle + 4)]
+        parts.append(svg_shapes.path(tip, closed=True, class_="beyond"))
+    elif not math.isnan(value):
+        if not math.isnan(low):
+            ends = (axis.place(max(low, axis.low)), middle), (axis.place(high), middle)
+            parts.append(svg_shapes.line(*ends))
+        parts.append(svg_shapes.disc((axis.place(value), middle), 4))
+    looks = f"interval mark series-{series}"
+    return svg_shapes.picture(MARK_WIDTH, MARK_HEIGHT, *parts, class_=looks)
 
 
-def _ticks_below(axis: Axis, base: float, quantity: str) -> Html:
-    parts = []
-    for tick in axis.ticks:
-        x = axis.place(tick)
-        parts.append(svg_shapes.line((x, ROWS_TOP), (x, base), class_="grid"))
-        parts.append(svg_shapes.text((x, base + 15), axis.label(tick), text_anchor="middle"))
-    at = WIDTH - VALUES_WIDTH, base + 38
-    parts.append(svg_shapes.text(at, quantity, text_anchor="end", class_="quantity"))
-    return element("g", *parts, class_="axis")
-
-
-def _row(bar: Bar, y: float, axis: Axis) -> Html:
-    value, low, high = bar.estimate
-    inside = []
-    if not math.isnan(low):
-        inside.append(svg_shapes.line((axis.place(low), y), (axis.place(high), y)))
-    inside.append(svg_shapes.disc((axis.place(value), y), 4.5))
-    mark = element("g", *inside, class_=f"mark series-{bar.series}")
-    name = svg_shapes.text((NAMES_WIDTH - 12, y + 4), bar.label, text_anchor="end")
-    at = WIDTH - VALUES_WIDTH + 14, y + 4
-    shown = svg_shapes.text(at, axis.label(value, extra=1), class_="value")
-    inside = [element("title", f"{bar.label}: {bar.note}"), name, mark, shown]
-    return element("a", *inside, href=bar.href) if bar.href else element("g", *inside)
+def axis_drawing(axis: Axis) -> Html:
+    """Draws the ends of the axis of a table, and its zero where it is between them."""
+    anchors = {axis.low: "start", axis.high: "end"}
+    if axis.low < 0 < axis.high:
+        anchors[0.0] = "middle"
+    parts = [
+        svg_shapes.text((axis.place(tick), 12), axis.label(tick), text_anchor=anchor)
+        for tick, anchor in anchors.items()
+    ]
+    return svg_shapes.picture(MARK_WIDTH, MARK_HEIGHT, *parts, class_="interval axis")
 
 
 Line = Mapping[float, Estimate]
 """Place on the horizontal axis, in its order -> estimate, in shown units."""
 
 
-def line_chart(lines: Mapping[str, Line], x_name: str, y_name: str, title: str) -> Html:
+def line_chart(
+    lines: Mapping[str, Line], series: Mapping[str, int], x_name: str, y_name: str, title: str
+) -> Html:
     """Draws a line with a band for each label; labels stand beside the ends of their lines.
 
     Args:
         lines: label -> estimates; none is empty.
+        series: label -> which color; the dashes of lines of one color differ.
         x_name: of the horizontal axis, with its unit.
         y_name: of the vertical axis, with its unit.
         title: for screen readers.
@@ -158,8 +154,9 @@ def line_chart(lines: Mapping[str, Line], x_name: str, y_name: str, title: str) 
     places = LINES_TOP + span * spread_labels((last - LINES_TOP) / span, LABEL_HEIGHT / span)
     parts = [_axes(across, up, x_name, y_name)]
     for k, ((label, line), y) in enumerate(zip(lines.items(), places.tolist(), strict=True)):
-        name = svg_shapes.text((_right() + 8, y + 4), label, class_="name")
-        looks = f"line series-{k % N_COLORS} dashed-{k // N_COLORS % N_DASHES}"
+        name = svg_shapes.text((_right() + 8, y + 4), words_of(label), class_="name")
+        before = [series[other] for other in list(lines)[:k]].count(series[label])
+        looks = f"line series-{series[label]} dashed-{before % N_DASHES}"
         shapes = _line(line, across, up, has_band=len(lines) <= MOST_BANDS)
         parts.append(element("g", *shapes, name, class_=looks))
     return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart")

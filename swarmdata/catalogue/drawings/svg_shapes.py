@@ -49,3 +49,18 @@ def drawing(
         aria_label=label,
         class_=class_,
     )
+
+
+def picture(width: float, height: float, *content: object, class_: str) -> Html:
+    """Returns an SVG that shows what text beside it says, hidden from screen readers."""
+    size = f"0 0 {number(width)} {number(height)}"
+    return element("svg", *content, viewBox=size, aria_hidden="true", class_=class_)
+
+
+def share_bar(share: float) -> Html:
+    """Returns a thin bar that is filled up to a share of its width."""
+    bar = element("rect", width=number(100 * share), height="3", class_="some")
+    whole = element("rect", width="100", height="3", class_="all")
+    return element(
+        "svg", whole, bar, viewBox="0 0 100 3", preserveAspectRatio="none", aria_hidden="true"
+    )

@@ -1,24 +1,26 @@
-"""The page of one dataset: replays, table of episodes, how to load it, results on it, its card."""
+"""The page of one dataset: task, replay, how to get it, best results, reward, arrays, episodes."""
 
-import shlex
 from collections.abc import Sequence
+from urllib.parse import urlencode
 
-import numpy as np
-
+from swarmdata.catalogue.boards import Board
+from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.elements import Html, element, join
-from swarmdata.catalogue.entries import Entry
+from swarmdata.catalogue.entries import Entry, in_sizes
 from swarmdata.catalogue.pages.card_html import card_html
-from swarmdata.catalogue.pages.figures_shown import count, megabytes, percent, score
+from swarmdata.catalogue.pages.figures_shown import compact, count, percent
+from swarmdata.catalogue.pages.getting import get_part
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.catalogue.pages.results_tables import outcomes_table
+from swarmdata.catalogue.pages.results_tables import about, brief_table, family_key, series_of
+from swarmdata.catalogue.pages.task_facts import arrays_part, lead, reward_part
 from swarmdata.catalogue.pages.viewer_parts import browser_part, series_viewer, world_viewer
-from swarmdata.catalogue.result_sources import ResultSource
-from swarmdata.datasets.action_scaling import action_scale, has_choices
-from swarmdata.errors import SchemaError
+from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import Spec
-from swarmdata.store.cache import cache_folder
 
-TABLE_SCRIPTS = ("core.js", "data.js", "histograms.js", "episode_table.js", "sorting.js")
+MOST_BASELINES = 12
+"""Results on a dataset's page; the results page has all."""
+
+TABLE_SCRIPTS = ("core.js", "data.js", "histograms.js", "episode_table.js")
 VIEWER_SCRIPTS = (*TABLE_SCRIPTS, "link.js", "player.js", "viewer.js")
 WORLD_SCRIPTS = (
     *VIEWER_SCRIPTS,
@@ -29,7 +31,12 @@ SERIES_SCRIPTS = (*VIEWER_SCRIPTS, "lines.js", "pictures.js", "series_page.js")
 
 
 def dataset_page(
-    entry: Entry, spec: Spec, n_shown: int, peers: Sequence[str], sources: Sequence[ResultSource]
+    entry: Entry,
+    spec: Spec,
+    n_shown: int,
+    picture: Html,
+    entries: Sequence[Entry],
+    results: Sequence[Board],
 ) -> Page:
     """Returns the page of a dataset.
 
@@ -37,55 +44,103 @@ def dataset_page(
         entry: of the dataset.
         spec: through whose models its episodes are shown.
         n_shown: episodes that are shown; 0: none.
-        peers: ids of other datasets in the same world, to show beside it.
-        sources: all results; those on this dataset are listed.
+        picture: drawing of the dataset.
+        entries: all of the catalogue: those of its task are linked, and shown beside it.
+        results: all leaderboards; the best of this dataset's are listed.
     """
     is_world = spec.world is not None
-    scripts: tuple[str, ...] = ("core.js", "sorting.js", "ready.js")
-    viewer = _absent(entry)
+    scripts: tuple[str, ...] = ("core.js", "ready.js")
+    viewer, browser = _absent(entry, picture), join()
     if n_shown:
         scripts = WORLD_SCRIPTS if is_world else SERIES_SCRIPTS
-        shown = series_viewer()
+        viewer = series_viewer()
         if spec.world is not None and entry.spec.world is not None:
-            shown = world_viewer(spec.world, entry.spec.world)
+            viewer = world_viewer(spec.world, entry.spec.world)
         browser = browser_part(_sample(entry, n_shown), has_collisions=is_world)
-        viewer = element("div", shown, browser, class_="dataset")
     body = join(
         element("p", element("a", "‹ All datasets", href="../index.html"), class_="crumbs"),
-        element("h1", entry.id),
-        _facts(entry),
-        viewer,
-        _loading(entry, spec),
-        _results(entry, sources),
+        element("div", element("h1", entry.id), _sizes(entry, entries), class_="top"),
+        element("p", lead(entry), class_="lead"),
+        _tiers(entry, entries),
+        element("div", viewer, get_part(entry, spec), _baselines(entry, results), class_="dataset"),
+        element(
+            "div",
+            *([] if entry.spec.world is None else [reward_part(entry.spec.world)]),
+            arrays_part(entry),
+            class_="halves",
+        ),
+        browser,
         _card(entry),
     )
-    data = {"key": entry.key, "peers": list(peers), "root": "../"}
+    peers = [other.id for other in entries if _is_peer(entry, other)]
+    data = {"key": entry.key, "peers": peers, "root": "../"}
     return Page(f"datasets/{entry.key}.html", f"{entry.id}: swarmdata", body, scripts, data)
 
 
-def _facts(entry: Entry) -> Html:
-    facts = [
-        ("task", entry.spec.task),
-        ("tier", entry.tier),
-        ("robots" if entry.spec.world else "agents", str(entry.spec.n_agents)),
-        ("success", percent(entry.success)),
-        ("without contact", percent(entry.clean_success)),
-        ("score", score(entry.score)),
-        ("episodes", "–" if entry.n_episodes is None else f"{entry.n_episodes:,}"),
-        ("joint steps", f"{entry.n_steps:,}"),
-        ("size", megabytes(entry.n_bytes)),
+def _is_peer(entry: Entry, other: Entry) -> bool:
+    """Whether both have episodes, in the same world or of the same environment."""
+    if other is entry or entry.dataset is None or other.dataset is None:
+        return False
+    one, two = entry.spec, other.spec
+    if one.world is None or two.world is None:
+        return one.hash() == two.hash()
+    return is_same_world(one.world, two.world)
+
+
+def _sizes(entry: Entry, entries: Sequence[Entry]) -> Html:
+    """The switch between the full dataset and its mini, where the catalogue has both."""
+    sizes = [each for each in entries if each.full_id == entry.full_id]
+    if len(sizes) < 2:
+        return join()
+    links = [
+        element(
+            "a",
+            f"{'Mini' if each.is_mini else 'Full'} · {compact(each.n_steps)} steps",
+            href=f"{each.key}.html",
+            aria_current="page" if each is entry else None,
+        )
+        for each in sorted(sizes, key=lambda each: each.is_mini)
     ]
-    figures = [element("div", element("dt", name), element("dd", value)) for name, value in facts]
-    return element("dl", *figures, class_="facts")
+    return element("nav", *links, class_="sizes", aria_label="Size")
 
 
-def _absent(entry: Entry) -> Html:
+def _tiers(entry: Entry, entries: Sequence[Entry]) -> Html:
+    """The other tiers of the same task beside it, by the share of solved episodes."""
+    same = [each for each in entries if each.spec.hash() == entry.spec.hash()]
+    tiers = [
+        next((s for s in sizes if s.is_mini == entry.is_mini), sizes[0]) for sizes in in_sizes(same)
+    ]
+    if len(tiers) < 2:
+        return join()
+    tiers.sort(key=lambda each: (each.success or 0.0, each.id))
+    are_told_apart = len({each.tier for each in tiers}) == len(tiers)
+    items = [
+        element(
+            "a",
+            element("b", each.tier if are_told_apart else each.id),
+            *_solved(each),
+            href=f"{each.key}.html",
+            aria_current="page" if each is entry else None,
+        )
+        for each in tiers
+    ]
+    return element("nav", *items, class_="tiers", aria_label="Tiers of this task")
+
+
+def _solved(entry: Entry) -> tuple[object, ...]:
+    """The share of solved episodes, where it is known, as text and as a bar."""
+    if entry.success is None:
+        return ()
+    return f"{percent(entry.success)} solved", svg_shapes.share_bar(entry.success)
+
+
+def _absent(entry: Entry, picture: Html) -> Html:
     text = join(
-        "The episodes of this dataset are not in this catalogue. ",
+        "The episodes are not in this catalogue. ",
         element("code", f"swarmdata catalogue build {entry.id}"),
         " makes one with its replays.",
     )
-    return element("p", text, class_="absent")
+    return element("div", picture, element("p", text, class_="absent"), class_="still")
 
 
 def _sample(entry: Entry, n_shown: int) -> str:
@@ -98,66 +153,26 @@ def _sample(entry: Entry, n_shown: int) -> str:
     )
 
 
-def _loading(entry: Entry, spec: Spec) -> Html:
-    name = _name_to_load(entry)
-    models = ""
-    if spec != entry.spec and spec.world is not None:
-        models = "  # replayed here through other sensors or radios: see dataset.reobserve"
-    python = f'import swarmdata\n\ndataset = swarmdata.load("{name}"){models}\nepisode = dataset[0]'
-    codes = {"python": python}
-    if _is_learned(entry):
-        codes["python"] += "\nbatch = next(dataset.sampler(256))"
-        codes["shell"] = f"swarmdata train bc {shlex.quote(name)} --out runs/bc"
-    parts = [element("h2", "Load it", id="load")]
-    for key, text in codes.items():
-        button = element(
-            "button",
-            "Copy",
-            type="button",
-            data_copies=f"copy-{key}",
-            aria_label=f"Copy {key} code",
-        )
-        code = element("code", text, id=f"copy-{key}")
-        parts.append(element("div", element("pre", code, tabindex="0"), button, class_="snippet"))
-    return element("section", *parts, aria_labelledby="load")
-
-
-def _name_to_load(entry: Entry) -> str:
-    """What `load` takes: the id of a published or cached dataset, else an address or a folder."""
-    dataset = entry.dataset
-    is_cached = dataset is not None and dataset.path == cache_folder() / "datasets" / entry.id
-    if dataset is None or is_cached or dataset.source in ("cache", "rebuilt"):
-        return entry.id
-    return dataset.path.resolve().name if dataset.source == "folder" else dataset.source
-
-
-def _is_learned(entry: Entry) -> bool:
-    """Whether algorithms learn from it: images and actions without bounds are for other code."""
-    if entry.dataset is None or entry.spec.world is not None:
-        return True
-    if entry.dataset.recipe.missing is not None or entry.dataset[0].observations.dtype == np.uint8:
-        return False
-    try:
-        return bool(has_choices(entry.spec)) or bool(action_scale(entry.spec))
-    except SchemaError:
-        return False
-
-
-def _results(entry: Entry, sources: Sequence[ResultSource]) -> Html:
-    found = [
-        (each, outcome)
-        for each in sources
-        for outcome in each.outcomes
-        if outcome.dataset.partition("@")[0] == entry.id
-    ]
+def _baselines(entry: Entry, results: Sequence[Board]) -> Html:
+    """The best algorithms at one budget; beside a mini without results, on the full dataset."""
+    title = element("h2", "Offline algorithms, best first", id="results")
+    found = [board for board in results if board.name in (entry.id, entry.full_id)]
     if not found:
-        return join()
-    link = element("a", "all results", href="../results.html")
+        text = element("p", "This catalogue has no results on it.", class_="note")
+        return element("section", title, text, aria_labelledby="results")
+    board = max(found, key=lambda each: (each.name == entry.id, each.dataset == each.name))
+    rows = (board.of("algorithms") or list(board.rows))[:MOST_BASELINES]
+    families = sorted({row.outcome.family for row in rows})
+    series = series_of(results)
+    address = f"../results.html#{urlencode({'dataset': board.dataset, 'group': 'all'})}"
+    where = "" if board.name == entry.id else f"On the full dataset, {board.name}. "
     return element(
         "section",
-        element("h2", "Results on it", id="results"),
-        element("p", "What algorithms learned from it, with 95 % intervals; see ", link, "."),
-        outcomes_table("outcomes", found, root="../", has_dataset=False),
+        title,
+        element("p", f"{where}{about(board)}", class_="note"),
+        brief_table(board, rows, series, "../"),
+        family_key(families, series),
+        element("p", element("a", f"All {len(board.rows)} results", href=address)),
         aria_labelledby="results",
     )
 

@@ -31,11 +31,14 @@ def score(value: float | None) -> str:
     return UNKNOWN if value is None else str(round(value))
 
 
-def megabytes(n_bytes: int | None) -> str:
+def file_size(n_bytes: int | None) -> str:
     """A size on disk."""
     if n_bytes is None:
         return UNKNOWN
-    return f"{n_bytes / 1e6:,.0f} MB" if n_bytes >= 1e6 else f"{n_bytes / 1e3:,.0f} kB"
+    for unit, size, decimals in (("GB", 1e9, 1), ("MB", 1e6, 0)):
+        if n_bytes >= size:
+            return f"{n_bytes / size:.{decimals}f} {unit}"
+    return f"{n_bytes / 1e3:.0f} kB"
 
 
 def interval(found: Estimate | None, factor: float = 1.0, decimals: int = 1) -> str:
@@ -44,3 +47,8 @@ def interval(found: Estimate | None, factor: float = 1.0, decimals: int = 1) -> 
         return UNKNOWN
     value, low, high = (f"{factor * each:.{decimals}f}" for each in found)
     return value if math.isnan(found.low) else f"{value} [{low}, {high}]"
+
+
+def per_episode(collisions: tuple[float, float] | None) -> str:
+    """The mean number of collisions of an episode, of both kinds."""
+    return UNKNOWN if collisions is None else f"{sum(collisions):.2f}"

@@ -1,120 +1,264 @@
-"""The index: a card for each dataset, with what they are sorted and filtered by."""
+"""The index: what this is, which dataset answers which question, and a card for each dataset."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from swarmdata.catalogue.elements import Html, element, join
-from swarmdata.catalogue.entries import Entry, is_mini_id
-from swarmdata.catalogue.pages.figures_shown import compact, count, megabytes, percent, score
-from swarmdata.catalogue.pages.page_frame import Page
-
-SORTS = (
-    ("shown", "replays first"),
-    ("name", "name"),
-    ("success", "success"),
-    ("score", "score"),
-    ("steps", "size"),
-    ("team", "team"),
+from swarmdata.catalogue.elements import Html, element, join, table
+from swarmdata.catalogue.entries import Entry, in_sizes
+from swarmdata.catalogue.pages.figures_shown import (
+    UNKNOWN,
+    file_size,
+    per_episode,
+    percent,
+    score,
 )
+from swarmdata.catalogue.pages.filters import choice, form, nothing_found
+from swarmdata.catalogue.pages.page_frame import Page
+from swarmdata.registry.recipes import NEWEST_VERSION
+
+SCRIPTS = ("core.js", "filters.js", "sorting.js", "listing.js")
+
+QUESTIONS = (
+    ("learn at all?", ("coop_nav-expert",), "behavior cloning is as good as the data"),
+    (
+        "improve on the data?",
+        ("coop_nav-medium-replay", "coop_nav-medium"),
+        "the data contain better actions to find",
+    ),
+    ("choose among policies?", ("coop_nav-medium-expert",), "half of the steps are by experts"),
+    (
+        "stay close to narrow data?",
+        ("coop_nav-narrow",),
+        "one expert with little noise; the value of other actions cannot be estimated",
+    ),
+    (
+        "agree on a convention?",
+        ("coop_nav-ranks-two-conventions", "coop_nav-lanes-two-conventions"),
+        "robots that imitate the mixture separately fail",
+    ),
+    ("cope with mixed conventions?", ("coop_nav-mixed-conventions",), "half keep right, half left"),
+    ("learn without any success?", ("coop_nav-random",), "only the reward says what is good"),
+    ("scale with the team?", ("coop_nav-n8-medium", "formation-n8-medium"), "eight robots"),
+    (
+        "generalize beyond navigation?",
+        ("transport-medium", "warehouse-medium", "formation-medium"),
+        "pushing, oncoming traffic and moving slots",
+    ),
+    (
+        "learn to avoid contacts?",
+        ("coop_nav-scripted",),
+        "nearly all episodes are solved without a contact",
+    ),
+)
+"""What is asked, the datasets that answer it, and why, as docs/which-dataset.md says at length."""
+
+SORTS = {
+    "shown": "replays first",
+    "name": "name",
+    "success": "success",
+    "score": "score",
+    "gap": "need for others",
+    "steps": "size",
+    "team": "team",
+}
 """Orders: attribute of the cards, from high to low but for names, and label."""
 
+LARGE_GAP = 50.0
+"""Points of clean success from which robots need each other."""
 
-def index_page(entries: Sequence[Entry], pictures: dict[str, Html]) -> Page:
+NEEDS = {
+    "large": f"large (gap {LARGE_GAP:.0f} or more)",
+    "small": f"small (gap below {LARGE_GAP:.0f})",
+    "unknown": "not measured",
+}
+
+Sizes = Sequence[Entry]
+"""A dataset in its sizes, the full one first."""
+
+
+def index_page(entries: Sequence[Entry], pictures: Mapping[str, Html]) -> Page:
     """Returns the index of a catalogue.
 
     Args:
-        entries: in the order of their ids.
+        entries: all datasets.
         pictures: drawing of each dataset, by id.
     """
-    n_shown = sum(entry.dataset is not None for entry in entries)
-    intro = element(
+    found = in_sizes(entries)
+    cards = [_card(sizes, pictures) for sizes in found]
+    body = join(
+        element("h1", "Offline datasets of robot teams"),
+        _opening(),
+        _questions({entry.id: entry for entry in entries}),
+        _filters(found),
+        *nothing_found("datasets"),
+        element("ul", *cards, id="cards", class_="cards"),
+        element("button", "Show all", type="button", class_="more", hidden=True),
+        _table(found),
+    )
+    return Page("index.html", "swarmdata: datasets", body, SCRIPTS, {})
+
+
+def _opening() -> Html:
+    return element(
         "p",
-        f"{count(len(entries), 'dataset')}. {n_shown:,} of them with episodes to replay.",
+        "Recorded episodes of teams of robots, to learn policies from without a simulator, with "
+        "the tasks to evaluate them in. A tier names the policies that recorded a dataset; a "
+        "score is a mean return on a scale from 0, the better of an idle and a random team, to "
+        "100, the expert. ",
+        element("code", "pip install swarmdata"),
+        " installs it, and ",
+        element("code", 'swarmdata.load("coop_nav-medium-mini")'),
+        " loads a first dataset or rebuilds it without any server.",
         class_="lead",
     )
-    cards = [_card(entry, pictures.get(entry.id, join())) for entry in entries]
-    body = join(
-        element("h1", "Datasets"),
-        intro,
-        _filters(entries),
-        element("p", count(len(entries), "dataset"), id="shown", role="status"),
-        element("ul", *cards, id="cards", class_="cards"),
-    )
-    return Page("index.html", "swarmdata: datasets", body, ("core.js", "listing.js"), {})
 
 
-def _filters(entries: Sequence[Entry]) -> Html:
+def _questions(entries: Mapping[str, Entry]) -> Html:
+    """The questions that the datasets of a catalogue answer; empty if they answer none."""
+    rows: list[tuple[object, ...]] = []
+    for question, names, why in QUESTIONS:
+        found = [entries[key] for name in names if (key := f"{name}-v{NEWEST_VERSION}") in entries]
+        links = [_dataset_link(entry) for entry in found]
+        if links:
+            rows.append((question, join(*links), why))
+    if not rows:
+        return join()
+    head = ("Does my algorithm …", "use (solved)", "because")
+    return element("section", table(head, rows, class_="questions"), aria_label="Which dataset?")
+
+
+def _dataset_link(entry: Entry) -> Html:
+    link = element("a", entry.id, href=f"datasets/{entry.key}.html")
+    return element("span", link, f" {percent(entry.success)}")
+
+
+def _filters(found: Sequence[Sizes]) -> Html:
     """The form above the cards; its fields are named after attributes of the cards."""
-    teams = sorted({entry.spec.n_agents for entry in entries})
+    firsts = [sizes[0] for sizes in found]
+    teams = [str(team) for team in sorted({entry.spec.n_agents for entry in firsts})]
     search = element("input", type="search", name="search", placeholder="name, task or tier")
-    sorts = [element("option", label, value=name) for name, label in SORTS]
-    fields = (
-        element("label", "Search", search),
-        _choice("Task", "task", sorted({entry.spec.task for entry in entries})),
-        _choice("Tier", "tier", sorted({entry.tier for entry in entries})),
-        _choice("Robots", "team", [str(team) for team in teams]),
-        _choice("Size", "size", ["mini", "full"]),
-        _choice("Made by", "kind", sorted({entry.kind for entry in entries})),
-        element("label", "Sort by", element("select", *sorts, name="sort")),
-        element(
-            "label",
-            element("input", type="checkbox", name="replays"),
-            " with replays only",
-            class_="check",
+    replays = element("input", type="checkbox", name="replays")
+    return form(
+        "Filter datasets",
+        (
+            element("label", "Search", search),
+            choice("Task", "task", sorted({entry.spec.task for entry in firsts})),
+            choice("Tier", "tier", sorted({entry.tier for entry in firsts})),
+            choice("Robots", "team", teams),
+            choice("Need for others", "need", list(NEEDS), labels=NEEDS),
+            choice("Messages", "messages", ["yes", "no"]),
+            choice("Costs", "costs", ["yes", "no"]),
+            choice("Source", "kind", sorted({entry.kind for entry in firsts})),
+            choice("Sort by", "sort", list(SORTS), labels=SORTS, default="shown", every=None),
+            choice("Show as", "view", ["cards", "table"], default="cards", every=None),
+            element("label", replays, " replays", class_="check"),
         ),
-        element("button", "Clear", type="reset"),
     )
-    return element("form", *fields, id="filters", role="search", aria_label="Filter datasets")
 
 
-def _choice(label: str, name: str, values: Sequence[str]) -> Html:
-    options = [element("option", "all", value="")]
-    options += [element("option", value, value=value) for value in values]
-    return element("label", label, element("select", *options, name=name))
+def _need(entry: Entry) -> str:
+    if entry.need is None:
+        return "unknown"
+    return "large" if entry.need >= LARGE_GAP else "small"
 
 
-def _card(entry: Entry, picture: Html) -> Html:
-    is_mini = is_mini_id(entry.id)
+def _card(sizes: Sizes, pictures: Mapping[str, Html]) -> Html:
+    entry, shown = sizes[0], [each for each in sizes if each.dataset is not None]
+    picture = pictures.get((shown or sizes)[0].id, join())
     facts = [
-        ("robots", str(entry.spec.n_agents)),
-        ("success", percent(entry.success)),
+        ("robots" if entry.spec.world else "agents", str(entry.spec.n_agents)),
+        ("solved", percent(entry.success)),
         ("score", score(entry.score)),
-        ("episodes", "–" if entry.n_episodes is None else f"{entry.n_episodes:,}"),
-        ("joint steps", compact(entry.n_steps)),
-        ("size", megabytes(entry.n_bytes)),
+        ("gap", UNKNOWN if entry.need is None else f"{entry.need:.0f}"),
+        ("messages", "yes" if entry.has_messages else "no"),
+        ("collisions", per_episode(entry.collisions)),
     ]
     figures = [element("div", element("dt", name), element("dd", value)) for name, value in facts]
-    link = element("a", entry.id, href=f"datasets/{entry.key}.html")
-    inside = (
-        element("div", picture, class_="picture"),
-        element("h2", link),
-        _tags(entry),
-        element("dl", *figures),
-    )
+    links = [_size_link(each) for each in sizes]
     return element(
         "li",
-        *inside,
+        element("div", picture, class_="picture"),
+        element("h2", element("a", entry.full_id, href=f"datasets/{entry.key}.html")),
+        element("dl", *figures),
+        element("div", *links, class_="sizes", role="group", aria_label="Sizes"),
         class_="card",
-        data_name=entry.id,
+        data_name=entry.full_id,
         data_task=entry.spec.task,
         data_tier=entry.tier,
         data_team=entry.spec.n_agents,
-        data_size="mini" if is_mini else "full",
+        data_need=_need(entry),
+        data_gap=_plain(entry.need),
+        data_messages="yes" if entry.has_messages else "no",
+        data_costs="no" if entry.collisions is None else "yes",
         data_kind=entry.kind,
         data_steps=entry.n_steps,
-        data_success="" if entry.success is None else f"{entry.success:.6g}",
-        data_score="" if entry.score is None else f"{entry.score:.6g}",
-        data_replays="yes" if entry.dataset is not None else "no",
-        data_shown=int(entry.dataset is not None),
+        data_success=_plain(entry.success),
+        data_score=_plain(entry.score),
+        data_replays="yes" if shown else "no",
+        data_shown=len(shown),
     )
 
 
-def _tags(entry: Entry) -> Html:
-    tags = [
-        element("span", entry.spec.task, class_="tag task"),
-        element("span", entry.tier, class_="tag"),
+def _plain(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"
+
+
+def _size_link(entry: Entry) -> Html:
+    """A link to one size, marked where its episodes can be replayed."""
+    name = "mini" if entry.is_mini else "full"
+    mark = "▶ " if entry.dataset is not None else ""
+    size = element("small", file_size(entry.n_bytes))
+    return element(
+        "a",
+        f"{mark}{name}",
+        size,
+        href=f"datasets/{entry.key}.html",
+        aria_label=f"{entry.id}{', with replays' if mark else ''}",
+    )
+
+
+HEADS = ("task", "tier", "robots", "solved (%)", "clean (%)", "score", "gap", "collisions")
+"""Columns of the table, after the name and before the sizes."""
+
+
+def _table(found: Sequence[Sizes]) -> Html:
+    """The same datasets as a table, which is sorted by a click on its heads."""
+    numbers = HEADS[2:]
+    head = [element("th", "dataset", scope="col")]
+    head += [
+        element("th", name, scope="col", class_="n" if name in numbers else None) for name in HEADS
     ]
-    if entry.kind == "recorded" and entry.tier != "recorded":
-        tags.append(element("span", "recorded", class_="tag"))
-    if entry.dataset is not None:
-        tags.append(element("span", "▶ replays", class_="tag replays"))
-    return element("p", *tags, class_="tags")
+    head += [element("th", name, scope="col") for name in ("messages", "source", "size")]
+    inside = join(
+        element("thead", element("tr", *head)), element("tbody", *(_row(each) for each in found))
+    )
+    rows = element("table", inside, class_="sortable")
+    return element(
+        "div", rows, id="table", class_="wide", hidden=True, tabindex="0", role="region",
+        aria_label="Datasets",
+    )  # fmt: skip
+
+
+def _row(sizes: Sizes) -> Html:
+    entry = sizes[0]
+    links = [_size_link(each) for each in sizes]
+    return element(
+        "tr",
+        element("th", element("a", entry.full_id, href=f"datasets/{entry.key}.html"), scope="row"),
+        element("td", entry.spec.task),
+        element("td", entry.tier),
+        _number(float(entry.spec.n_agents), 0),
+        _number(entry.success and 100 * entry.success, 1),
+        _number(entry.clean_success and 100 * entry.clean_success, 1),
+        _number(entry.score, 1),
+        _number(entry.need, 1),
+        _number(entry.collisions and sum(entry.collisions), 2),
+        element("td", "yes" if entry.has_messages else "no"),
+        element("td", entry.kind),
+        element("td", element("div", *links, class_="sizes")),
+        data_name=entry.full_id,
+    )
+
+
+def _number(value: float | None, decimals: int) -> Html:
+    text = UNKNOWN if value is None else f"{value:.{decimals}f}"
+    return element("td", text, class_="n", data_value="-1e9" if value is None else f"{value:.8g}")

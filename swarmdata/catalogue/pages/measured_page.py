@@ -52,7 +52,7 @@ def measured_page(
         element("p", element("a", "‹ All results", href="../results.html"), class_="crumbs"),
         element("h1", f"{outcome.label} on ", _dataset(outcome, known)),
         _facts(source, outcome),
-        element("div", inside, class_="dataset" if n_replays else None),
+        element("div", inside, class_="halves" if n_replays else None),
         _runs(outcome.results),
     )
     absent = _why_absent(outcome, n_replays)
@@ -81,8 +81,8 @@ def _facts(source: ResultSource, outcome: Outcome) -> Html:
             if name in outcome.estimates
         ),
     ]
-    figures = [element("div", element("dt", name), element("dd", value)) for name, value in facts]
-    return element("dl", *figures, class_="facts")
+    figures = [join(element("dt", name), element("dd", value)) for name, value in facts]
+    return element("dl", *figures, class_="facts across")
 
 
 def _explanation(outcome: Outcome, n_replays: int) -> str:

@@ -1,10 +1,21 @@
-"""Tables of what algorithms achieved, with links to the pages of their datasets."""
+"""Tables of what algorithms achieved on a dataset, with a drawing of each interval."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
+from swarmdata.catalogue.boards import Board, Row
+from swarmdata.catalogue.drawings.charts import (
+    Axis,
+    axis_drawing,
+    interval_drawing,
+    score_axis,
+)
 from swarmdata.catalogue.elements import Html, element
-from swarmdata.catalogue.pages.figures_shown import interval
-from swarmdata.catalogue.result_sources import Outcome, ResultSource
+from swarmdata.catalogue.pages.figures_shown import interval, score
+from swarmdata.catalogue.result_sources import Outcome
+from swarmdata.drawing.style import COLORS, GRAY, SPARE_COLORS, family_colors, words_of
+from swarmdata.rollouts.score_statistics import Estimate
 
 QUANTITIES = (
     ("score", "score", 1.0, 1),
@@ -16,85 +27,164 @@ QUANTITIES = (
 )
 """Columns: key, head, factor to the shown unit, decimals."""
 
+UNKNOWN_SERIES = 6
+"""The gray of lines whose family is not known."""
+
+RANKS = ("score", "return")
+"""Columns by one of which a table is ranked; the other says the same."""
+
 LOW_IS_BETTER = frozenset({"robot_collisions", "obstacle_collisions"})
 """Columns of which the best is the lowest."""
 
+LEAST_SCORE = -50.0
+"""Scores below are arrows: a team that only collides would squeeze all others."""
 
-def outcomes_table(
-    key: str,
-    found: Sequence[tuple[ResultSource, Outcome]],
-    *,
-    root: str,
-    has_dataset: bool,
-    known: frozenset[str] = frozenset(),
+UNDEFINED = Estimate(math.nan, math.nan, math.nan)
+
+
+def series_of(results: Sequence[Board]) -> dict[str, int]:
+    """The number of each family's color in the style sheet, the same on all pages."""
+    families = sorted({row.outcome.family for board in results for row in board.rows})
+    known = (*COLORS, GRAY, *SPARE_COLORS)
+    return {kind: known.index(color) for kind, color in family_colors(families).items()}
+
+
+def family_key(families: Sequence[str], series: Mapping[str, int]) -> Html:
+    """A line that says which color is which family."""
+    keys = [element("span", each, class_=f"key series-{series[each]}") for each in families]
+    return element("p", *keys, class_="keys")
+
+
+def about(board: Board) -> str:
+    """Where the first group of a board comes from, and what the data score."""
+    text = "" if board.data is None else f"The data score {score(board.data)}. "
+    rows = [row.outcome for row in board.of("algorithms") if not row.source.is_own]
+    if board.study is None or not rows:
+        return f"{text}No committed study has compared algorithms on it."
+    seeds = " or ".join(sorted({str(outcome.n_runs) for outcome in rows}))
+    updates = f"{int(rows[0].updates):,} updates, " if rows[0].updates else ""
+    return f"{text}{board.study.title}: {updates}{seeds} training seeds each."
+
+
+def board_table(
+    board: Board, rows: Sequence[Row], series: Mapping[str, int], *, key: str, root: str = ""
 ) -> Html:
-    """Returns a table that is sorted by a click on its heads.
+    """Returns the full table of a board, which is sorted by a click on its heads.
 
     Args:
+        board: of the rows.
+        rows: to show, best first.
+        series: number of the color of each family.
         key: of the table in its page.
-        found: its rows, with where they come from.
         root: path to the top of the catalogue.
-        has_dataset: whether the datasets are a column.
-        known: ids of datasets that have a page, which rows link to.
     """
-    names = ["algorithm", *(["dataset"] if has_dataset else []), "family"]
-    numbers = [("seeds", False), ("updates", False)]
-    numbers += [(head, key in LOW_IS_BETTER) for key, head, *_ in QUANTITIES]
-    rows = []
-    for source, outcome in found:
-        dataset = [_dataset(outcome, root, known)] if has_dataset else []
-        cells = [
-            *dataset,
-            element("td", outcome.family),
-            _number(str(outcome.n_runs or "–"), outcome.n_runs),
-            _number(outcome.updates or "–", outcome.updates),
-            *(_estimate(outcome, name, factor, digits) for name, _, factor, digits in QUANTITIES),
-            element("td", source.title, class_="source", title=_source(source, outcome)),
-        ]
-        rows.append(element("tr", _label(outcome, root), *cells))
-    head = element(
-        "tr",
-        *(element("th", name, scope="col") for name in names),
-        *(
-            element("th", name, scope="col", class_="n", data_low="yes" if is_low else None)
-            for name, is_low in numbers
-        ),
+    first = board.quantity
+    others = [each for each in QUANTITIES if each[0] not in RANKS]
+    axis = _axis(board, rows)
+    body = [
+        element(
+            "tr",
+            *_ranked(board, row, axis, series, root),
+            *(_estimate(row.outcome, *each) for each in others),
+            _number(str(row.outcome.n_runs or "–"), row.outcome.n_runs),
+            _number(row.outcome.updates or "–", row.outcome.updates),
+            element("td", row.outcome.family),
+            element("td", _source(row), class_="source", title=_place(row)),
+            data_group=row.group,
+            data_text=_searched(row),
+        )
+        for row in rows
+    ]
+    numbers = [(head, key in LOW_IS_BETTER) for key, head, *_ in others]
+    numbers += [("seeds", False), ("updates", False)]
+    head = (
+        *_ranked_heads(first, axis),
+        *(_head(name, is_low=is_low) for name, is_low in numbers),
+        element("th", "family", scope="col"),
         element("th", "source", scope="col"),
     )
+    return _table(head, body, class_="board sortable", id=key)
+
+
+def brief_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], root: str) -> Html:
+    """Returns a narrow table of some rows of a board, in their order."""
+    axis = _axis(board, rows)
+    body = [element("tr", *_ranked(board, row, axis, series, root)) for row in rows]
+    return _table(_ranked_heads(board.quantity, axis), body, class_="board")
+
+
+def _table(head: Sequence[Html], body: Sequence[Html], **attributes: object) -> Html:
     inside = element(
-        "table", element("thead", head), element("tbody", *rows), class_="sortable", id=key
+        "table", element("thead", element("tr", *head)), element("tbody", *body), **attributes
     )
     return element("div", inside, class_="wide", tabindex="0", role="region", aria_label="Results")
+
+
+def _axis(board: Board, rows: Sequence[Row]) -> Axis:
+    least = LEAST_SCORE if board.quantity == "score" else -math.inf
+    found = [row.outcome.estimates.get(board.quantity, UNDEFINED) for row in rows]
+    return score_axis(found, _data(board), least)
+
+
+def _data(board: Board) -> float | None:
+    return board.data if board.quantity == "score" else None
+
+
+def _ranked_heads(quantity: str, axis: Axis) -> tuple[Html, ...]:
+    drawn = element("th", axis_drawing(axis), scope="col", class_="drawn", data_fixed="yes")
+    return element("th", "algorithm", scope="col"), _head(quantity), drawn
+
+
+def _ranked(
+    board: Board, row: Row, axis: Axis, series: Mapping[str, int], root: str
+) -> tuple[Html, ...]:
+    """The label of a row, the estimate by which it is ranked, and a drawing of it."""
+    outcome, name = row.outcome, board.quantity
+    found = outcome.estimates.get(name, UNDEFINED)
+    drawn = interval_drawing(found, axis, _data(board), series[outcome.family])
+    _, head, factor, digits = next(each for each in QUANTITIES if each[0] == name)
+    return (
+        _label(outcome, root),
+        _estimate(outcome, name, head, factor, digits),
+        element("td", drawn, class_="drawn"),
+    )
+
+
+def _head(name: str, *, is_low: bool = False) -> Html:
+    return element("th", name, scope="col", class_="n", data_low="yes" if is_low else None)
 
 
 def _label(outcome: Outcome, root: str) -> Html:
     """The name of an outcome, which leads to its runs and episodes."""
     note = f" rewards {outcome.rewards}" if outcome.rewards else ""
-    name: Html | str = outcome.label
+    name: Html | str = words_of(outcome.label)
     if outcome.key:
         name = element("a", name, href=f"{root}results/{outcome.key}.html")
     inside = [name, *([element("small", note)] if note else [])]
-    return element("th", *inside, scope="row")
-
-
-def _dataset(outcome: Outcome, root: str, known: frozenset[str]) -> Html:
-    name = outcome.dataset.partition("@")[0]
-    if name not in known:
-        return element("td", outcome.dataset)
-    return element("td", element("a", outcome.dataset, href=f"{root}datasets/{name}.html"))
+    return element("th", *inside, scope="row", title=outcome.label)
 
 
 def _number(text: str, value: object) -> Html:
     return element("td", text, class_="n", data_value=value or 0)
 
 
-def _estimate(outcome: Outcome, name: str, factor: float, decimals: int) -> Html:
+def _estimate(outcome: Outcome, name: str, _: str, factor: float, decimals: int) -> Html:
     found = outcome.estimates.get(name)
+    value = -1e9 if found is None or math.isnan(found.value) else found.value
     text = interval(found, factor, decimals)
-    value = -1e9 if found is None or found.value != found.value else found.value
     return element("td", text, class_="n", data_value=f"{value:.8g}")
 
 
-def _source(source: ResultSource, outcome: Outcome) -> str:
-    runs = f"; runs {', '.join(outcome.runs)}" if outcome.runs else ""
-    return f"{source.place}{runs}"
+def _searched(row: Row) -> str:
+    label = row.outcome.label
+    return f"{label} {words_of(label)} {row.outcome.family} {row.source.title}".lower()
+
+
+def _source(row: Row) -> str:
+    name = Path(row.source.place).name
+    return f"{name} (yours)" if row.source.is_own else name
+
+
+def _place(row: Row) -> str:
+    runs = f"; runs {', '.join(row.outcome.runs)}" if row.outcome.runs else ""
+    return f"{row.source.title}, {row.source.place}{runs}"

@@ -126,15 +126,22 @@ class WorldColumns:
         ]
 
     def _own(self, states: Float) -> list[tuple[Group, Columns]]:
-        """What robots carry, and which shared targets are reached, as flags."""
+        """What robots carry, and which shared targets are reached, and known, as flags."""
         look, extras = self._look, self._extras(states)
         found: list[tuple[Group, Columns]] = []
         if look.carrying:
             carrying = (extras[:, list(look.carrying)] > 0).astype(np.int64)
             found.append((Group("carrying", len(look.carrying), 1.0), carrying))
-        if look.shared is not None and look.shared.reached is not None:
-            reached = extras[:, look.shared.reached :][:, : look.shared.n] > 0
-            found.append((Group("reached", look.shared.n, 1.0), reached.astype(np.int64)))
+        if look.shared is None:
+            return found
+        n, reached, known = look.shared
+        if reached is not None:
+            flags = extras[:, reached:][:, :n] > 0
+            found.append((Group("reached", n, 1.0), flags.astype(np.int64)))
+        if known is not None:
+            by_robot = extras[:, known:][:, : n * self.spec.n_agents] > 0
+            anyone = np.asarray(by_robot.reshape(len(states), -1, n).max(axis=1), np.int64)
+            found.append((Group("known", n, 1.0), anyone))
         return found
 
     def _events(self, episode: Episode) -> tuple[Group, Columns]:

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from swarmdata.catalogue.drawings.charts import (
     LABEL_HEIGHT,
-    Bar,
-    estimate_chart,
+    axis_drawing,
+    interval_drawing,
     line_chart,
     nice_axis,
+    score_axis,
 )
 from swarmdata.rollouts.score_statistics import Estimate
 
@@ -45,20 +46,43 @@ def test_ticks_are_round(values: list[float], labels: list[str]) -> None:
     assert [axis.label(tick) for tick in axis.ticks] == labels
 
 
-def test_estimates_are_drawn_with_their_intervals() -> None:
-    bars = [
-        Bar("a<b", Estimate(50.0, 40.0, 60.0), 0, "5 seeds"),
-        Bar("alone", Estimate(10.0, math.nan, math.nan), 1),
-        Bar("undefined", Estimate(math.nan, math.nan, math.nan), 2),
+def test_an_interval_is_a_disc_on_its_line() -> None:
+    found = [Estimate(50.0, 40.0, 60.0), Estimate(10.0, math.nan, math.nan)]
+    axis = score_axis(found, 30.0, low=-50.0)
+
+    tree = ElementTree.fromstring(interval_drawing(found[0], axis, 30.0, 2))
+
+    data, line = tree.iter("line")
+    (disc,) = tree.iter("circle")
+    ends = float(line.attrib["x1"]), float(line.attrib["x2"])
+    assert ends[0] < float(disc.attrib["cx"]) == pytest.approx(sum(ends) / 2, abs=0.1)
+    assert float(data.attrib["x1"]) == pytest.approx(axis.place(30.0), abs=0.06)
+    assert "series-2" in tree.attrib["class"]
+    alone = ElementTree.fromstring(interval_drawing(found[1], axis, None, 0))
+    assert not list(alone.iter("line"))
+    assert len(list(alone.iter("circle"))) == 1
+
+
+def test_a_row_far_below_does_not_squeeze_the_others() -> None:
+    found = [Estimate(90.0, 88.0, 92.0), Estimate(-400.0, -420.0, -380.0)]
+    axis = score_axis(found, None, low=-50.0)
+
+    below = ElementTree.fromstring(interval_drawing(found[1], axis, None, 0))
+
+    assert axis.low >= -50
+    assert [node.get("class") for node in below.iter("path")] == ["beyond"]
+    assert not list(below.iter("circle"))
+    assert [node.text for node in ElementTree.fromstring(axis_drawing(axis)).iter("text")] == [
+        "-50",
+        "100",
+        "0",
     ]
 
-    text = estimate_chart(bars, "score", "title", data=30.0)
 
-    ElementTree.fromstring(text)
-    assert "a&lt;b: 5 seeds" in text
-    assert text.count("<circle") == 2
-    assert "undefined" not in text
-    assert text.count('class="data"') == 2
+def test_an_undefined_estimate_has_no_mark() -> None:
+    axis = score_axis([], None, low=-50.0)
+
+    assert "<circle" not in interval_drawing(Estimate(math.nan, math.nan, math.nan), axis, None, 0)
 
 
 @given(heights=st.lists(st.floats(0, 100), min_size=1, max_size=40))
@@ -68,7 +92,7 @@ def test_labels_of_lines_do_not_cover_each_other(heights: list[float]) -> None:
         for k, y in enumerate(heights)
     }
 
-    text = line_chart(lines, "updates", "success (%)", "title")
+    text = line_chart(lines, dict.fromkeys(lines, 0), "updates", "success (%)", "title")
 
     tree = ElementTree.fromstring(text)
     labels = sorted(
@@ -81,7 +105,20 @@ def test_labels_of_lines_do_not_cover_each_other(heights: list[float]) -> None:
     assert labels[-1] < height
 
 
-def test_numbers_in_drawings_are_short() -> None:
-    bars = [Bar("a", Estimate(1 / 3, 0.1, 0.7), 0)]
+def test_lines_of_one_color_have_dashes() -> None:
+    line = {0.0: Estimate(0, 0, 0), 1.0: Estimate(1, 0, 2)}
+    series = {"bc": 0, "iql": 2, "bc-4x": 0}
 
-    assert not re.search(r"\d\.\d{2,}\"", estimate_chart(bars, "score", "t", None))
+    text = line_chart(dict.fromkeys(series, line), series, "updates", "score", "title")
+
+    found = [node.get("class") for node in ElementTree.fromstring(text).iter("g")][1:]
+    assert found == ["line series-0 dashed-0", "line series-2 dashed-0", "line series-0 dashed-1"]
+    assert "bc, 4 × updates" in text
+
+
+def test_numbers_in_drawings_are_short() -> None:
+    found = Estimate(1 / 3, 0.1, 0.7)
+    text = interval_drawing(found, score_axis([found], None, low=0.0), None, 0)
+
+    assert "<circle" in text
+    assert not re.search(r"\d\.\d{2,}\"", text)

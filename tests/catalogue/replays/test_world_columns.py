@@ -24,6 +24,7 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, X, robots_of
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store.arrays.column_meanings import state_columns
 from swarmdata.types import EVENTS, Episode
 
 
@@ -175,6 +176,21 @@ def test_rescued_victims_are_flags() -> None:
     rescues = np.asarray(codes >> 9 & 1).any(axis=1)
     rescued = (np.diff(reached, axis=0) > 0).any(axis=1)
     np.testing.assert_array_equal(np.asarray(rescues)[1:], rescued)
+
+
+def test_victims_are_known_once_a_robot_has_seen_them() -> None:
+    spec = preset("search")
+    n = spec.rules_as(SearchRules).victims
+    episode = play(spec, "scripted")
+    names = [column.name for column in state_columns(make_task(spec))]
+    places = [[names.index(f"{robot}.known_{k}") for robot in spec.agent_names] for k in range(n)]
+    seen = (episode.states[:, places] > 0).max(axis=2)
+
+    _, codes = columns_of(WorldColumns(spec).moving(episode))["known"]
+
+    np.testing.assert_array_equal(codes > 0, seen)
+    assert not seen[0].all()
+    assert seen[-1].all()
 
 
 def test_all_bodies_of_a_users_task_are_columns() -> None:

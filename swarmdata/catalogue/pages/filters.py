@@ -1,0 +1,56 @@
+"""The form that filters a page, whose choices `assets/filters.js` keeps in the address."""
+
+from collections.abc import Mapping, Sequence
+
+from swarmdata.catalogue.elements import Html, element
+
+NONE: Mapping[str, str] = {}
+
+
+def form(label: str, fields: Sequence[Html]) -> Html:
+    """Returns the form, with a button that clears it.
+
+    Args:
+        label: for screen readers.
+        fields: labels with their fields.
+    """
+    clear = element("button", "Clear", type="reset")
+    return element("form", *fields, clear, id="filters", role="search", aria_label=label)
+
+
+def choice(
+    label: str,
+    name: str,
+    values: Sequence[str],
+    *,
+    labels: Mapping[str, str] = NONE,
+    default: str = "",
+    every: str | None = "",
+) -> Html:
+    """Returns a list to choose from.
+
+    Args:
+        label: of the list.
+        name: in the address.
+        values: to choose from.
+        labels: of the values, where they differ.
+        default: chosen at first.
+        every: the value that stands for all; None: one has to be chosen.
+    """
+    known = {value: labels.get(value, value) for value in values}
+    if every is not None:
+        known = {every: "all", **known}
+    options = [element("option", v, value=k, selected=k == default) for k, v in known.items()]
+    return element("label", label, element("select", *options, name=name))
+
+
+def nothing_found(things: str) -> list[Html]:
+    """The count of what is shown, and what is said, with ways to widen, where nothing is.
+
+    Args:
+        things: plural of what is filtered.
+    """
+    return [
+        element("p", id="shown", role="status", data_things=things),
+        element("div", id="widen", hidden=True),
+    ]

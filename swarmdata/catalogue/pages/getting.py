@@ -1,0 +1,164 @@
+"""How to get a dataset, and what one wants to know before: size, costs, license, digest."""
+
+import shlex
+
+import numpy as np
+
+from swarmdata import __version__
+from swarmdata.cards.references import LESS_COORDINATED
+from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.catalogue.entries import Entry
+from swarmdata.catalogue.pages.figures_shown import UNKNOWN, file_size, percent, score
+from swarmdata.datasets.action_scaling import action_scale, has_choices
+from swarmdata.errors import SchemaError
+from swarmdata.specs.model_choice import describe
+from swarmdata.specs.origins import Spec
+from swarmdata.store.cache import cache_folder
+
+DIGITS = 12
+"""Of a digest in print."""
+
+
+MOST_NAMES = 4
+"""Policies that are named; the card has all."""
+
+
+def get_part(entry: Entry, spec: Spec) -> Html:
+    """Lines to copy, and the facts of a dataset.
+
+    Args:
+        entry: of the dataset.
+        spec: through whose models its episodes are shown.
+    """
+    name = _name_to_load(entry)
+    models = ""
+    if spec != entry.spec and spec.world is not None:
+        models = "  # replayed here through other sensors or radios: see dataset.reobserve"
+    install = "pip install 'swarmdata[torch]'" if _is_learned(entry) else "pip install swarmdata"
+    codes = {
+        "install": install,
+        "python": f'import swarmdata\ndata = swarmdata.load("{name}"){models}',
+    }
+    if _is_learned(entry):
+        codes["shell"] = f"swarmdata train bc {shlex.quote(name)} --out runs/bc"
+    return element(
+        "section",
+        element("h2", "Get it", id="load"),
+        *(_snippet(key, text) for key, text in codes.items()),
+        _facts(entry),
+        aria_labelledby="load",
+    )
+
+
+def _snippet(key: str, text: str) -> Html:
+    code = element("pre", element("code", text, id=f"copy-{key}"), tabindex="0")
+    return element("div", code, _copy(key, f"Copy {key} code"), class_="snippet")
+
+
+def _copy(key: str, label: str) -> Html:
+    return element("button", "Copy", type="button", data_copies=f"copy-{key}", aria_label=label)
+
+
+def _facts(entry: Entry) -> Html:
+    episodes = UNKNOWN if entry.n_episodes is None else f"{entry.n_episodes:,}"
+    size = f"{file_size(entry.n_bytes)}, {episodes} episodes, {entry.n_steps:,} joint steps"
+    facts: list[tuple[str, object]] = [
+        ("size", size + ("; the first 5 % of the full dataset" if entry.is_mini else "")),
+        ("address", _address(entry)),
+        ("source", entry.kind),
+        ("recorded by", _policies(entry)),
+        ("solved", _solved(entry)),
+        ("score", UNKNOWN if entry.score is None else f"{score(entry.score)} (100: expert)"),
+        ("costs", _costs(entry)),
+        ("messages", _messages(entry)),
+        ("coordination gap", _gap(entry)),
+        ("license", "not stated" if entry.license == "unknown" else entry.license),
+        ("digest", UNKNOWN if entry.digest is None else _digest(entry.digest)),
+        ("cite as", _citation(entry)),
+    ]
+    rows = [join(element("dt", name), element("dd", value)) for name, value in facts]
+    return element("dl", *rows, class_="facts")
+
+
+def _solved(entry: Entry) -> str:
+    if entry.clean_success is None:
+        return percent(entry.success)
+    return f"{percent(entry.success)}, {percent(entry.clean_success)} without a contact"
+
+
+def _address(entry: Entry) -> object:
+    dataset = entry.dataset
+    if dataset is not None and dataset.source not in ("cache", "rebuilt", "folder"):
+        return element("code", dataset.source)
+    if dataset is not None and not dataset.recipe.can_rebuild:
+        return "a folder; no recipe rebuilds it"
+    return join("none: ", element("code", "load"), " rebuilds it from its recipe, bit for bit")
+
+
+def _policies(entry: Entry) -> str:
+    names = ", ".join(entry.policies[:MOST_NAMES])
+    more = ", …" if len(entry.policies) > MOST_NAMES else ""
+    return names if len(entry.policies) <= 1 else f"{len(entry.policies)} policies: {names}{more}"
+
+
+def _costs(entry: Entry) -> str:
+    if entry.collisions is None:
+        return "not recorded"
+    robots, obstacles = entry.collisions
+    return f"{robots:.2f} collisions with robots, {obstacles:.2f} with obstacles an episode"
+
+
+def _messages(entry: Entry) -> str:
+    world = entry.spec.world
+    if world is None:
+        return UNKNOWN
+    if not entry.has_messages:
+        return "none; dataset.reobserve adds a radio"
+    return describe(world).partition(", communication ")[2]
+
+
+def _gap(entry: Entry) -> object:
+    """By how much the scripted team is better than less coordinated ones."""
+    if not entry.gaps:
+        return "not measured"
+    items = []
+    for name, gaps in entry.gaps.items():
+        points, clean = (f"{100 * gaps[key].value:.1f}" for key in ("success", "clean_success"))
+        meaning = LESS_COORDINATED.get(name, name)
+        items.append(
+            element("div", f"{points} points of success, {clean} of clean success: {meaning}")
+        )
+    return join(*items)
+
+
+def _digest(digest: str) -> Html:
+    short = element("code", f"{digest[:DIGITS]}…", title=digest)
+    whole = element("span", digest, id="copy-digest", hidden=True)
+    return join(short, whole, " ", _copy("digest", "Copy the whole digest"))
+
+
+def _citation(entry: Entry) -> Html:
+    digest = "" if entry.digest is None else f"digest {entry.digest[:DIGITS]}, "
+    text = f"{entry.id} ({digest}swarmdata {__version__})"
+    return join(element("span", text, id="copy-citation"), " ", _copy("citation", "Copy citation"))
+
+
+def _name_to_load(entry: Entry) -> str:
+    """What `load` takes: the id of a published or cached dataset, else an address or a folder."""
+    dataset = entry.dataset
+    is_cached = dataset is not None and dataset.path == cache_folder() / "datasets" / entry.id
+    if dataset is None or is_cached or dataset.source in ("cache", "rebuilt"):
+        return entry.id
+    return dataset.path.resolve().name if dataset.source == "folder" else dataset.source
+
+
+def _is_learned(entry: Entry) -> bool:
+    """Whether algorithms learn from it: images and actions without bounds are for other code."""
+    if entry.dataset is None or entry.spec.world is not None:
+        return True
+    if entry.dataset.recipe.missing is not None or entry.dataset[0].observations.dtype == np.uint8:
+        return False
+    try:
+        return bool(has_choices(entry.spec)) or bool(action_scale(entry.spec))
+    except SchemaError:
+        return False

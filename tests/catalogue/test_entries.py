@@ -1,0 +1,53 @@
+"""What entries say of datasets: sizes together, gaps where measured, costs as on the cards."""
+
+from pathlib import Path
+
+from swarmdata.catalogue.entries import collisions_on, find_entries, in_sizes
+from swarmdata.hub.catalog.catalog import list_datasets
+from swarmdata.registry.published import published
+from swarmdata.runtime.batches import Failures
+from tests.catalogue.conftest import little_published
+from tests.support.tiny import TINY
+
+
+def test_a_dataset_and_its_mini_are_one(shown: dict[str, Path]) -> None:
+    with little_published():
+        entries = find_entries([str(shown["tiny"])], Failures(1))
+
+    found = {sizes[0].id: [each.id for each in sizes] for sizes in in_sizes(entries)}
+
+    assert found["coop_nav-medium-v1"] == ["coop_nav-medium-v1", "coop_nav-medium-mini-v1"]
+    assert found[TINY.id] == [TINY.id]
+    assert sum(map(len, found.values())) == len(entries)
+    medium = {entry.id: entry for entry in entries}["coop_nav-medium-v1"]
+    assert medium.need is not None
+    assert 0 < medium.need < 100
+    assert medium.license == "cc-by-4.0"
+    assert len(medium.policies) == 4
+
+
+def test_a_dataset_that_is_shown_says_what_its_table_does(shown: dict[str, Path]) -> None:
+    names = [str(shown["tiny"]), str(shown["images"])]
+    entries = find_entries(names, Failures(2), with_published=False)
+    kinds = {entry.id: entry.kind for entry in entries}
+    tiny = next(entry for entry in entries if entry.id == TINY.id)
+    images = next(entry for entry in entries if entry.id != TINY.id)
+
+    assert set(kinds.values()) == {"simulated", "other environment"}
+    assert tiny.dataset is not None
+    assert tiny.collisions is not None
+    assert tiny.collisions[0] == tiny.dataset.episodes.robot_collisions.mean()
+    assert images.collisions is None
+    assert images.need is None
+
+
+def test_every_published_card_states_its_collisions() -> None:
+    from importlib.resources import files
+
+    cards = files("swarmdata.cards").joinpath("published")
+    for name in published():
+        found = collisions_on(cards.joinpath(f"{name}.md").read_text(encoding="utf-8"))
+        assert found is not None, name
+        assert min(found) >= 0
+    assert len(published()) == len(list_datasets())
+    assert collisions_on("# a card without statistics") is None
