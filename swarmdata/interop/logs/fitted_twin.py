@@ -1,20 +1,8 @@
-"""A twin of logged robots: a task whose unicycles answer commands as the logs show.
-
-Gains, lag and delay (`logged_drives`) minimize the error of the displacement and the turn that
-commands predict over `HORIZON`. With the mean squares of both, the loss of n windows is that of
-independent Gaussian errors of unknown variance, up to a constant,
-
-    n log(mean |displacement error|^2) + n / 2 log(mean (turn error)^2)
-
-Displacements are along the measured headings, so both are linear in the gains, which least squares
-give; lag and delay are searched. Short windows would not do: noise of poses and commands that come
-between two steps make gains of single steps too small.
-"""
+"""A twin of logged robots: a task whose unicycles answer commands as the logs show."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 
 import numpy as np
 
@@ -26,8 +14,15 @@ from swarmdata.interop.logs.logged_drives import (
     STANDING,
     Drives,
     Response,
-    delayed,
-    window_sums,
+)
+from swarmdata.interop.logs.response_fits import (
+    HORIZON,
+    LEAST_WINDOWS,
+    ErrorSources,
+    Fit,
+    Search,
+    error_sources,
+    fit_response,
 )
 from swarmdata.rollouts.score_intervals import (
     AT_LEAST_ZERO,
@@ -37,60 +32,12 @@ from swarmdata.rollouts.score_intervals import (
 )
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import Robot, TaskSpec
-from swarmdata.types import Bool, Double
-
-HORIZON = 2.0  # s, of the predictions that are fitted and judged
-
-LAGS = (0.0, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # s
-"""Between which lags are searched, with delays up to `LEAD`."""
-
-LAG_TOLERANCE = 2e-3  # s
-
-LEAST_EXPLAINED = 0.2
-"""Least share of the squared displacements and turns that commands explain in a fit."""
-
-LEAST_WINDOWS = 20
-"""Fewest windows, which overlap, of a fit."""
+from swarmdata.types import Double
 
 N_PARTS = 4
 """Parts of the training split whose fits give the ranges of the randomization."""
 
 CLOSE = (0.1, math.radians(10.0))  # m, rad: what counts as a good prediction
-
-
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """The response of some robots, and how well it explains what they did."""
-
-    response: Response
-    loss: float
-    speed_explained: float  # share of the squared displacements
-    turn_explained: float  # share of the squared turns
-
-    @property
-    def lacks(self) -> str:
-        """Why it cannot be trusted; empty if it can."""
-        gains = {"speed_gain": self.speed_explained, "turn_gain": self.turn_explained}
-        for name, share in gains.items():
-            if share < LEAST_EXPLAINED or getattr(self.response, name) <= 0:
-                what = "displacements" if name == "speed_gain" else "turns"
-                return f"commands explain {max(share, 0.0):.0%} of the {what}"
-        if self.response.lag > 0.99 * LAGS[-1]:
-            return f"the lag is longer than {LAGS[-1]:g} s, the end of the search"
-        return ""
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorSources:
-    """What errors of predictions consist of, by how they grow with time."""
-
-    position: float  # m, noise of measured positions, each component
-    heading: float  # rad, noise of measured headings
-    speed_walk: float  # m, deviation after 1 s of errors that are anew in each step
-    turn_walk: float  # rad, likewise
-    speed_bias: float  # m/s, errors that last for a prediction, such as those of gains
-    turn_bias: float  # rad/s, likewise
-    drift: dict[str, float]  # rates of `sensing_models.Drift` that give errors of this size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +96,7 @@ class Twin:
             of the twin, of commands taken as they are, and of robots that stand still.
 
         Raises:
-            ConversionError: a dataset is of other robots or steps, or too short.
+            ConversionError: a dataset is of other robots or steps, or all are too short.
         """
         n = len(self.responses)
         predictors = {
@@ -158,14 +105,20 @@ class Twin:
             "no motion": [STANDING] * n,
         }
         checked = [self._drives(each) for each in datasets]
+        if not any(each.starts(each.steps(HORIZON)).any() for each in checked):
+            raise ConversionError(
+                f"{', '.join(each.recipe.id for each in datasets)} has no stretch of "
+                f"{LEAD + HORIZON:g} s in which a robot's pose and command are known, to check the "
+                "twin with"
+            )
         return {name: _judged(checked, each) for name, each in predictors.items()}
 
     def to_yaml(self) -> str:
         """The spec, and what it was fitted to as a comment."""
         speed, turn = self.largest
         return (
-            f"# A twin of the robots of {self.source}: an action of 1 is a command of {speed:g} m/s "
-            f"or {turn:g} rad/s.\n{self.spec.to_yaml()}"
+            f"# A twin of the robots of {self.source}: an action of 1 is a command of\n"
+            f"# {speed:g} m/s or {turn:g} rad/s.\n{self.spec.to_yaml()}"
         )
 
     def _drives(self, dataset: Dataset) -> Drives:
@@ -175,11 +128,6 @@ class Twin:
                 f"{dataset.recipe.id} has the robots {', '.join(drives.names)} in steps of "
                 f"{drives.dt:g} s, expected {', '.join(self.responses)} in steps of "
                 f"{self.spec.control_dt:g} s, as the twin has"
-            )
-        if not drives.starts(drives.steps(HORIZON)).any():
-            raise ConversionError(
-                f"{dataset.recipe.id} has no stretch of {LEAD + HORIZON:g} s in which a robot's "
-                "pose and command are known, to check the twin with"
             )
         return drives
 
@@ -219,16 +167,15 @@ def fit_twin(dataset: Dataset, *, radius: float | None = None, drift: bool = Fal
     if not sound or team.lacks:
         raise ConversionError(
             f"{dataset.recipe.id} does not determine how its robots answer commands: "
-            f"{team.lacks or next(iter(flags.values()))}, expected at least "
-            f"{LEAST_EXPLAINED:.0%}. Log drives with turns and stops, and check `clock_offset` "
-            "and the units of the map"
+            f"{team.lacks or '; '.join(sorted({*flags.values()}))}. Log drives with turns and "
+            "stops, and check `clock_offset` and the units of the map"
         )
     own = _predicts_better(drives, sound)
     responses = [
         fits[n].response if own and n in sound else team.response  # type: ignore[union-attr]
         for n in every
     ]
-    sources = _error_sources(drives.part(robots=sound), [responses[n] for n in sound])
+    sources = error_sources(drives.part(robots=sound), [responses[n] for n in sound])
     spec = _spec(drives, responses, sources, _part_fits(drives, sound), radius, dataset, drift)
     return Twin(
         spec=spec,
@@ -241,87 +188,6 @@ def fit_twin(dataset: Dataset, *, radius: float | None = None, drift: bool = Fal
     )
 
 
-def fit_response(drives: Drives) -> Fit | None:
-    """Fits one response to all robots of some drives; None if there are too few windows."""
-    search = _Search.of(drives)
-    if search is None:
-        return None
-    rough = min((fit for lag in LAGS for fit in search.fits(lag)), key=lambda fit: fit.loss)
-    k = LAGS.index(rough.response.lag)
-    fine = search.refine(LAGS[max(k - 1, 0)], LAGS[min(k + 1, len(LAGS) - 1)], rough.response.delay)
-    return min(rough, fine, key=lambda fit: fit.loss)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Search:
-    """The windows of drives that responses are fitted to."""
-
-    drives: Drives
-    length: int  # steps of a window
-    chosen: Bool  # [E, N, S] where windows begin
-    measured: Double  # [n, 3] displacement and turn in each window
-
-    @classmethod
-    def of(cls, drives: Drives, length: int | None = None) -> "_Search | None":
-        """All windows, which overlap; None if there are too few."""
-        length = length or drives.steps(HORIZON)
-        chosen = drives.starts(length)
-        if chosen.sum() < LEAST_WINDOWS:
-            return None
-        return cls(drives, length, chosen, window_sums(drives.measured(), length)[chosen])
-
-    def expected(self, motors: Double, delay: int) -> Double:
-        """Displacement and turn in each window at gains of 1, [n, 3]."""
-        return window_sums(self.drives.unit_motion(motors, delay), self.length)[self.chosen]
-
-    def fits(self, lag: float, delays: Sequence[int] | None = None) -> Iterator[Fit]:
-        """The best gains at a lag and each of some delays; None: of all."""
-        motors = self.drives.motors(lag)
-        for delay in range(self.drives.steps(LEAD) + 1) if delays is None else delays:
-            yield self._fit(self.expected(motors, delay), lag, delay)
-
-    def refine(self, low: float, high: float, delay: int) -> Fit:
-        """The best lag of an interval at a delay, by golden sections."""
-        golden = (math.sqrt(5) - 1) / 2
-        left, right = high - golden * (high - low), low + golden * (high - low)
-        tried = {lag: next(self.fits(lag, [delay])) for lag in (left, right)}
-        while high - low > LAG_TOLERANCE:
-            if tried[left].loss < tried[right].loss:
-                high, right = right, left
-                left = new = high - golden * (high - low)
-            else:
-                low, left = left, right
-                right = new = low + golden * (high - low)
-            tried[new] = next(self.fits(new, [delay]))
-        return min(tried.values(), key=lambda fit: fit.loss)
-
-    def _fit(self, expected: Double, lag: float, delay: int) -> Fit:
-        gains, means, explained = [], [], []
-        for columns in (slice(0, 2), slice(2, 3)):
-            x, y = expected[:, columns], self.measured[:, columns]
-            power, total = float((x * x).sum()), float((y * y).sum())
-            gain = float((x * y).sum()) / power if power > 0 else 0.0
-            rest = float(((y - gain * x) ** 2).sum())
-            gains.append(gain)
-            means.append(max(rest / len(x), 1e-16))  # below what float32 poses resolve
-            explained.append(1.0 - rest / total if total > 0 else 0.0)
-        loss = len(expected) * (math.log(means[0]) + 0.5 * math.log(means[1]))
-        return Fit(Response(*gains, lag, delay), loss, *explained)
-
-    def loss(self, response: Response) -> float:
-        """The loss of a response that was fitted to other windows."""
-        errors = self.errors(response)
-        squares = max(float((errors[:, :2] ** 2).sum(axis=1).mean()), 1e-16)
-        turns = max(float((errors[:, 2] ** 2).mean()), 1e-16)
-        return len(errors) * (math.log(squares) + 0.5 * math.log(turns))
-
-    def errors(self, response: Response) -> Double:
-        """Errors of the displacement and the turn of each window, [n, 3]."""
-        gains = np.array([response.speed_gain, response.speed_gain, response.turn_gain])
-        motors = self.drives.motors(response.lag)
-        return gains * self.expected(motors, response.delay) - self.measured
-
-
 def _predicts_better(drives: Drives, robots: Sequence[int]) -> bool:
     """Whether robots' own responses predict one half of the episodes better, from the other."""
     gain = 0.0
@@ -330,7 +196,7 @@ def _predicts_better(drives: Drives, robots: Sequence[int]) -> bool:
         team = fit_response(drives.part(fitted, robots))
         for n in robots:
             own = fit_response(drives.part(fitted, [n]))
-            search = _Search.of(drives.part(judged, [n]))
+            search = Search.of(drives.part(judged, [n]))
             if team is None or own is None or search is None:
                 return False
             gain += search.loss(team.response) - search.loss(own.response)
@@ -348,64 +214,6 @@ def _part_fits(drives: Drives, robots: Sequence[int]) -> list[Response]:
             if fit is not None and not fit.lacks:
                 found.append(fit.response)
     return found
-
-
-def _error_sources(drives: Drives, responses: Sequence[Response]) -> ErrorSources:
-    """Splits squared errors over windows of several lengths t: noise + walk t + bias t^2."""
-    longest = drives.steps(HORIZON)
-    lengths = sorted({1, 2, *(max(1, longest * k // 8) for k in range(1, 9))})
-    times = drives.dt * np.array(lengths)
-    squares = np.array([np.mean(_residuals(drives, responses, n)[0] ** 2, axis=0) for n in lengths])
-    terms = np.stack([np.full_like(times, 2.0), times, times**2], axis=1)
-    found = []
-    for column in (squares[:, :2].mean(axis=1), squares[:, 2]):
-        scale = 1 / np.maximum(column, 1e-16)
-        found.append(np.sqrt(_nonnegative(terms * scale[:, None], column * scale)))
-    (position, speed_walk, speed_bias), (heading, turn_walk, turn_bias) = np.array(found).tolist()
-    errors, paths = _residuals(drives, responses, longest)
-    driven, turned = paths.T
-    growth = np.stack([driven**2 + driven, turned**2 + turned], axis=1)
-    rates = np.sqrt(_nonnegative(growth, errors[:, 2] ** 2)).tolist()
-    moved = float((driven**2 + 2 * driven).mean())
-    drift = {
-        "position": math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean()) / moved),
-        "heading": rates[0],
-        "turning": rates[1],
-    }
-    return ErrorSources(
-        position, heading, speed_walk, turn_walk, speed_bias, turn_bias,
-        {name: round(rate, 4) for name, rate in drift.items()},
-    )  # fmt: skip
-
-
-def _residuals(drives: Drives, responses: Sequence[Response], length: int) -> tuple[Double, Double]:
-    """Errors of displacements and turns over windows, [n, 3]; what they drove and turned, [n, 2]."""
-    errors, paths = [], []
-    for n, response in enumerate(responses):
-        alone = drives.part(robots=[n])
-        search = _Search.of(alone, length)
-        if search is None:
-            continue
-        errors.append(search.errors(response))
-        speeds = np.abs(delayed(alone.motors(response.lag), response.delay)) * drives.dt
-        gains = np.array([response.speed_gain, response.turn_gain])
-        paths.append(gains * window_sums(speeds, length)[search.chosen])
-    return np.concatenate(errors), np.concatenate(paths)
-
-
-def _nonnegative(columns: Double, target: Double) -> Double:
-    """Least squares whose coefficients are at least 0: the best of all sets of columns, [k]."""
-    k = columns.shape[1]
-    best, least = np.zeros(k), math.inf
-    for size in range(1, k + 1):
-        for chosen in combinations(range(k), size):
-            some = list(chosen)
-            found = np.linalg.lstsq(columns[:, some], target, rcond=None)[0]
-            rest = float(((columns[:, some] @ found - target) ** 2).sum())
-            if rest < least and (found >= 0).all():
-                best, least = np.zeros(k), rest
-                best[some] = found
-    return best
 
 
 def _spec(
@@ -495,9 +303,9 @@ def describe(twin: Twin, checked: Mapping[str, Predictions]) -> str:
     lines += [f"{name} has the response of all: {why}" for name, why in twin.flags.items()]
     of = twin.sources
     lines.append(
-        f"noise of poses {100 * of.position:.2f} cm, {math.degrees(of.heading):.2f} degrees; errors "
-        f"of each step add up to {100 * of.speed_walk:.2f} cm, {math.degrees(of.turn_walk):.2f} "
-        f"degrees in a second, lasting ones to {100 * of.speed_bias:.2f} cm, "
+        f"noise of poses {100 * of.position:.2f} cm, {math.degrees(of.heading):.2f} degrees; in a "
+        f"second, errors of steps add up to {100 * of.speed_walk:.2f} cm, "
+        f"{math.degrees(of.turn_walk):.2f} degrees, lasting ones to {100 * of.speed_bias:.2f} cm, "
         f"{math.degrees(of.turn_bias):.2f} degrees"
     )
     lines.append("odometry by commands: " + ", ".join(f"{k} {v:g}" for k, v in of.drift.items()))
