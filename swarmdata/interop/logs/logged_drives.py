@@ -77,7 +77,7 @@ class Drives:
                 poses[k, n, : t + 1, :2] = rows[:, :2]
                 poses[k, n, : t + 1, 2] = np.arctan2(rows[:, 3], rows[:, 2])
                 commands[k, n, :t] = episode.actions[:, n, actions]
-            known[k, :, :t] = episode.alive[:-1].T if episode.alive.size else True
+            known[k, :, :t] = True if episode.alive is None else episode.alive[:-1].T
         largest = _largest_commands(dataset, columns)
         dt = float(dataset.spec.time_step or 0.0)
         return cls(dataset.spec.agent_names, dt, largest, poses, commands, known)
