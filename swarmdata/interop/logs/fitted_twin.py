@@ -23,6 +23,7 @@ from swarmdata.interop.logs.response_fits import (
     Search,
     error_sources,
     fit_response,
+    gaussian_loss,
 )
 from swarmdata.rollouts.score_intervals import (
     AT_LEAST_ZERO,
@@ -152,12 +153,10 @@ def fit_twin(dataset: Dataset, *, radius: float | None = None, drift: bool = Fal
     """
     training = dataset.filter(split="train")
     drives = Drives.of(training)
-    every = range(len(drives.names))
-    fits = {n: fit_response(drives.part(robots=[n])) for n in every}
-    flags = {n: "too few steps without gaps" if fit is None else fit.lacks
-             for n, fit in fits.items()}  # fmt: skip
-    sound = [n for n in every if not flags[n]]
-    team = fit_response(drives.part(robots=sound)) if sound else fit_response(drives)
+    fits = [fit_response(drives.part(robots=[n])) for n in range(len(drives.names))]
+    flags = ["too few steps without gaps" if fit is None else fit.lacks for fit in fits]
+    sound = {n: fit.response for n, fit in enumerate(fits) if fit is not None and not fit.lacks}
+    team = fit_response(drives.part(robots=[*sound]) if sound else drives)
     if team is None:
         raise ConversionError(
             f"{dataset.recipe.id} has fewer than {LEAST_WINDOWS} stretches of "
@@ -167,16 +166,13 @@ def fit_twin(dataset: Dataset, *, radius: float | None = None, drift: bool = Fal
     if not sound or team.lacks:
         raise ConversionError(
             f"{dataset.recipe.id} does not determine how its robots answer commands: "
-            f"{team.lacks or '; '.join(sorted({*flags.values()}))}. Log drives with turns and "
+            f"{team.lacks or '; '.join(sorted({*flags}))}. Log drives with turns and "
             "stops, and check `clock_offset` and the units of the map"
         )
-    own = _predicts_better(drives, sound)
-    responses = [
-        fits[n].response if own and n in sound else team.response  # type: ignore[union-attr]
-        for n in every
-    ]
-    sources = error_sources(drives.part(robots=sound), [responses[n] for n in sound])
-    spec = _spec(drives, responses, sources, _part_fits(drives, sound), radius, dataset, drift)
+    own = sound if _predicts_better(drives, [*sound]) else {}
+    responses = [own.get(n, team.response) for n in range(len(fits))]
+    sources = error_sources(drives.part(robots=[*sound]), [responses[n] for n in sound])
+    spec = _spec(drives, responses, sources, _part_fits(drives, [*sound]), radius, dataset, drift)
     return Twin(
         spec=spec,
         responses=dict(zip(drives.names, responses, strict=True)),
@@ -184,7 +180,7 @@ def fit_twin(dataset: Dataset, *, radius: float | None = None, drift: bool = Fal
         sources=sources,
         source=f"{dataset.recipe.id} (digest {dataset.digest[:12]})",
         largest=drives.largest,
-        flags={drives.names[n]: flag for n, flag in flags.items() if flag},
+        flags={name: flag for name, flag in zip(drives.names, flags, strict=True) if flag},
     )
 
 
@@ -199,7 +195,8 @@ def _predicts_better(drives: Drives, robots: Sequence[int]) -> bool:
             search = Search.of(drives.part(judged, [n]))
             if team is None or own is None or search is None:
                 return False
-            gain += search.loss(team.response) - search.loss(own.response)
+            gain += gaussian_loss(search.errors(team.response))
+            gain -= gaussian_loss(search.errors(own.response))
     return gain > 0
 
 
@@ -321,6 +318,11 @@ def describe(twin: Twin, checked: Mapping[str, Predictions]) -> str:
     for name, each in checked.items():
         cells = map(_cell, each.estimates, (100.0, 1.0, 100.0))
         lines.append(line.format(name, *cells))
+    closer, straighter = checked["twin"].less(checked["commands as they are"])
+    lines.append(
+        f"of the twin minus those of commands: {_cell(closer, 100)} cm, "
+        f"{_cell(straighter, 1)} degrees"
+    )
     return "\n".join(lines)
 
 

@@ -12,14 +12,16 @@ second of two physics steps on, a turn at once.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs.resampling import wrap
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.origins.log_origin import ImportedLogs
-from swarmdata.specs.spaces import DictSpace, bounds, width
+from swarmdata.specs.spaces import DictSpace, Space, bounds, width
 from swarmdata.types import Bool, Double, Int
 
 LEAD = 1.0  # s
@@ -72,15 +74,15 @@ class Drives:
         known = np.zeros((len(episodes), N, T), np.bool_)
         for k, episode in enumerate(episodes):
             t = len(episode.actions)
-            for n, (pose, actions) in enumerate(columns):
-                rows = episode.observations[:, n, pose : pose + 4].astype(np.float64)
+            for n, of in enumerate(columns):
+                rows = episode.observations[:, n, of.pose : of.pose + 4].astype(np.float64)
                 poses[k, n, : t + 1, :2] = rows[:, :2]
                 poses[k, n, : t + 1, 2] = np.arctan2(rows[:, 3], rows[:, 2])
-                commands[k, n, :t] = episode.actions[:, n, actions]
+                commands[k, n, :t] = episode.actions[:, n, of.actions]
             known[k, :, :t] = True if episode.alive is None else episode.alive[:-1].T
-        largest = _largest_commands(dataset, columns)
+        speed, turn = np.max([each.largest for each in columns], axis=0).tolist()
         dt = float(dataset.spec.time_step or 0.0)
-        return cls(dataset.spec.agent_names, dt, largest, poses, commands, known)
+        return cls(dataset.spec.agent_names, dt, (speed, turn), poses, commands, known)
 
     def part(self, episodes: slice = slice(None), robots: Sequence[int] | None = None) -> "Drives":
         """Some episodes of some robots; None: of all."""
@@ -228,20 +230,28 @@ def _apart(starts: Bool, length: int) -> tuple[Int, Int]:
     return found[:, 0], found[:, 1]
 
 
-def _columns(dataset: Dataset) -> list[tuple[int, list[int]]]:
-    """The first column of each robot's pose, and those of its speed and turn rate.
+class _Columns(NamedTuple):
+    """Where a robot's rows have its pose and commands."""
+
+    pose: int  # the first of its observations
+    actions: list[int]  # speed and turn rate
+    largest: Double  # m/s and rad/s, by their bounds
+
+
+def _columns(dataset: Dataset) -> list[_Columns]:
+    """Those of each robot.
 
     Raises:
-        ConversionError: the dataset has no such columns.
+        ConversionError: the dataset has none.
     """
     origin = dataset.recipe
-    what = f"{dataset.recipe.id} has no commands that logged robots followed: "
+    what = f"{origin.id} has no commands that logged robots followed: "
     if not isinstance(origin, ImportedLogs):
         raise ConversionError(
-            f"{what}it is of the kind {origin.kind}, expected one that `swarmdata import` or "
-            "`fetch` made of logs"
+            f"{what}it is of another origin, expected a dataset that `swarmdata import` or `fetch` "
+            "made of logs"
         )
-    if origin.spec.world is not None:
+    if not isinstance(origin.spec, RecordedSpec):
         raise ConversionError(
             f"{what}its observations are those of a task. Import the logs without --task"
         )
@@ -255,25 +265,15 @@ def _columns(dataset: Dataset) -> list[tuple[int, list[int]]]:
                 f"{what}those of {robot.name} are {', '.join(map(str, motions))}, expected v and "
                 "omega in its own frame; say `motion` of columns with other names"
             )
-        pose = _offset_of(agent.observation, "pose")
-        found.append((pose, [motions.index("v"), motions.index("omega")]))
+        actions = [motions.index("v"), motions.index("omega")]
+        low, high = bounds(agent.action)
+        largest = np.maximum(np.abs(low), np.abs(high))[actions]
+        found.append(_Columns(_offset_of(agent.observation, "pose"), actions, largest))
     return found
 
 
-def _offset_of(space: object, name: str) -> int:
+def _offset_of(space: Space, name: str) -> int:
     """The first column of an entry of a dictionary, whose entries stand in sorted order."""
     if not isinstance(space, DictSpace):
         raise TypeError(f"observations of logs are {space}, expected a dictionary")
-    return sum(width(each) for key, each in sorted(space.spaces.items()) if key < name)
-
-
-def _largest_commands(
-    dataset: Dataset, columns: Sequence[tuple[int, list[int]]]
-) -> tuple[float, float]:
-    """The largest speed and turn rate that the bounds of any robot's commands allow."""
-    found = []
-    for agent, (_, actions) in zip(dataset.spec.agents, columns, strict=True):
-        low, high = bounds(agent.action)
-        found.append(np.maximum(np.abs(low), np.abs(high))[actions])
-    speed, turn = np.max(found, axis=0).tolist()
-    return speed, turn
+    return sum(width(each) for key, each in space.spaces.items() if key < name)

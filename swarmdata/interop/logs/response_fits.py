@@ -56,7 +56,7 @@ class Fit:
                     f"commands explain {max(share, 0.0):.0%} of the {what}, expected at least "
                     f"{LEAST_EXPLAINED:.0%}"
                 )
-        return f"they come more than {LEAD:g} s after their commands" if self.is_edge else ""
+        return f"motion comes {LEAD:g} s or more after commands" if self.is_edge else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +85,13 @@ def fit_response(drives: Drives) -> Fit | None:
         if 0 <= delay <= drives.steps(LEAD)
     ]
     return min(fine, key=_loss)
+
+
+def gaussian_loss(errors: Double) -> float:
+    """The loss of errors of displacements and turns, [n, 3], above what float32 resolves."""
+    squares = max(float((errors[:, :2] ** 2).sum(axis=1).mean()), 1e-16)
+    turns = max(float((errors[:, 2] ** 2).mean()), 1e-16)
+    return len(errors) * (math.log(squares) + 0.5 * math.log(turns))
 
 
 def _loss(fit: Fit) -> float:
@@ -137,25 +144,16 @@ class Search:
         return min([rough, *tried.values()], key=_loss)
 
     def _fit(self, expected: Double, lag: float, delay: int) -> Fit:
-        gains, means, explained = [], [], []
+        gains, explained = [], []
         for columns in (slice(0, 2), slice(2, 3)):
             x, y = expected[:, columns], self.measured[:, columns]
             power, total = float((x * x).sum()), float((y * y).sum())
             gain = float((x * y).sum()) / power if power > 0 else 0.0
-            rest = float(((y - gain * x) ** 2).sum())
             gains.append(gain)
-            means.append(max(rest / len(x), 1e-16))  # below what float32 poses resolve
-            explained.append(1.0 - rest / total if total > 0 else 0.0)
-        loss = len(expected) * (math.log(means[0]) + 0.5 * math.log(means[1]))
+            explained.append(gain * gain * power / total if total > 0 else 0.0)
+        errors = np.array([gains[0], *gains]) * expected - self.measured
         is_edge = lag > LAGS[-1] - 2 * LAG_TOLERANCE or delay == self.drives.steps(LEAD)
-        return Fit(Response(*gains, lag, delay), loss, *explained, is_edge)
-
-    def loss(self, response: Response) -> float:
-        """The loss of a response that was fitted to other windows."""
-        errors = self.errors(response)
-        squares = max(float((errors[:, :2] ** 2).sum(axis=1).mean()), 1e-16)
-        turns = max(float((errors[:, 2] ** 2).mean()), 1e-16)
-        return len(errors) * (math.log(squares) + 0.5 * math.log(turns))
+        return Fit(Response(*gains, lag, delay), gaussian_loss(errors), *explained, is_edge)
 
     def errors(self, response: Response) -> Double:
         """Errors of the displacement and the turn of each window, [n, 3]."""

@@ -152,7 +152,7 @@ def test_too_little_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_has_no_commands_is_refused(tmp_path: Path, tiny: Path) -> None:
-    with pytest.raises(ConversionError, match="expected one that `swarmdata import`"):
+    with pytest.raises(ConversionError, match="expected a dataset that `swarmdata import`"):
         fit_twin(Dataset.open(tiny))
     components = [
         {"column": "v", "low": -0.4, "high": 0.4},
