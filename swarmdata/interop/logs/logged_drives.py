@@ -64,9 +64,15 @@ class Drives:
             ConversionError: the dataset has no logged poses with commands of speed and turn rate,
                 or no episode.
         """
-        columns = _columns(dataset)
+        origin = dataset.recipe
+        if not isinstance(origin, ImportedLogs):
+            raise ConversionError(
+                f"{origin.id} has no commands that logged robots followed, expected a dataset that "
+                "`swarmdata import` or `fetch` made of logs"
+            )
+        columns = _columns(origin)
         if not len(dataset):
-            raise ConversionError(f"{dataset.recipe.id} has no episode in this split")
+            raise ConversionError(f"{origin.id} has no episode in this split")
         episodes = [dataset[k] for k in range(len(dataset))]
         N, T = dataset.spec.n_agents, max(len(each.actions) for each in episodes)
         poses = np.zeros((len(episodes), N, T + 1, 3))
@@ -81,8 +87,8 @@ class Drives:
                 commands[k, n, :t] = episode.actions[:, n, of.actions]
             known[k, :, :t] = True if episode.alive is None else episode.alive[:-1].T
         speed, turn = np.max([each.largest for each in columns], axis=0).tolist()
-        dt = float(dataset.spec.time_step or 0.0)
-        return cls(dataset.spec.agent_names, dt, (speed, turn), poses, commands, known)
+        names, dt = dataset.spec.agent_names, origin.log_map.dt
+        return cls(names, dt, (speed, turn), poses, commands, known)
 
     def part(self, episodes: slice = slice(None), robots: Sequence[int] | None = None) -> "Drives":
         """Some episodes of some robots; None: of all."""
@@ -238,19 +244,13 @@ class _Columns(NamedTuple):
     largest: Double  # m/s and rad/s, by their bounds
 
 
-def _columns(dataset: Dataset) -> list[_Columns]:
+def _columns(origin: ImportedLogs) -> list[_Columns]:
     """Those of each robot.
 
     Raises:
         ConversionError: the dataset has none.
     """
-    origin = dataset.recipe
     what = f"{origin.id} has no commands that logged robots followed: "
-    if not isinstance(origin, ImportedLogs):
-        raise ConversionError(
-            f"{what}it is of another origin, expected a dataset that `swarmdata import` or `fetch` "
-            "made of logs"
-        )
     if not isinstance(origin.spec, RecordedSpec):
         raise ConversionError(
             f"{what}its observations are those of a task. Import the logs without --task"
