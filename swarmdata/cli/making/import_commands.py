@@ -144,9 +144,9 @@ def fit(
     if out is not None and os.path.lexists(out):
         raise OutputError(f"{out} exists. Name a new file, or move it away.")
     data = load(dataset)
-    held_out = [load(each) for each in test] if test else [
-        part for part in map(data.split, ("validation", "test")) if len(part)
-    ]  # fmt: skip
+    held_out = [load(each) for each in test or ()]
+    if not held_out:
+        held_out = [part for part in (data.split("validation"), data.split("test")) if len(part)]
     twin = fit_twin(data, radius=radius, drift=drift)
     typer.echo(describe(twin, twin.check(*held_out) if held_out else {}))
     if out is not None:

@@ -267,7 +267,7 @@ def _robot(drives: Drives, response: Response, radius: float) -> dict[str, objec
 
 def _ranges(drives: Drives, found: Sequence[Response]) -> dict[str, tuple[float, float]]:
     """The least and the greatest of what robots and parts of the logs gave."""
-    values = {
+    values: dict[str, list[float]] = {
         "max_speed": [round(each.speed_gain * drives.largest[0], 4) for each in found],
         "max_turn_rate": [round(each.turn_gain * drives.largest[1], 4) for each in found],
         "actuator_lag": [round(each.lag, 4) for each in found],
@@ -285,7 +285,8 @@ def _judged(checked: Sequence[Drives], responses: Sequence[Response]) -> Predict
         values = np.stack([distances, np.rad2deg(angles), close])
         rows += [values[:, episodes == k].mean(axis=1) for k in np.unique(episodes)]
         n += len(distances)
-    return Predictions(*np.stack(rows, axis=1), n)
+    means = np.stack(rows)
+    return Predictions(means[:, 0], means[:, 1], means[:, 2], n)
 
 
 def describe(twin: Twin, checked: Mapping[str, Predictions]) -> str:
@@ -315,8 +316,8 @@ def describe(twin: Twin, checked: Mapping[str, Predictions]) -> str:
     )
     line = "{:22} {:>22} {:>22} {:>22}"
     lines.append(line.format("", "position (cm)", "heading (degrees)", "within 10 of both (%)"))
-    for name, each in checked.items():
-        cells = map(_cell, each.estimates, (100.0, 1.0, 100.0))
+    for name, found in checked.items():
+        cells = map(_cell, found.estimates, (100.0, 1.0, 100.0))
         lines.append(line.format(name, *cells))
     closer, straighter = checked["twin"].less(checked["commands as they are"])
     lines.append(

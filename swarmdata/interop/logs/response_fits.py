@@ -144,22 +144,25 @@ class Search:
         return min([rough, *tried.values()], key=_loss)
 
     def _fit(self, expected: Double, lag: float, delay: int) -> Fit:
-        gains, explained = [], []
-        for columns in (slice(0, 2), slice(2, 3)):
-            x, y = expected[:, columns], self.measured[:, columns]
-            power, total = float((x * x).sum()), float((y * y).sum())
-            gain = float((x * y).sum()) / power if power > 0 else 0.0
-            gains.append(gain)
-            explained.append(gain * gain * power / total if total > 0 else 0.0)
-        errors = np.array([gains[0], *gains]) * expected - self.measured
+        speed, speed_explained = _gain(expected[:, :2], self.measured[:, :2])
+        turn, turn_explained = _gain(expected[:, 2], self.measured[:, 2])
+        loss = gaussian_loss(np.array([speed, speed, turn]) * expected - self.measured)
         is_edge = lag > LAGS[-1] - 2 * LAG_TOLERANCE or delay == self.drives.steps(LEAD)
-        return Fit(Response(*gains, lag, delay), gaussian_loss(errors), *explained, is_edge)
+        response = Response(speed, turn, lag, delay)
+        return Fit(response, loss, speed_explained, turn_explained, is_edge)
 
     def errors(self, response: Response) -> Double:
         """Errors of the displacement and the turn of each window, [n, 3]."""
         gains = np.array([response.speed_gain, response.speed_gain, response.turn_gain])
         motors = self.drives.motors(response.lag)
         return gains * self.expected(motors, response.delay) - self.measured
+
+
+def _gain(expected: Double, measured: Double) -> tuple[float, float]:
+    """The gain of least squares, and the share of the measured squares that it explains."""
+    power, total = float((expected**2).sum()), float((measured**2).sum())
+    gain = float((expected * measured).sum()) / power if power > 0 else 0.0
+    return gain, gain * gain * power / total if total > 0 else 0.0
 
 
 def error_sources(drives: Drives, responses: Sequence[Response]) -> ErrorSources:
