@@ -4,8 +4,9 @@
     python -m tests.benchmarks.predicted_actions mrclam-run_7-v0 runs/bc-6 runs/gru-6
 
 A policy's action for a step is compared with the command that was logged in it, and with the one
-two seconds later; so is the command of the step before. It takes every fifth episode, because
-exported policies act robot by robot. `make bench` leaves it out: users fetch the logs.
+two seconds later; so are the command of the step before and the mean one. It takes every fifth
+episode, because exported policies act robot by robot. `make bench` leaves it out: users fetch the
+logs.
 """
 
 import runpy
@@ -31,8 +32,8 @@ def predicted(path: Path, episodes: Sequence[swarmdata.Episode]) -> Iterator[np.
         np.array([each[key] for each in policy.about["commands"]]) for key in ("middle", "half")
     )
     for episode in episodes:
-        commands = np.empty(episode.actions.shape)
-        for n in range(commands.shape[1]):
+        commands = np.zeros_like(episode.actions)
+        for n in range(episode.actions.shape[1]):
             memory: Any = np.zeros(policy.about["memory"])
             for t, observation in enumerate(episode.observations[:-1, n]):
                 action, memory = policy.step(observation, n, memory)
@@ -61,10 +62,20 @@ def repeated(episodes: Sequence[swarmdata.Episode]) -> Iterator[np.ndarray]:
         yield np.concatenate([episode.actions[:1], episode.actions[:-1]])
 
 
+def constant(episodes: Sequence[swarmdata.Episode]) -> Iterator[np.ndarray]:
+    """The mean command of every robot, of these episodes themselves."""
+    mean = np.concatenate([each.actions for each in episodes]).mean(axis=0)
+    for episode in episodes:
+        yield np.broadcast_to(mean, episode.actions.shape)
+
+
 def main(data: str, *runs: str) -> None:
     """Prints a table."""
     episodes = list(swarmdata.load(data))[::5]
-    tables = {"last command": errors(episodes, repeated(episodes))[None]}
+    tables = {
+        "last command": errors(episodes, repeated(episodes))[None],
+        "mean command": errors(episodes, constant(episodes))[None],
+    }
     for run in runs:
         found = []
         for seed in seeds_of([Path(run)]):
