@@ -28,6 +28,7 @@ from swarmdata.interfaces import Policy as Policy
 from swarmdata.interop.convert import import_dataset as import_dataset
 from swarmdata.interop.export import export_dataset as export_dataset
 from swarmdata.interop.exported_policies import export_policy as export_policy
+from swarmdata.interop.logs.fitted_twin import fit_twin as fit_twin
 from swarmdata.interop.logs.import_logs import import_logs as import_logs
 from swarmdata.interop.logs.public_logs import fetch_logs as fetch_logs
 from swarmdata.interop.torchrl.torchrl import (

@@ -38,8 +38,8 @@ GROUPS = {
     ),
     "formats": (
         "Other formats",
-        ("export_dataset", "import_dataset", "import_logs", "fetch_logs", "export_policy",
-         "register_torchrl", "make_torchrl_env"),
+        ("export_dataset", "import_dataset", "import_logs", "fetch_logs", "fit_twin",
+         "export_policy", "register_torchrl", "make_torchrl_env"),
     ),
     "extending": (
         "Extending",

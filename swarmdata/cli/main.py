@@ -414,6 +414,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
         "record": import_commands.record_app,
         "import": import_commands.import_command,
         "fetch": import_commands.fetch,
+        "fit": import_commands.fit,
         "convert": convert_commands.convert,
         "filter": editing_commands.filter_command,
         "combine": editing_commands.combine_command,

@@ -98,6 +98,9 @@ IMPORTED = ImportedLogs.model_construct(id="hall-a-v0")
 BROKEN = (SimpleNamespace(file="recipe.json", problem="is absent"),)
 SOUND = {f"{CATALOG}:find_folder": Path("data"), f"{REPAIR}:examine": ()}
 OPENED = {f"{CATALOG}:load": "a dataset"}
+TWIN = "swarmdata.interop.logs.fitted_twin"
+HALVES = SimpleNamespace(split=lambda name: name)
+FITTED = SimpleNamespace(check=lambda *parts: len(parts), to_yaml=lambda: "spec")
 
 CASES = (
     Case("list"),
@@ -171,6 +174,12 @@ CASES = (
     Case("fetch", (), {}, {"--from": "logs"}),
     Case("fetch turtles", ("swarmdata.interop.logs.public_logs:fetch_logs",),
          samples={"--from": "logs"}),
+    Case("fit hall-a-v0", (f"{TWIN}:fit_twin",), {f"{CATALOG}:load": HALVES},
+         idle={"--test": "the boundary ends the command before it checks",
+               "--out": "the boundary ends the command before it writes"}),
+    Case("fit hall-a-v0", (), {f"{CATALOG}:load": HALVES, f"{TWIN}:fit_twin": FITTED,
+                               f"{TWIN}:describe": lambda *shown: str(shown)},
+         idle={"--radius": "the fit is replaced", "--drift": "the fit is replaced"}),
     Case("export-policy run a.onnx", ("swarmdata.interop.exported_policies:export_policy",)),
     Case("learning run --out a", (f"{RESULTS}.online_report:write_online_report",)),
     Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),

@@ -1,12 +1,13 @@
-"""`swarmdata import`, `fetch`: datasets of the logs of robots; `record`: unfinished recordings."""
+"""`swarmdata import`, `fetch`, `fit`: logs of robots; `record`: unfinished recordings."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from swarmdata.cli.option_use import refuse
-from swarmdata.cli.shared_options import Notes, parse_settings
+from swarmdata.cli.shared_options import IdOrPath, Notes, parse_settings
 
 Logs = Annotated[
     list[Path],
@@ -110,6 +111,47 @@ def fetch(
     made = fetch_logs(name, out, accept_terms=accept_terms, source=source)
     counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
     typer.echo(f"{made.path}\n{counts}, digest {made.digest}, as published; the audit is clean")
+
+
+def fit(
+    dataset: IdOrPath,
+    out: Annotated[Path | None, typer.Option(help="YAML file of the twin's spec")] = None,
+    test: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID_OR_PATH",
+            help="dataset of the same robots to check the twin with; may be repeated; default: "
+            "the validation and test splits",
+        ),
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(help="of the robots, m, which logs do not tell")
+    ] = None,
+    drift: Annotated[
+        bool, typer.Option("--drift", help="robots of the twin know their pose by odometry alone")
+    ] = False,
+) -> None:
+    """Fit a simulated twin to logged robots.
+
+    Estimates how robots answer commands from the training split of imported logs, and predicts
+    other drives with it. The twin is a task spec that every command takes.
+    """
+    from swarmdata.errors import OutputError
+    from swarmdata.hub.catalog.catalog import load
+    from swarmdata.interop.logs.fitted_twin import describe, fit_twin
+    from swarmdata.runtime.atomic import write_file
+
+    if out is not None and os.path.lexists(out):
+        raise OutputError(f"{out} exists. Name a new file, or move it away.")
+    data = load(dataset)
+    held_out = [load(each) for each in test or ()]
+    if not held_out:
+        held_out = [part for part in (data.split("validation"), data.split("test")) if len(part)]
+    twin = fit_twin(data, radius=radius, drift=drift)
+    typer.echo(describe(twin, twin.check(*held_out) if held_out else {}))
+    if out is not None:
+        write_file(out, twin.to_yaml().encode())
+        typer.echo(out)
 
 
 record_app = typer.Typer(
