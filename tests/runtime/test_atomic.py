@@ -9,8 +9,12 @@ import signal
 import subprocess
 import sys
 from collections import namedtuple
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import pytest
 
@@ -81,6 +85,42 @@ def test_an_error_leaves_the_old_file_and_nothing_else(
         write_half()
     assert (tmp_path / "x").read_bytes() == b"old"
     assert names(tmp_path) == ["x"]
+
+
+def interrupted(line: int, call: Callable[[], object]) -> bool:
+    """Whether a call came as far as some line of the library, where an interrupt struck it."""
+    seen = 0
+
+    def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
+        nonlocal seen
+        if f"{os.sep}swarmdata{os.sep}runtime" not in frame.f_code.co_filename:
+            return None
+        seen += event in ("line", "return")
+        if seen > line:
+            sys.settrace(None)
+            raise KeyboardInterrupt
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        call()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(before)
+    return False
+
+
+def test_an_interrupt_at_any_line_stays_one_and_leaves_a_whole_file_or_none(tmp_path: Path) -> None:
+    line, found = 0, set()
+    path = tmp_path / "0" / "x"
+    while interrupted(line, partial(write_file, path, b"whole")):
+        found.add(path.read_bytes() if path.exists() else None)
+        line += 1
+        path = tmp_path / str(line) / "x"
+    assert line > 50
+    assert found == {None, b"whole"}
 
 
 def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
