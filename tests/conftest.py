@@ -79,6 +79,17 @@ def cache_folder(caches: Iterator[Path], monkeypatch: pytest.MonkeyPatch) -> Pat
 
 
 @pytest.fixture(scope="session", autouse=True)
+def nothing_waits_for_the_disk() -> Iterator[None]:
+    """A dataset of seconds flushes 130 files, which takes longer than making it.
+
+    No machine stops in the middle of a test; `tests/runtime/test_atomic.py` says what is flushed.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def one_command_line() -> Iterator[None]:
     """Typer makes its command anew in every call of its runner, longer than most commands take."""
     import typer.main

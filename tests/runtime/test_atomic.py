@@ -148,6 +148,28 @@ def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
     assert not list(tmp_path.glob(".tmp-*"))
 
 
+@pytest.mark.parametrize("is_folder", [True, False])
+def test_all_is_on_the_disk_before_it_has_its_name_and_the_name_before_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_folder: bool
+) -> None:
+    """Power may fail at any moment: what can be seen afterwards is whole."""
+    flushed: list[Path] = []
+
+    def flush(descriptor: int) -> None:
+        flushed.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+
+    monkeypatch.setattr(os, "fsync", flush)
+    with staged(tmp_path / "x") as target:
+        if is_folder:
+            (target / "deep").mkdir(parents=True)
+            (target / "deep" / "file").write_text("whole")
+        else:
+            target.write_text("whole")
+    written = [target, target / "deep", target / "deep" / "file"] if is_folder else [target]
+    assert sorted(flushed[:-1]) == written
+    assert flushed[-1] == tmp_path
+
+
 def test_the_first_of_two_folders_stands(tmp_path: Path) -> None:
     with new_folder(tmp_path / "d") as second, new_folder(tmp_path / "d") as first:
         (first / "first").touch()
