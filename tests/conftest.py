@@ -37,6 +37,10 @@ settings.register_profile("nightly", deadline=None, max_examples=500)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
+WHOLE_FILE = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.(slow|learns)\b", re.MULTILINE)
+"""The mark that all tests of a file have; of several, it is the first."""
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--update-golden", action="store_true", help="rewrite golden files from what the code gives"
@@ -45,12 +49,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Files of slow tests only are not even imported where these do not run: JAX takes seconds."""
-    if not re.search(r"\bnot slow\b", config.option.markexpr) or collection_path.is_dir():
+    if collection_path.is_dir() or not collection_path.match("test_*.py"):
         return None
-    if not collection_path.match("test_*.py"):
-        return None
-    text = collection_path.read_text("utf-8")
-    return bool(re.search(r"^pytestmark = .*\bmark\.slow\b", text, re.MULTILINE)) or None
+    mark = WHOLE_FILE.search(collection_path.read_text("utf-8"))
+    return (mark is not None and f"not {mark[1]}" in config.option.markexpr) or None
 
 
 @pytest.fixture
@@ -74,6 +76,17 @@ def cache_folder(caches: Iterator[Path], monkeypatch: pytest.MonkeyPatch) -> Pat
     monkeypatch.setenv("SWARMDATA_CACHE", str(folder))
     monkeypatch.setenv("SWARMDATA_REMOTES", "")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def nothing_waits_for_the_disk() -> Iterator[None]:
+    """A dataset of seconds flushes 130 files, which takes longer than making it.
+
+    No machine stops in the middle of a test; `tests/runtime/test_atomic.py` says what is flushed.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -296,9 +296,9 @@ def _marked(path: Path) -> tuple[Path, Lock]:
                 return scratch, lock
         except FileNotFoundError:
             pass  # somebody took it for a leftover, before it was locked
-        except BaseException:  # Ctrl-C as well, with or without a marker
-            _remove(scratch)
+        except BaseException:  # an interrupt comes after the marker was written as well
             lock.release()
+            shutil.rmtree(scratch, ignore_errors=True)  # what stays is a leftover without an owner
             raise
 
 

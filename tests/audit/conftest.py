@@ -52,15 +52,11 @@ class InMemory:
 
 
 @pytest.fixture
-def forge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Forge:
+def forge(tmp_path: Path) -> Forge:
     """Writes a copy of a dataset with other arrays, columns or origin, rightly signed.
 
     Returns follow the rewards, as if somebody had converted wrong data with care.
     """
-
-    monkeypatch.setattr(
-        "swarmdata.runtime.atomic.sync_tree", lambda _: None
-    )  # many, and short-lived
 
     def write(
         source: Path, change: Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None],

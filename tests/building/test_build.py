@@ -133,11 +133,11 @@ def test_finished_parts_are_kept(
 
 @pytest.mark.usefixtures("one_process")
 def test_a_smaller_recipe_makes_the_first_episodes(tmp_path: Path) -> None:
-    small = build(make_recipe(600, part_episodes=3), tmp_path / "small", progress=False)
-    large = build(make_recipe(1800), tmp_path / "large", progress=False)
+    small = build(make_recipe(300, part_episodes=3), tmp_path / "small", progress=False)
+    large = build(make_recipe(900), tmp_path / "large", progress=False)
 
     first, second = Dataset.open(small), Dataset.open(large)
-    assert 600 <= first.n_steps < 640
+    assert 300 <= first.n_steps < 340
     assert len(first) < len(second)
     for one, other in zip(first, second, strict=False):
         assert (one.seed, one.policy) == (other.seed, other.policy)
@@ -146,10 +146,10 @@ def test_a_smaller_recipe_makes_the_first_episodes(tmp_path: Path) -> None:
 
 
 def test_little_is_made_in_vain(tmp_path: Path, one_process: type[OneProcessCrew]) -> None:
-    recipe = make_recipe(3000)
+    recipe = make_recipe()
     build(recipe, tmp_path / "d", progress=False)
 
-    needed = 3000 / 40 / recipe.part_episodes
+    needed = recipe.n_steps / 40 / recipe.part_episodes
     assert len(one_process.made) == len(set(one_process.made))
     assert needed <= len(one_process.made) <= needed + 2 * len(recipe.policies)
 

@@ -182,7 +182,7 @@ def test_results_say_their_models_and_the_report_finds_them(tmp_path: Path) -> N
     spec = json.loads(file.read_text())["spec"]
     assert spec["observation"]["n_rays"] == 8
     assert spec["communication"]["drop_probability"] == 0.3
-    assert title in run("report", results, "--out", out)
+    assert title in run("report", results, "--out", out, "--figures", "svg")
     assert title in (out / "table.md").read_text()
 
     run("evaluate", "random", "--episodes", "2", "--out", results)

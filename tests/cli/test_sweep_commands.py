@@ -8,12 +8,19 @@ from typer.testing import CliRunner
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
 from swarmdata.cli.main import app
+from tests.support.drawn import save_empty_figures
 
 
 def run(*arguments: str | Path, code: int = 0) -> str:
     result = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
     assert result.exit_code == code, result.output
     return result.output
+
+
+@pytest.fixture(autouse=True)
+def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The figures of sweeps have tests of their own."""
+    save_empty_figures(monkeypatch)
 
 
 def test_a_tier_is_swept(tmp_path: Path) -> None:

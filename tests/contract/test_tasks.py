@@ -10,7 +10,7 @@ from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.testing.task_contract import check_task
-from tests.support.pairs import pairwise
+from tests.support.pairs import once_each, pairwise
 
 OBSERVATIONS = (
     "state",
@@ -74,8 +74,9 @@ def test_every_simulator_keeps_the_contract(task: str, robot: str, backend: str)
     check_task(make_env, with_robot(spec, {**ROBOTS, **BODIES}[robot]), n_steps=12)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("backend", ["mujoco", "kinematic", "pymunk"])
+@pytest.mark.parametrize(
+    ("task", "backend"), once_each(tuple(TASKS), ("mujoco", "kinematic", "pymunk"))
+)
 def test_drawn_bodies_keep_the_contract(task: str, backend: str) -> None:
     if backend == "mujoco":
         pytest.importorskip("mujoco", reason="mujoco is not installed")
@@ -89,8 +90,7 @@ def test_drawn_bodies_keep_the_contract(task: str, backend: str) -> None:
     check_task(make_env, spec, n_steps=20)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("command", ["velocity", "acceleration"])
+@pytest.mark.parametrize(("task", "command"), once_each(tuple(TASKS), ("velocity", "acceleration")))
 def test_robots_on_wheels_keep_the_contract(task: str, command: str) -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     spec = preset(task).with_updates(backend="mujoco")

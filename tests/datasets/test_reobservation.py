@@ -32,7 +32,7 @@ from swarmdata.store.episode_order import merge_order
 from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import write_streams
 from swarmdata.types import Episode
-from tests.support.pairs import pairwise
+from tests.support.pairs import once_each, pairwise
 
 OBSERVATIONS = (
     "state",
@@ -124,7 +124,10 @@ def view(dataset: Dataset) -> Dataset:
     ("world", "observation", "communication"),
     [
         *pairwise(WORLDS, OBSERVATIONS, COMMUNICATIONS),
-        *((world, *models) for world in WORLDS for models in PAIRED),
+        *(
+            pytest.param(each.values[0], *each.values[1], marks=each.marks)
+            for each in once_each(WORLDS, PAIRED)
+        ),
     ],
 )
 def test_the_recorded_models_give_the_recorded_bits(

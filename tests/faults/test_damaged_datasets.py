@@ -5,7 +5,8 @@ import math
 import os
 import resource
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.damage import find_damage
 from swarmdata.store.manifest import Manifest
 from swarmdata.testing.synthetic import make_dataset
-from tests.support.tiny import sign
+from tests.support.tiny import flip, sign
 
 FILES = [
     *(array_file(name, len(field.dimensions)) for name, field in FIELDS.items()),
@@ -70,18 +71,25 @@ def list_again(path: Path, name: str) -> None:
     sign(path, content)
 
 
-@pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
-def test_flipped_bit(dataset: Path, name: str, place: float) -> None:
-    content = bytearray((dataset / name).read_bytes())
-    position = round(place * (len(content) - 1))
-    content[position] ^= 0b100
-    (dataset / name).write_bytes(content)
-    expected = (ChecksumError, ManifestError) if name == "manifest.json" else ChecksumError
+@contextmanager
+def refused(dataset: Path, name: str, verify: Any, expected: Any, advice: str) -> Iterator[bytes]:
+    """Gives a file's content, to damage it; then the dataset is refused, and the file put back."""
+    file = dataset / name
+    content = file.read_bytes()
+    yield content
     with pytest.raises(expected) as caught:
-        open_store(dataset, "fast")
-    assert str(dataset / name) in str(caught.value)
-    assert "--repair" in str(caught.value)
+        open_store(dataset, verify)
+    assert str(file) in str(caught.value), name
+    assert advice in str(caught.value), name
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
+def test_flipped_bit(dataset: Path, place: float) -> None:
+    for name in FILES:
+        expected = (ChecksumError, ManifestError) if name == "manifest.json" else ChecksumError
+        with refused(dataset, name, "fast", expected, "--repair") as content:
+            flip(dataset / name, round(place * (len(content) - 1)), 2)
 
 
 def test_flipped_bit_names_the_chunk(dataset: Path) -> None:
@@ -94,25 +102,19 @@ def test_flipped_bit_names_the_chunk(dataset: Path) -> None:
 
 
 @pytest.mark.parametrize("verify", ["none", "fast", "full"])
-@pytest.mark.parametrize("name", FILES)
-def test_missing_file(dataset: Path, name: str, verify: Any) -> None:
-    (dataset / name).unlink()
-    expected = MissingManifestError if name == "manifest.json" else MissingFileError
-    with pytest.raises(expected) as caught:
-        open_store(dataset, verify)
-    assert str(dataset / name) in str(caught.value)
-    assert "--repair" in str(caught.value)
+def test_missing_file(dataset: Path, verify: Any) -> None:
+    for name in FILES:
+        expected = MissingManifestError if name == "manifest.json" else MissingFileError
+        with refused(dataset, name, verify, expected, "--repair"):
+            (dataset / name).unlink()
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.5, 0.99])
-@pytest.mark.parametrize("name", FILES)
-def test_truncated_file(dataset: Path, name: str, keep: float) -> None:
-    content = (dataset / name).read_bytes()
-    (dataset / name).write_bytes(content[: int(keep * len(content))])
-    expected = ManifestError if name == "manifest.json" else TruncatedFileError
-    with pytest.raises(expected) as caught:
-        open_store(dataset, "none")
-    assert str(dataset / name) in str(caught.value)
+def test_truncated_file(dataset: Path, keep: float) -> None:
+    for name in FILES:
+        expected = ManifestError if name == "manifest.json" else TruncatedFileError
+        with refused(dataset, name, "none", expected, "") as content:
+            (dataset / name).write_bytes(content[: int(keep * len(content))])
 
 
 def test_longer_file(dataset: Path) -> None:

@@ -10,11 +10,12 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("torch", reason="a run is trained")
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("how", ["points", "times"])
 @pytest.mark.parametrize("command", ["sweep", "catalogue", "export-policy", "study"])
 def test_kills_are_survived(

@@ -13,6 +13,8 @@ from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
 from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402
 from tests.contract.test_algorithms import SIZES, SMALL  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 COMPILABLE = [
     name
     for name in OFFLINE_ALGORITHMS
@@ -20,7 +22,6 @@ COMPILABLE = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of torch's own compiler
 @pytest.mark.parametrize("name", COMPILABLE)
 def test_compiled_updates_equal_plain_ones(name: str) -> None:

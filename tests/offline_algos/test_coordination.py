@@ -13,6 +13,8 @@ from swarmdata.registry.published import references
 from swarmdata.registry.recipes import CONVENTION_FAMILIES, FAMILY_SPECS
 from swarmdata.rollouts.evaluate import evaluate
 
+pytestmark = pytest.mark.learns
+
 SMALL = {"n_updates": "1500", "batch_size": "128", "hidden": "64,64"}
 
 
@@ -30,7 +32,6 @@ def score(algorithm: str, dataset: Dataset, family: str, folder: Path) -> float:
     return found
 
 
-@pytest.mark.learns
 @pytest.mark.parametrize("family", CONVENTION_FAMILIES)
 def test_clones_of_both_conventions_fail_and_clones_of_the_best_episodes_succeed(
     family: str, tmp_path: Path

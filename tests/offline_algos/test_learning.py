@@ -10,6 +10,8 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import progress_of, step_of, trained  # noqa: E402
 
+pytestmark = pytest.mark.learns
+
 LONG = {"batch_size": 256}
 WARM = {"bc_warmup_updates": 300, **LONG}
 PENALIZED = {
@@ -39,7 +41,6 @@ CASES: list[tuple[str, int, dict[str, Any], float]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.learns
 @pytest.mark.parametrize(("name", "n_updates", "settings", "least"), CASES)
 def test_it_improves_on_a_mixture(
     mixture: MemoryDataset, name: str, n_updates: int, settings: dict[str, Any], least: float
@@ -56,7 +57,6 @@ def test_it_improves_on_a_mixture(
         assert progress_of(algorithm.policy(index).act(step), observations) > least
 
 
-@pytest.mark.learns
 def test_without_values_a_flow_is_a_clone(mixture: MemoryDataset) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, "mac_flow")
     settings: dict[str, Any] = {**FLOW, "inverse_temperature": 0.0}

@@ -37,12 +37,13 @@ def values_of(run: Any) -> tuple[Any, Any]:
     ("kind", "settings"),
     [
         (VDN, {"hidden": (32,), "learning_rate": 1e-2, "n_bins": 3}),
-        (
+        pytest.param(  # targets are those of VDN
             QMIX,
             {
                 "hidden": (16,), "learning_rate": 1e-2, "n_bins": 3, "mixer_hidden": 16,
                 "mixer_embedding": 8,
             },
+            marks=pytest.mark.slow,
         ),
         (
             MADDPG,

@@ -9,9 +9,12 @@ import signal
 import subprocess
 import sys
 from collections import namedtuple
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from types import FrameType
+from typing import Any
 
 import pytest
 
@@ -24,7 +27,6 @@ from swarmdata.runtime.atomic import (
     staged,
     write_file,
 )
-from swarmdata.runtime.locking import Lock
 from tests.support.tiny import abandoned
 
 HEX = "0" * 32
@@ -85,25 +87,40 @@ def test_an_error_leaves_the_old_file_and_nothing_else(
     assert names(tmp_path) == ["x"]
 
 
-@pytest.mark.parametrize("moment", ["mkdir", "open", "flock", "pwrite", "acquire"])
-def test_an_interrupt_while_the_marker_is_made_stays_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
-) -> None:
-    """Python raises it after the call of the system that it came in."""
-    owner = {"acquire": Lock, "flock": fcntl}.get(moment, os)
-    call = getattr(owner, moment)
+def interrupted(line: int, call: Callable[[], object]) -> bool:
+    """Whether a call came as far as some line of the library, where an interrupt struck it."""
+    seen = 0
 
-    def interrupted(*arguments: Any, **options: Any) -> NoReturn:
-        call(*arguments, **options)
-        raise KeyboardInterrupt
+    def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
+        nonlocal seen
+        if f"{os.sep}swarmdata{os.sep}runtime" not in frame.f_code.co_filename:
+            return None
+        seen += event in ("line", "return")
+        if seen > line:
+            sys.settrace(None)
+            raise KeyboardInterrupt
+        return trace
 
-    monkeypatch.setattr(owner, moment, interrupted)
-    with pytest.raises(KeyboardInterrupt), staged(tmp_path / "file"):
-        pass
-    monkeypatch.undo()
-    with staged(tmp_path / "file") as target:
-        target.touch()
-    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        call()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(before)
+    return False
+
+
+def test_an_interrupt_at_any_line_stays_one_and_leaves_a_whole_file_or_none(tmp_path: Path) -> None:
+    line, found = 0, set()
+    path = tmp_path / "0" / "x"
+    while interrupted(line, partial(write_file, path, b"whole")):
+        found.add(path.read_bytes() if path.exists() else None)
+        line += 1
+        path = tmp_path / str(line) / "x"
+    assert line > 50
+    assert found == {None, b"whole"}
 
 
 def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
@@ -129,6 +146,28 @@ def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
         fail()
     assert len(calls) == 4  # twice in vain, then the folder inside, and ours
     assert not list(tmp_path.glob(".tmp-*"))
+
+
+@pytest.mark.parametrize("is_folder", [True, False])
+def test_all_is_on_the_disk_before_it_has_its_name_and_the_name_before_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_folder: bool
+) -> None:
+    """Power may fail at any moment: what can be seen afterwards is whole."""
+    flushed: list[Path] = []
+
+    def flush(descriptor: int) -> None:
+        flushed.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+
+    monkeypatch.setattr(os, "fsync", flush)
+    with staged(tmp_path / "x") as target:
+        if is_folder:
+            (target / "deep").mkdir(parents=True)
+            (target / "deep" / "file").write_text("whole")
+        else:
+            target.write_text("whole")
+    written = [target, target / "deep", target / "deep" / "file"] if is_folder else [target]
+    assert sorted(flushed[:-1]) == written
+    assert flushed[-1] == tmp_path
 
 
 def test_the_first_of_two_folders_stands(tmp_path: Path) -> None:

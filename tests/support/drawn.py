@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -10,11 +11,22 @@ import pytest
 from swarmdata.drawing import style
 
 
+def save_empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are saved as empty files: drawing one for each format takes seconds."""
+    figure = pytest.importorskip("matplotlib.figure", reason="figures need the plots extra")
+
+    def save(self: object, target: Path, **settings: object) -> None:
+        Path(target).touch()
+
+    monkeypatch.setattr(figure.Figure, "savefig", save)
+
+
 def shown_figure(
     monkeypatch: pytest.MonkeyPatch, module: ModuleType, draw: Callable[[], None]
 ) -> Any:
-    """Draws with a function of a module, and returns the figure, laid out."""
+    """Draws with a function of a module, and returns the figure, laid out; its file is empty."""
     drawn = []
+    save_empty_figures(monkeypatch)
 
     @contextmanager
     def kept(*args: Any, **kwargs: Any) -> Iterator[Any]:
@@ -31,7 +43,6 @@ def shown_figure(
 
 def label_faults(drawing: Any) -> list[str]:
     """Labels of a laid out figure that are cut off, or that lie on one another."""
-    drawing.draw_without_rendering()  # saving has laid it out for another resolution
     texts = [text for text in _texts(drawing) if text.get_visible() and text.get_text().strip()]
     boxes = [text.get_window_extent() for text in texts]
     page = drawing.bbox

@@ -1,4 +1,4 @@
-"""Pairwise coverage: of a product of choices, the few cases that hold every pair of two choices."""
+"""Of a product of choices, the few cases that hold every pair of two choices, or every choice."""
 
 from collections.abc import Sequence
 from itertools import combinations, product
@@ -16,13 +16,28 @@ def pairwise(*choices: Sequence[Any]) -> list[Any]:
         choices: what each parameter may be.
     """
     cases = list(product(*(range(len(each)) for each in choices)))
-    chosen = _covering(cases)
+    return _marked(choices, _covering(cases))
+
+
+def once_each(*choices: Sequence[Any]) -> list[Any]:
+    """All cases of a product, for `parametrize`; those are fast that hold each choice once.
+
+    Args:
+        choices: what each parameter may be; the shorter ones begin again.
+    """
+    longest = max(map(len, choices))
+    chosen = {tuple(k % len(each) for each in choices) for k in range(longest)}
+    return _marked(choices, chosen)
+
+
+def _marked(choices: Sequence[Sequence[Any]], chosen: set[Case]) -> list[Any]:
+    """All cases of a product, of which those that are not chosen are slow."""
     return [
         pytest.param(
             *(each[k] for each, k in zip(choices, case, strict=True)),
             marks=[] if case in chosen else [pytest.mark.slow],
         )
-        for case in cases
+        for case in product(*(range(len(each)) for each in choices))
     ]
 
 

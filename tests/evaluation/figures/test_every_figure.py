@@ -29,8 +29,6 @@ from swarmdata.evaluation.study.shifts.sweep_files import SweptAxis
 from swarmdata.rollouts.score_statistics import Estimate
 from tests.support.drawn import label_faults, shown_figure
 
-pytestmark = pytest.mark.usefixtures("empty_figures")
-
 ROOT = Path(__file__).parents[3]
 LABELS = [name for name in FAMILY_OF if name not in ("mappo", "maddpg")]
 LOOKS = family_looks(FAMILY_OF)

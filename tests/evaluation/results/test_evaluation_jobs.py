@@ -37,6 +37,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_processes_leave_the_files_of_one_process(alone: Path, tmp_path: Path) -> None:
     every = evaluations(tmp_path)
     run_evaluations(every, workers=2, progress=False)

@@ -36,6 +36,7 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, EvalResult
 from tests.support.at_once import run_at_once
+from tests.support.drawn import save_empty_figures
 from tests.support.measured import COOP_NAV as SPEC
 from tests.support.measured import result
 
@@ -79,7 +80,9 @@ def run_sweep(names: list[Path], axes: list[Axis], out: Path, **options: Any) ->
 @pytest.fixture(scope="module")
 def swept(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("swept")
-    run_sweep([runs / "talks"], [DROP, NOISE], out)
+    with pytest.MonkeyPatch.context() as patch:
+        save_empty_figures(patch)  # `tests/contract/test_task_uses.py` draws some
+        run_sweep([runs / "talks"], [DROP, NOISE], out)
     return out
 
 

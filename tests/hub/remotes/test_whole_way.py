@@ -16,7 +16,10 @@ from swarmdata.hub.remotes.interface import Release
 from tests.examples import record_simple_spread as example
 from tests.hub.remotes.loopback_hub import LoopbackHub
 
-pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning"),  # the client's
+]
 
 
 def run(*arguments: str | Path) -> str:
@@ -25,7 +28,6 @@ def run(*arguments: str | Path) -> str:
     return result.output
 
 
-@pytest.mark.slow
 def test_a_recording_is_shared_and_learned_from(
     hub: LoopbackHub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -34,8 +34,13 @@ def exported(policy: Any, dataset: Dataset, path: Path) -> Any:
 
 
 def check(policy: Any, dataset: Dataset, path: Path) -> None:
-    """Every robot's actions in an episode, and what the file says."""
+    """Every robot's actions in an episode, what the file says, and that it needs NumPy alone."""
     robot_policy = exported(policy, dataset, path)
+    tree = ast.parse(path.read_text())
+    found = {node.names[0].name for node in ast.walk(tree) if isinstance(node, ast.Import)}
+    found |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert found == {"base64", "io", "json", "typing", "numpy"}
+    assert max(map(len, path.read_text().splitlines())) <= 100
     observations = dataset[0].observations
     expected = policy.actions(observations)
     assert np.ptp(expected) > 0.01
@@ -82,16 +87,6 @@ def test_a_robot_remembers(tiny: Dataset, tmp_path: Path) -> None:
             np.testing.assert_allclose(action, actions[0, robot], rtol=0, atol=MOST)
         step = env.step(actions)
     assert all(np.abs(each).max() > 0 for each in memory)
-
-
-def test_the_file_needs_numpy_alone(tiny: Dataset, tmp_path: Path) -> None:
-    path = tmp_path / "policy.py"
-    exported(with_own_networks("actor", tiny), tiny, path)
-    tree = ast.parse(path.read_text())
-    found = {node.names[0].name for node in ast.walk(tree) if isinstance(node, ast.Import)}
-    found |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert found == {"base64", "io", "json", "typing", "numpy"}
-    assert max(map(len, path.read_text().splitlines())) <= 100
 
 
 def test_what_does_not_fit_is_refused(

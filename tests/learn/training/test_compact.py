@@ -1,6 +1,6 @@
 """Small checkpoints: the same policies of every algorithm, and nothing else."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,10 @@ def data(tiny: Path) -> Dataset:
 
 @pytest.mark.parametrize("name", sorted(OFFLINE_ALGORITHMS))
 def test_policies_of_every_algorithm_survive(name: str, data: Dataset, tmp_path: Path) -> None:
-    config = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config(n_updates=2, batch_size=16)
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config
+    layers = {each.name for each in fields(kind) if isinstance(each.default, tuple)}
+    widths = {each: (32, 32) for each in layers if each.endswith("hidden")}
+    config = kind(n_updates=2, batch_size=16, **widths)
     policies = train_seeds(name, data, tmp_path, seeds=(0, 1), config=config, progress=False)
     about = read_run(tmp_path)
     assert (about.dataset, about.digest) == (data.id, data.digest)

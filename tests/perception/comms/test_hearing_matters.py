@@ -20,6 +20,8 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.model_choice import with_models
 from swarmdata.types import Double, Episode, Float, Int, Step
 
+pytestmark = pytest.mark.learns
+
 NEAR = 0.3  # m, below which the direction of a vector shrinks
 
 SEEN = "state+no-velocities"
@@ -88,7 +90,6 @@ def success(episodes: list[Episode], observation: str, communication: str) -> fl
     return float(np.mean(result.metrics["success"]))
 
 
-@pytest.mark.learns
 def test_a_goal_that_others_know_is_reached_by_those_who_hear_and_keep_it(
     episodes: list[Episode],
 ) -> None:
@@ -102,6 +103,5 @@ def test_a_goal_that_others_know_is_reached_by_those_who_hear_and_keep_it(
     assert success(episodes, HIDDEN, "errand+range-1.5") < heard - 0.1
 
 
-@pytest.mark.learns
 def test_a_goal_that_is_shown_once_is_not_reached_without_a_memory(episodes: list[Episode]) -> None:
     assert success(episodes, f"{SEEN}+goal-for-10", "none") < 0.05

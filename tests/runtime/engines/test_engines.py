@@ -46,8 +46,7 @@ def handle(payload, report):
         if action == "forever":
             report(1)
         time.sleep(0.02)
-    if action == "wait":
-        time.sleep(2)
+    time.sleep({"wait": 2.0, "pause": 0.3}.get(action, 0.0))
     if action == "compile":
         from engine_kernel import double
         assert double(1.5) == 3.0
@@ -166,6 +165,12 @@ ENGINES = [
     pytest.param(ray_cluster, id="ray-client", marks=SLOW),
 ]
 
+WITH_SLOW_EXECUTOR = [
+    each if each.id != "executor" else pytest.param(pool, id="executor", marks=SLOW)
+    for each in ENGINES
+]
+"""Where its processes do what those of `local` do, after the same beginning."""
+
 PACKAGES = {dask_cluster: "distributed", ray_processes: "ray", ray_cluster: "ray"}
 
 
@@ -259,6 +264,7 @@ def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
         open_engine(name, "a:b", n_workers=1, folder=tmp_path)
 
 
+@pytest.mark.parametrize("engine", WITH_SLOW_EXECUTOR, indirect=True)
 def test_processes_of_a_node_compile_a_kernel_once(
     empty_kernel_cache: Path, engine: str | Executor, tmp_path: Path
 ) -> None:
@@ -277,7 +283,7 @@ def test_ctrl_c_cancels_what_has_not_begun(engine: str | Executor, tmp_path: Pat
         raise KeyboardInterrupt
 
     names = [f"job-{k}" for k in range(20)]
-    jobs = [job(tmp_path, "picky", "refuse"), *[job(tmp_path, name, "wait") for name in names]]
+    jobs = [job(tmp_path, "picky", "refuse"), *[job(tmp_path, name, "pause") for name in names]]
     opened = open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x")
     with pytest.raises(KeyboardInterrupt), opened:
         opened.run(jobs, lambda n: None, stop)
@@ -287,6 +293,7 @@ def test_ctrl_c_cancels_what_has_not_begun(engine: str | Executor, tmp_path: Pat
     assert engine.submit(os.getpid).result() > 0, "the user's executor stays open"
 
 
+@pytest.mark.parametrize("engine", WITH_SLOW_EXECUTOR, indirect=True)
 def test_a_dataset_is_the_same_from_every_engine(engine: str | Executor, tmp_path: Path) -> None:
     out = build(TINY, tmp_path / "d", engine=engine, workers=2, progress=False)
     expected = make_tiny(tmp_path / "e")
