@@ -92,7 +92,8 @@ def train(
     OUT/seeds-..., as --part K/N trains the K-th.
     """
     group = _group(context, engine, part)
-    changes = _changes(config, settings, n_updates=updates, regulariser=regulariser)
+    stated = _trainers().read_settings(config, algorithm) if config else {}
+    changes = stated | _changes(settings, n_updates=updates, regulariser=regulariser)
     ids, weights = _datasets(data)
     folder = out or _default_folder(algorithm, ids)
     _trainers().train(
@@ -140,7 +141,8 @@ def train_online(
     group = _group(context, engine, part)
     if data is None:
         refuse(context, ("offline_share",), "without --data")
-    changes = _changes(config, settings, n_steps=None if steps is None else round(steps))
+    stated = _trainers().read_settings(config) if config else {}
+    changes = stated | _changes(settings, n_steps=None if steps is None else round(steps))
     ids, weights = (None, None) if data is None else _datasets(data)
     folder = out or _default_folder(algorithm, task)
     _trainers().train_online(
@@ -178,14 +180,10 @@ def _default_folder(algorithm: str, sources: str | list[str]) -> Path:
     return Path("runs") / f"{algorithm}-{'+'.join(Path(name).stem for name in names)}"
 
 
-def _changes(
-    config: str | None, settings: list[str] | None, **options: int | str | None
-) -> dict[str, str]:
-    """Merges the settings of a file, of options and of `--set`; later ones win."""
+def _changes(settings: list[str] | None, **options: int | str | None) -> dict[str, str]:
+    """Merges the settings of options and of `--set`; later ones win."""
     changes = {name: str(value) for name, value in options.items() if value is not None}
-    return (
-        (_trainers().read_settings(config) if config else {}) | changes | parse_settings(settings)
-    )
+    return changes | parse_settings(settings)
 
 
 def _datasets(text: str) -> tuple[str | list[str], list[float] | None]:

@@ -118,4 +118,4 @@ def test_a_file_is_read_back(tmp_path: Path) -> None:
 
 def test_another_format_is_an_error() -> None:
     with pytest.raises(SpecError, match="format_version"):
-        Ranking.parse({**scored().model_dump(mode="json"), "format_version": 2})
+        Ranking.parse({**scored().model_dump(mode="json"), "format_version": 1})
