@@ -233,7 +233,7 @@ DatasetId = Annotated[
 By = Annotated[
     str,
     typer.Option(
-        help="criterion: fqe, fqe_low, imitation_error, weighted_imitation_error or td_error"
+        help="criterion: fqe, fqe_pessimistic, imitation_error, weighted_imitation_error, td_error"
     ),
 ]
 Checkpoints = Annotated[

@@ -261,7 +261,7 @@ def _rows(
                     seed=seed,
                     update=each.loaded.update,
                     fqe=_over_states(values.values[k]),
-                    fqe_low=pessimistic_value(values.values[k]),
+                    fqe_pessimistic=pessimistic_value(values.values[k]),
                     fqe_curve=tuple(values.curve[:, k].mean(1).tolist()),
                     fqe_residual=float(values.residual[k].mean()),
                     fqe_clipped=float(values.clipped[k].mean()),

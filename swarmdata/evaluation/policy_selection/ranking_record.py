@@ -14,11 +14,13 @@ from swarmdata.specs.frozen import Frozen
 
 RANKING = OutputKind("ranking")
 
-Criterion = Literal["fqe", "fqe_low", "imitation_error", "weighted_imitation_error", "td_error"]
+Criterion = Literal[
+    "fqe", "fqe_pessimistic", "imitation_error", "weighted_imitation_error", "td_error"
+]
 
 CRITERIA: dict[Criterion, tuple[str, bool]] = {
     "fqe": ("FQE value", True),
-    "fqe_low": ("pessimistic FQE value", True),
+    "fqe_pessimistic": ("pessimistic FQE value", True),
     "imitation_error": ("imitation error", False),
     "weighted_imitation_error": ("weighted imitation error", False),
     "td_error": ("TD error", False),
@@ -38,7 +40,7 @@ class RankedPolicy(Frozen):
     seed: int
     update: int
     fqe: Interval  # discounted team return; the interval is over initial states
-    fqe_low: float  # the least of the fits, at the lower end of its interval
+    fqe_pessimistic: float  # the least of the fits, at the lower end of its interval
     fqe_curve: tuple[
         float, ...
     ]  # the value during the fit; it has not converged if it still changes
