@@ -19,7 +19,7 @@ itself to leave out what was forbidden.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from torch import Tensor
 
@@ -72,7 +72,7 @@ class BC(OfflineLearner):
     Config = BCConfig
     FIELDS = ("observations", "actions")
     LOSSES = ("bc_loss",)
-    SPACE = CLONING_SPACE
+    SPACE: ClassVar[Space] = CLONING_SPACE
 
     def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config

@@ -32,6 +32,7 @@ Deviations:
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -101,7 +102,7 @@ class CFCQL(LossActorCritic):
     Config: type[ConservativeConfig] = CFCQLConfig
     FIELDS = TRANSITION
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
-    SPACE = CONSERVATIVE_SPACE
+    SPACE: ClassVar[Space] = CONSERVATIVE_SPACE
 
     def __init__(self, setup: Setup, config: ConservativeConfig) -> None:
         super().__init__(setup, config)

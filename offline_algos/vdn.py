@@ -48,6 +48,7 @@ Deviations:
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -103,7 +104,7 @@ class VDN(OfflineLearner):
     Config: type[DecompositionConfig] = VDNConfig
     FIELDS = (*TRANSITION, "log_probs")
     LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
-    SPACE = DECOMPOSITION_SPACE
+    SPACE: ClassVar[Space] = DECOMPOSITION_SPACE
     """`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the
     value of the data's actions, and both leave what the data return, values are overestimated."""
 

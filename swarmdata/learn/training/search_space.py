@@ -76,7 +76,7 @@ def space_of(kind: Any, name: str) -> Space:
     if not space:
         raise SchemaError(
             f"{name} declares no search space. Give its class an attribute SPACE: a table of "
-            "settings with `LogUniform(low, high)` or `Choice((value, value))` for each."
+            "settings with `swarmdata.LogUniform(low, high)` or `swarmdata.Choice((value, value))`."
         )
     return space
 

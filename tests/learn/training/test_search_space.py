@@ -6,9 +6,15 @@ from itertools import islice
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.search_space import Choice, LogUniform, drawn_settings, space_of
+from swarmdata.learn.training.search_space import (
+    Choice,
+    LogUniform,
+    Space,
+    drawn_settings,
+    space_of,
+)
 
-SPACE = {"rate": LogUniform(1e-4, 1e-2), "kind": Choice(("a", "b", "c"))}
+SPACE: Space = {"rate": LogUniform(1e-4, 1e-2), "kind": Choice(("a", "b", "c"))}
 
 
 def test_draws_lie_in_the_space_and_fill_it() -> None:
@@ -22,7 +28,9 @@ def test_draws_lie_in_the_space_and_fill_it() -> None:
 
 
 def test_more_trials_begin_with_the_same_ones_and_other_seeds_differ() -> None:
-    assert list(islice(drawn_settings(SPACE, 0), 3)) == list(islice(drawn_settings(SPACE, 0), 9))[:3]
+    assert (
+        list(islice(drawn_settings(SPACE, 0), 3)) == list(islice(drawn_settings(SPACE, 0), 9))[:3]
+    )
     assert next(drawn_settings(SPACE, 0)) != next(drawn_settings(SPACE, 1))
 
 
@@ -41,5 +49,5 @@ def test_ends_that_are_no_interval_are_refused(ends: tuple[float, float]) -> Non
 
 
 def test_an_algorithm_without_a_space_says_how_to_declare_one() -> None:
-    with pytest.raises(SchemaError, match="mine declares no search space.*SPACE"):
+    with pytest.raises(SchemaError, match=r"mine declares no search space.*SPACE"):
         space_of(object, "mine")
