@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from swarmdata.evaluation.policy_selection.rank import rank
 from swarmdata.evaluation.policy_selection.ranking_record import Ranking
@@ -49,7 +50,12 @@ def why_without(cells: Sequence[Cell], work: Path) -> str | None:
 
 
 def run_estimates(
-    cells: Sequence[Cell], work: Path, *, engine: str | Executor = LOCAL, workers: int = 1
+    cells: Sequence[Cell],
+    work: Path,
+    *,
+    engine: str | Executor = LOCAL,
+    workers: int = 1,
+    progress: bool = True,
 ) -> None:
     """Ranks the policies of trained cells that have no ranking yet.
 
@@ -58,6 +64,7 @@ def run_estimates(
         work: folder of the cells.
         engine: as `build` takes it; all processes see `work` and the datasets.
         workers: processes of the engine `local`.
+        progress: whether to show a progress bar (on standard error, if that is a terminal).
 
     Raises:
         BatchError: some failed; the others are done.
@@ -68,7 +75,16 @@ def run_estimates(
         Job(f"estimates of {cell.name}", {"folder": str(cell_folder(work, cell).resolve())})
         for cell in waiting
     ]
-    do_jobs(jobs, ESTIMATOR, "estimates", engine=engine, workers=workers, folder=work)
+    hidden = None if progress and jobs else True  # None: hidden where there is no terminal
+    with tqdm(total=len(jobs), desc="estimates", disable=hidden) as bar:
+
+        def report(amount: int) -> None:
+            bar.update(amount)
+
+        do_jobs(
+            jobs, ESTIMATOR, "estimates",
+            engine=engine, workers=workers, folder=work, report=report,
+        )  # fmt: skip
 
 
 def read_estimates(cell: Cell, work: Path) -> dict[str, float]:
@@ -98,5 +114,6 @@ def estimator() -> Handler:
             progress=False,
         )
         made.write(folder / RANKING_FOLDER)
+        report(1)
 
     return handle

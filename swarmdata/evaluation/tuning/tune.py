@@ -106,9 +106,9 @@ def tune(
         datasets=[portable_name(each) for each in dataset_ids], seeds=n_seeds, episodes=n_episodes,
     )  # fmt: skip
     cells, unit = _cells(study, n_steps, progress=progress)
-    options: dict[str, Any] = {"engine": engine, "workers": workers}
+    options: dict[str, Any] = {"engine": engine, "workers": workers, "progress": progress}
     every = [cell for of_trial in cells for cell in of_trial]
-    failures = run_cells(every, work, again=again, progress=progress, **options)
+    failures = run_cells(every, work, again=again, **options)
     done = [cell for cell in every if cell.name not in failures]
     silent = why_without(done, work) if done else None
     if silent is None:
