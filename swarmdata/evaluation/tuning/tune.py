@@ -226,7 +226,8 @@ class _Trained:
         )
 
     def _score(self, cell: Cell) -> float:
-        (case,) = group_results(results_of([cell], self.work)).cases
+        # the cell's key has been compared: a folder may hold other data under a published name
+        (case,) = group_results(results_of([cell], self.work), is_checked=False).cases
         is_scored = case.reference is not None
         values = case.scores(cell.label) if is_scored else case.metric(cell.label, "return")
         return float(values.mean())

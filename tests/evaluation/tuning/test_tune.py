@@ -153,6 +153,15 @@ def test_data_without_validation_episodes_are_chosen_on_by_validation_only(
     assert made.without_estimates == "coop_nav-short-v0 has no validation episodes."
 
 
+@pytest.mark.filterwarnings("ignore::swarmdata.hub.catalog.catalog.AnotherDatasetWarning")
+def test_a_folder_may_hold_other_data_under_a_published_name(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    data = make_tiny(tmp_path / "coop_nav-medium", id="coop_nav-medium-v1")
+    made = small_tune(tmp_path / "out", datasets=[data], n_trials=2)
+    assert np.isfinite(made.scores).all()
+
+
 def test_a_trial_that_fails_is_not_chosen(
     small_tune: Tune, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
