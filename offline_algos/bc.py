@@ -19,7 +19,7 @@ itself to leave out what was forbidden.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from torch import Tensor
 
@@ -34,6 +34,7 @@ from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.learn.training.search_space import LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -54,6 +55,9 @@ class CloningConfig:
         return 1.0
 
 
+CLONING_SPACE: Space = {"learning_rate": LogUniform(3e-4, 1e-2)}
+
+
 @dataclass(frozen=True)
 class BCConfig(MemorySettings, CloningConfig):
     """Behavior cloning: a squared error of continuous actions, the likelihood of choices."""
@@ -68,6 +72,7 @@ class BC(OfflineLearner):
     Config = BCConfig
     FIELDS = ("observations", "actions")
     LOSSES = ("bc_loss",)
+    SPACE: ClassVar[Space] = CLONING_SPACE
 
     def __init__(self, setup: Setup, config: BCConfig) -> None:
         self.config = config

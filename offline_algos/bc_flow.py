@@ -20,7 +20,7 @@ flow sees the present state and observations of all, as in `mac_flow`.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from swarmdata.learn.flows.distillation import Distillation
 from swarmdata.learn.flows.one_step_actor import FlowSettings
@@ -30,7 +30,8 @@ from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.trained import flow_policy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
-from swarmdata.offline_algos.bc import CloningConfig
+from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.offline_algos.bc import CLONING_SPACE, CloningConfig
 from swarmdata.types import Batch
 
 
@@ -47,6 +48,12 @@ class BCFlow(OfflineLearner):
     Config = BCFlowConfig
     FIELDS = ("observations", "actions", "states")
     LOSSES = ("flow_loss", "distillation_loss")
+    SPACE: ClassVar[Space] = {
+        **CLONING_SPACE,
+        "flow_learning_rate": LogUniform(3e-4, 1e-2),
+        "noise": Choice(("team", "own")),
+        "noise_scale": Choice((0.0, 0.5, 1.0)),
+    }
 
     def __init__(self, setup: Setup, config: BCFlowConfig) -> None:
         self.config = config

@@ -16,7 +16,7 @@ error; new latents are those of recorded episodes, not draws from a normal fitte
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -29,7 +29,8 @@ from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initializ
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.drawn_policy import LatentPolicy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
-from swarmdata.offline_algos.bc import CloningConfig
+from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.offline_algos.bc import CLONING_SPACE, CloningConfig
 from swarmdata.types import Batch
 
 LATENT_STREAM = 5
@@ -55,6 +56,11 @@ class BCLatent(OfflineLearner):
     Config = BCLatentConfig
     FIELDS = ("observations", "actions", "episodes")
     LOSSES = ("bc_loss", "latent_size")
+    SPACE: ClassVar[Space] = {
+        **CLONING_SPACE,
+        "latent_learning_rate": LogUniform(3e-3, 0.3),
+        "latent_weight": LogUniform(1e-4, 1e-2),
+    }
 
     def __init__(self, setup: Setup, config: BCLatentConfig) -> None:
         self.config, sizes = config, setup.sizes

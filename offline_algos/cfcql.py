@@ -32,6 +32,7 @@ Deviations:
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -55,6 +56,7 @@ from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
+    ACTOR_CRITIC_SPACE,
     EXTRACTION_LOSSES,
     TRANSITION,
     LossActorCritic,
@@ -63,6 +65,7 @@ from swarmdata.learn.training.actor_critic import (
     robot_critics,
     robot_valuer,
 )
+from swarmdata.learn.training.search_space import LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -76,6 +79,13 @@ class ConservativeConfig(TwoStageConfig):
     bc_weight: float = 0.1  # w
     reward: Reward = "own"
     clip_target: bool = True
+
+
+CONSERVATIVE_SPACE: Space = {
+    **ACTOR_CRITIC_SPACE,
+    "cql_weight": LogUniform(3e-3, 10.0),  # the better the data, the larger
+    "bc_weight": LogUniform(1e-2, 10.0),
+}
 
 
 @dataclass(frozen=True)
@@ -92,6 +102,7 @@ class CFCQL(LossActorCritic):
     Config: type[ConservativeConfig] = CFCQLConfig
     FIELDS = TRANSITION
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
+    SPACE: ClassVar[Space] = CONSERVATIVE_SPACE
 
     def __init__(self, setup: Setup, config: ConservativeConfig) -> None:
         super().__init__(setup, config)

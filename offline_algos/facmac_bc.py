@@ -38,6 +38,7 @@ Those of `maddpg_bc`, for the reasons given there:
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -51,12 +52,14 @@ from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
+    ACTOR_CRITIC_SPACE,
     EXTRACTION_LOSSES,
     TRANSITION,
     LossActorCritic,
     TwoStageConfig,
     Valuer,
 )
+from swarmdata.learn.training.search_space import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -77,6 +80,11 @@ class FACMACBC(LossActorCritic):
     Config = FACMACBCConfig
     FIELDS = TRANSITION
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
+    SPACE: ClassVar[Space] = {
+        **ACTOR_CRITIC_SPACE,
+        "rl_weight": LogUniform(0.1, 10.0),
+        "mixer": Choice(("monotonic", "free")),
+    }
 
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
         super().__init__(setup, config)

@@ -17,10 +17,12 @@ Deviations:
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.training.search_space import LogUniform, Space
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.types import Double
 
@@ -64,3 +66,4 @@ class FilteredBC(BC):
 
     Config = FilteredBCConfig
     FIELDS = BC.FIELDS
+    SPACE: ClassVar[Space] = {**BC.SPACE, "fraction": LogUniform(0.03, 0.5)}

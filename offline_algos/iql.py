@@ -37,7 +37,7 @@ Deviations:
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -62,12 +62,14 @@ from swarmdata.learn.objectives.losses import (
 )
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import (
+    ACTOR_CRITIC_SPACE,
     TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
     Part,
     robot_critics,
 )
+from swarmdata.learn.training.search_space import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 RANGE = 1_000.0
@@ -91,6 +93,11 @@ class IQL(OfflineLearner):
     Config = IQLConfig
     FIELDS = TRANSITION
     LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
+    SPACE: ClassVar[Space] = {
+        **ACTOR_CRITIC_SPACE,
+        "expectile": Choice((0.6, 0.7, 0.8, 0.9)),
+        "inverse_temperature": LogUniform(0.1, 30.0),
+    }
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
         self.config = config

@@ -55,7 +55,7 @@ the data are all alike, whatever the unit of rewards.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -84,11 +84,13 @@ from swarmdata.learn.objectives.losses import (
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.trained import flow_policy
 from swarmdata.learn.training.actor_critic import (
+    ACTOR_CRITIC_SPACE,
     TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
     Part,
 )
+from swarmdata.learn.training.search_space import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 N_DRAWS = 4
@@ -214,6 +216,12 @@ class MACFlow(OfflineLearner):
     Config = MACFlowConfig
     FIELDS = TRANSITION
     LOSSES = ("critic_loss", "q", "flow_loss", "distillation_loss", "policy_q", "lambda")
+    SPACE: ClassVar[Space] = {
+        **ACTOR_CRITIC_SPACE,
+        "inverse_temperature": LogUniform(0.3, 10.0),
+        "critic_share": Choice((0.5, 0.65, 0.8)),
+        "noise": Choice(("team", "own")),
+    }
 
     def __init__(self, setup: Setup, config: MACFlowConfig) -> None:
         self.config = config

@@ -48,6 +48,7 @@ Deviations:
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -67,6 +68,7 @@ from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
+    ACTOR_CRITIC_SPACE,
     EXTRACTION_LOSSES,
     TRANSITION,
     Extraction,
@@ -76,6 +78,7 @@ from swarmdata.learn.training.actor_critic import (
     robot_critics,
     robot_valuer,
 )
+from swarmdata.learn.training.search_space import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -100,6 +103,12 @@ class MADDPGBC(TwoStageActorCritic):
     Config = MADDPGBCConfig
     FIELDS = TRANSITION
     LOSSES = ("critic_loss", "q", "bc_loss", "policy_q", "lambda", *EXTRACTION_LOSSES)
+    SPACE: ClassVar[Space] = {
+        **ACTOR_CRITIC_SPACE,
+        "inverse_temperature": LogUniform(0.3, 10.0),
+        "extraction_share": Choice((0.2, 0.33, 0.5)),
+        "critic": Choice(("centralized", "decentralized")),
+    }
 
     def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
         super().__init__(setup, config)

@@ -31,7 +31,7 @@ Deviations:
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -54,12 +54,14 @@ from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
+    ACTOR_CRITIC_SPACE,
     TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
     Part,
     squashed_actor,
 )
+from swarmdata.learn.training.search_space import LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -78,6 +80,7 @@ class OMIGA(OfflineLearner):
     Config = OMIGAConfig
     FIELDS = TRANSITION
     LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "weight")
+    SPACE: ClassVar[Space] = {**ACTOR_CRITIC_SPACE, "temperature": LogUniform(0.01, 10.0)}
 
     def __init__(self, setup: Setup, config: OMIGAConfig) -> None:
         self.config = config

@@ -14,6 +14,7 @@ from swarmdata.evaluation.runs.generated_dataset import generate as generate
 from swarmdata.evaluation.runs.named_policies import make_policy as make_policy
 from swarmdata.evaluation.runs.provenance import Provenance as Provenance
 from swarmdata.evaluation.runs.train import train as train, train_online as train_online
+from swarmdata.evaluation.tuning.tune import tune as tune
 from swarmdata.hub.catalog.catalog import (
     DatasetInfo as DatasetInfo,
     list_datasets as list_datasets,
@@ -35,6 +36,7 @@ from swarmdata.interop.torchrl.torchrl import (
     make_torchrl_env as make_torchrl_env,
     register_torchrl as register_torchrl,
 )
+from swarmdata.learn.training.search_space import Choice as Choice, LogUniform as LogUniform
 from swarmdata.numerics.episode_draws import drawn_values as drawn_values
 from swarmdata.record.foreign_rollout import evaluate_parallel as evaluate_parallel
 from swarmdata.record.jax_environments import record_jax as record_jax

@@ -25,7 +25,7 @@ GROUPS = {
     "learning": (
         "Training and evaluation",
         ("train", "train_online", "evaluate", "EvalResult", "Result", "Provenance", "save_result",
-         "read_results"),
+         "read_results", "tune"),
     ),
     "making": (
         "Making datasets",
@@ -45,7 +45,7 @@ GROUPS = {
         "Extending",
         ("register_algorithm", "register_policy", "register_task", "register_remote",
          "check_algorithm", "check_online_algorithm", "check_policy", "check_remote", "check_task",
-         "check_dataset"),
+         "check_dataset", "LogUniform", "Choice"),
     ),
     "errors": ("Errors", ("SwarmdataError",)),
 }  # fmt: skip

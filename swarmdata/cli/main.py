@@ -426,6 +426,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
     "Tasks": {"task": task_app},
     "Learning": {
         "algorithms": training_commands.algorithms,
+        "tune": training_commands.tune,
         "study": study_commands.study,
         "sweep": sweep_commands.sweep,
         "transfer": sweep_commands.transfer,

@@ -231,7 +231,10 @@ DatasetId = Annotated[
     str | None, typer.Option(help="dataset id or folder, if not the id that the runs name")
 ]
 By = Annotated[
-    str, typer.Option(help="criterion: fqe, imitation_error, weighted_imitation_error or td_error")
+    str,
+    typer.Option(
+        help="criterion: fqe, fqe_pessimistic, imitation_error, weighted_imitation_error, td_error"
+    ),
 ]
 Checkpoints = Annotated[
     bool, typer.Option(help="rank all checkpoints kept by `train --keep`, not only the last")

@@ -37,8 +37,9 @@ def _algorithm(known: str, other: str, use: str) -> Any:
             raise typer.BadParameter(f"{name} is trained with: swarmdata {use.format(name)}")
         return name
 
+    or_auto = ", or auto" if known == "OFFLINE_ALGORITHMS" else ""
     return typer.Argument(
-        metavar="ALGORITHM", callback=check, help="as `swarmdata algorithms` lists them"
+        metavar="ALGORITHM", callback=check, help=f"as `swarmdata algorithms` lists them{or_auto}"
     )
 
 
@@ -86,13 +87,17 @@ def train(
 ) -> None:
     """Train an offline algorithm on a dataset.
 
-    Uses the train split; with --observation or --communication, the dataset is re-observed from its
+    `auto` chooses bc, filtered_bc or iql by statistics of the data, and says which and why. Uses
+    the train split; with --observation or --communication, the dataset is re-observed from its
     states, and with --reward, its rewards are computed from their terms. An interrupted training
     resumes: run the same command again. Several processes train groups of the seeds in folders
     OUT/seeds-..., as --part K/N trains the K-th.
     """
     group = _group(context, engine, part)
-    changes = _changes(config, settings, n_updates=updates, regulariser=regulariser)
+    if algorithm == "auto":
+        refuse(context, ("config", "regulariser"), "with auto, which takes --config study")
+    stated = _trainers().read_settings(config, algorithm) if config else {}
+    changes = stated | _changes(settings, n_updates=updates, regulariser=regulariser)
     ids, weights = _datasets(data)
     folder = out or _default_folder(algorithm, ids)
     _trainers().train(
@@ -104,6 +109,54 @@ def train(
     if (measured := _trainers().last_evaluation(folder, ids, weights)) is not None:
         typer.echo(measured)
     typer.echo(folder)
+
+
+def tune(
+    context: typer.Context,
+    algorithm: Offline,
+    data: Annotated[list[str], typer.Argument(metavar="ID...", help="dataset ids or folders")],
+    out: Annotated[
+        Path | None, typer.Option(help="folder of the result", show_default="runs/tune-ALGORITHM")
+    ] = None,
+    trials: Annotated[int, typer.Option(min=2, help="configurations, with the default")] = 12,
+    updates: Annotated[int, typer.Option(min=1, help="gradient updates of each training")] = 4500,
+    seeds: Annotated[int, typer.Option(min=1, help="number of seeds of each trial")] = 2,
+    steps: Annotated[
+        int, typer.Option(min=1, help="first joint steps of each dataset to train on")
+    ] = 200_000,
+    episodes: Annotated[int, typer.Option(min=1, help="validation episodes of a seed")] = 128,
+    config: Config = None,
+    settings: Settings = None,
+    draws: Annotated[int, typer.Option(min=0, help="seed of the random settings")] = 0,
+    frame: Annotated[str, typer.Option(help="robots' frame: auto, world, or an anchor")] = "auto",
+    workers: Processes = 1,
+    engine: Engine = "local",
+    again: Annotated[bool, typer.Option(help="rerun trials of another configuration")] = False,
+    device: Annotated[str, typer.Option(help="torch device")] = "cpu",
+) -> None:
+    """Tune an offline algorithm by random search.
+
+    Every trial has the same updates, seeds and data; the first is the default. One trial is chosen
+    by validation episodes and one by the data alone; `train --config` takes OUT/validation.yaml and
+    OUT/offline.yaml. Numbers of updates in --config are not used: they follow --updates. An
+    interrupted tuning resumes: run the same command again, also with more trials.
+    """
+    from swarmdata.runtime.extras import require_extra
+
+    refuse_workers(context, engine)
+    require_extra("torch", "torch", "tuning")
+    from swarmdata.evaluation.study.cells.cells import LENGTHS
+    from swarmdata.evaluation.tuning.tune import tune as search
+
+    stated = _trainers().read_settings(config, algorithm) if config else {}
+    stated = {name: text for name, text in stated.items() if name not in LENGTHS}
+    made = search(
+        algorithm, data, out or Path("runs") / f"tune-{algorithm}", n_trials=trials,
+        n_updates=updates, n_seeds=seeds, n_steps=steps, n_episodes=episodes,
+        changes=stated | parse_settings(settings), draws=draws, frame=frame, device=device,
+        workers=workers, engine=engine, again=again,
+    )  # fmt: skip
+    typer.echo(made.to_text(), nl=False)
 
 
 def train_online(
@@ -140,7 +193,8 @@ def train_online(
     group = _group(context, engine, part)
     if data is None:
         refuse(context, ("offline_share",), "without --data")
-    changes = _changes(config, settings, n_steps=None if steps is None else round(steps))
+    stated = _trainers().read_settings(config) if config else {}
+    changes = stated | _changes(settings, n_steps=None if steps is None else round(steps))
     ids, weights = (None, None) if data is None else _datasets(data)
     folder = out or _default_folder(algorithm, task)
     _trainers().train_online(
@@ -178,14 +232,10 @@ def _default_folder(algorithm: str, sources: str | list[str]) -> Path:
     return Path("runs") / f"{algorithm}-{'+'.join(Path(name).stem for name in names)}"
 
 
-def _changes(
-    config: str | None, settings: list[str] | None, **options: int | str | None
-) -> dict[str, str]:
-    """Merges the settings of a file, of options and of `--set`; later ones win."""
+def _changes(settings: list[str] | None, **options: int | str | None) -> dict[str, str]:
+    """Merges the settings of options and of `--set`; later ones win."""
     changes = {name: str(value) for name, value in options.items() if value is not None}
-    return (
-        (_trainers().read_settings(config) if config else {}) | changes | parse_settings(settings)
-    )
+    return changes | parse_settings(settings)
 
 
 def _datasets(text: str) -> tuple[str | list[str], list[float] | None]:

@@ -31,7 +31,12 @@ def test_every_source_is_inside(wheel_names: set[str]) -> None:
 
 
 def test_data_files_of_the_package_are_inside(wheel_names: set[str]) -> None:
-    patterns = ("online_algos/configs/*.yaml", "behavior_policies/checkpoints/*", "cards/*.json")
+    patterns = (
+        "offline_algos/configs/*.yaml",
+        "online_algos/configs/*.yaml",
+        "behavior_policies/checkpoints/*",
+        "cards/*.json",
+    )
     expected = {f"swarmdata/{p.relative_to(ROOT)}" for each in patterns for p in ROOT.glob(each)}
     assets = (ROOT / "swarmdata/catalogue/assets").iterdir()
     expected |= {str(path.relative_to(ROOT)) for path in assets}

@@ -36,6 +36,7 @@ FOLDERS = {
     "task table": [],
     "train": ["bc", "nothing"],
     "train-online": ["mappo", "coop_nav"],
+    "tune": ["bc", "nothing"],
 }
 """Arguments of the commands that write to a folder."""
 
@@ -44,7 +45,7 @@ FILES = {"curves", "references", "registry update", "render", "task play", "tran
 
 READERS = {"catalogue open"}
 
-WITH_TORCH = {"learning", "rank", "ship", "study", "train", "train-online"}
+WITH_TORCH = {"learning", "rank", "ship", "study", "train", "train-online", "tune"}
 """Commands that ask for torch before they look at folders."""
 
 PLANTED = {

@@ -69,6 +69,11 @@ PAIRS = (
         absent={"weights": "in the text of --data"},
     ),
     Pair(
+        "tune", swarmdata.tune,
+        {"data": "dataset_ids", "seeds": "n_seeds", "trials": "n_trials", "updates": "n_updates"},
+        {"config": SETTING},
+    ),
+    Pair(
         "generate", swarmdata.generate, {"policy": "policies"},
         {"dataset": "a recipe, which `build` takes",
          **dict.fromkeys(("part", "finish", "remote"), "of a recipe's parts")},
@@ -109,6 +114,7 @@ ELSEWHERE = {
     ("import", "out"): inspect.Parameter.empty,  # in the cache by default
     ("train", "out"): inspect.Parameter.empty,  # named after the algorithm and the data
     ("train-online", "out"): inspect.Parameter.empty,
+    ("tune", "out"): inspect.Parameter.empty,
 }
 """Defaults of options that the command's own text decides: those of the parameters."""
 

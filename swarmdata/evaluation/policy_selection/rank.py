@@ -18,7 +18,10 @@ import numpy as np
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.policy_selection.rank_statistics import ranking_quality
+from swarmdata.evaluation.policy_selection.rank_statistics import (
+    pessimistic_value,
+    ranking_quality,
+)
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
     Criterion,
@@ -44,7 +47,13 @@ from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run_files import run_hash
-from swarmdata.learn.training.run_folder import Loaded, kept_updates, load_algorithm, read_run
+from swarmdata.learn.training.run_folder import (
+    Loaded,
+    kept_updates,
+    load_algorithm,
+    load_last,
+    read_run,
+)
 from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
@@ -74,7 +83,7 @@ class Candidates:
     name: str  # of the run
     content: str | None  # SHA-256 of the run's files; None for an earlier checkpoint
     loaded: Loaded
-    td_error: Double | None  # [K] on the validation split, if the algorithm has critics
+    td_error: Double | None  # [K] on the validation split, if there are critics
 
     @property
     def policies(self) -> list[Policy]:
@@ -179,14 +188,16 @@ def _candidates(
         names = [str(folder) for folder in folders]
     found = []
     for name, folder in zip(names, folders, strict=True):
-        last = load_algorithm(folder, device)
+        last = load_last(folder, device)
         kept = kept_updates(folder) if checkpoints else ()
         earlier = (load_algorithm(folder, device, at) for at in kept if at != last.update)
         for loaded in (*earlier, last):
             scale = loaded.statistics.return_std
             n_seeds = len(loaded.run.seeds)
             dataset = framed(held_out, loaded.run.frame)
-            error = td_errors(loaded.algorithm, dataset, n_seeds, scale, device)
+            error = None  # a run that was made small has no critics left
+            if not loaded.is_compact:
+                error = td_errors(loaded.algorithm, dataset, n_seeds, scale, device)
             content = run_hash(folder, 0) if loaded is last else None
             found.append(Candidates(name, content, loaded, error))
     return found
@@ -250,6 +261,7 @@ def _rows(
                     seed=seed,
                     update=each.loaded.update,
                     fqe=_over_states(values.values[k]),
+                    fqe_pessimistic=pessimistic_value(values.values[k]),
                     fqe_curve=tuple(values.curve[:, k].mean(1).tolist()),
                     fqe_residual=float(values.residual[k].mean()),
                     fqe_clipped=float(values.clipped[k].mean()),

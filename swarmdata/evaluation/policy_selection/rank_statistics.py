@@ -102,6 +102,23 @@ def ranking_quality(
     return Quality(n, interval, {k: regret(estimates, scores, k) for k in top if k < n})
 
 
+def pessimistic_value(values: Double) -> float:
+    """Returns the lower end of the 95 % bootstrap interval of the least fit's mean.
+
+    A policy that left the data is overrated by some fits and not by others, so the least of them is
+    trusted (as in the targets of Fujimoto et al. 2018, eq. 10), and no more than what its initial
+    states support.
+
+    Args:
+        values: of M fits from E initial states, [M, E].
+    """
+
+    def least_mean(tables: Double) -> Double:
+        return np.asarray(tables.mean(axis=-2).min(axis=-1))
+
+    return bootstrap(least_mean, values.T, generator=np.random.default_rng(0)).low
+
+
 def _check(estimates: Double, scores: Double) -> None:
     """Checks that both are finite and have the same length, at least 2."""
     shapes = [list(side.shape) for side in (estimates, scores)]

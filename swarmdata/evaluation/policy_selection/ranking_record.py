@@ -14,10 +14,13 @@ from swarmdata.specs.frozen import Frozen
 
 RANKING = OutputKind("ranking")
 
-Criterion = Literal["fqe", "imitation_error", "weighted_imitation_error", "td_error"]
+Criterion = Literal[
+    "fqe", "fqe_pessimistic", "imitation_error", "weighted_imitation_error", "td_error"
+]
 
 CRITERIA: dict[Criterion, tuple[str, bool]] = {
     "fqe": ("FQE value", True),
+    "fqe_pessimistic": ("pessimistic FQE value", True),
     "imitation_error": ("imitation error", False),
     "weighted_imitation_error": ("weighted imitation error", False),
     "td_error": ("TD error", False),
@@ -37,6 +40,7 @@ class RankedPolicy(Frozen):
     seed: int
     update: int
     fqe: Interval  # discounted team return; the interval is over initial states
+    fqe_pessimistic: float  # the least of the fits, at the lower end of its interval
     fqe_curve: tuple[
         float, ...
     ]  # the value during the fit; it has not converged if it still changes
@@ -65,7 +69,7 @@ class Ranking(Frozen):
     """Policies trained on one dataset, sorted by the criterion `by`."""
 
     format: Literal["swarmdata-ranking"] = "swarmdata-ranking"
-    format_version: Literal[1] = 1
+    format_version: Literal[2] = 2
     code_version: str
     dataset: str
     digest: str

@@ -5,20 +5,21 @@ from concurrent.futures import Executor
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.evaluation.runs.algorithm_choice import AUTO, choose_for
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.seed_jobs import Group, Where
 from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.setup import check_device
-from swarmdata.learn.training.overrides import as_texts, override
+from swarmdata.learn.training.overrides import as_texts, override, setting_types
 from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table, run_folders
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
@@ -72,6 +73,17 @@ class OfflineTraining(Frozen):
         check_device(self.device)
         return override(kind.Config(), self.changes)
 
+    def data(self, *, progress: bool) -> Dataset | Mixture:
+        """Opens what is trained on, as it is seen and rewarded."""
+        view = {name: getattr(self, name) for name in ("observation", "communication", "rewards")}
+        return open_data(self.dataset_id, self.weights, {**view, "progress": progress})
+
+    def chosen(self, *, progress: bool) -> Self:
+        """The training of the algorithm that `auto` takes, with the settings `study`."""
+        algorithm = choose_for(self.data(progress=progress)).algorithm
+        changes = read_settings("study", algorithm) | self.changes
+        return self.model_copy(update={"algorithm": algorithm, "changes": changes})
+
     def length(self, seeds: Group, *, progress: bool) -> int:
         """Updates of a run of some seeds; raises as `config` does."""
         return int(self.config().n_updates)
@@ -80,9 +92,7 @@ class OfflineTraining(Frozen):
         self, seeds: Group, folder: Path, *, progress: bool, report: Report | None = None
     ) -> list[Policy]:
         """Trains seeds together in a folder."""
-        config = self.config()
-        view = {name: getattr(self, name) for name in ("observation", "communication", "rewards")}
-        dataset = open_data(self.dataset_id, self.weights, {**view, "progress": progress})
+        config, dataset = self.config(), self.data(progress=progress)
         spec, evaluation = dataset.spec, None
         if spec.world is not None:
             evaluation = partial(measure_curve_point, spec=spec.world)
@@ -203,7 +213,9 @@ def train(
     same run, and `find_target` and reports take `out` in either case.
 
     Args:
-        algorithm: registered offline algorithm.
+        algorithm: registered offline algorithm; or `auto`, which chooses one for the dataset by
+            statistics of its episodes (`runs.algorithm_choice`), logs which and why, and trains it
+            with the settings `study`.
         dataset_id: id or folder of a dataset, as `load` takes it, or several to mix. On recordings
             of other environments there is no learning curve; evaluate with
             `swarmdata.evaluate_parallel` afterwards. On data of an older version of the world there
@@ -233,7 +245,8 @@ def train(
 
     Raises:
         UnknownNameError: no such algorithm, dataset or setting.
-        SpecError: the task has no such frame, or an argument or setting is not of its type.
+        SpecError: the task has no such frame, an argument or setting is not of its type, or `auto`
+            got a mixture.
         ProgramError: `compile` found no working compiler.
         OutputError: `out` has files and holds no run.
         CheckpointError: `out` holds another run.
@@ -253,6 +266,8 @@ def train(
     training = OfflineTraining.parse(arguments, "the arguments of train")
     if not isinstance(n_seeds, int | np.integer) or n_seeds < 1:
         raise SpecError(f"n_seeds is {n_seeds!r:.100}, expected a whole number of at least 1")
+    if algorithm == AUTO:
+        training = training.chosen(progress=progress)
     where = Where(Path(out), tuple(range(n_seeds)), workers, engine, part, progress)
     found = where.train(training, TRAINER)
     return load_policies(read_trained(Path(out))) if found is None else found
@@ -419,19 +434,23 @@ def _check_replay(algorithm: str) -> None:
         )
 
 
-def read_settings(name: str) -> dict[str, str]:
+def read_settings(name: str, algorithm: str | None = None) -> dict[str, str]:
     """Reads settings of an algorithm as text, like those of `--set`.
 
     Args:
-        name: of a file in the package's `online_algos/configs`, without `.yaml`, or a path.
+        name: of a shipped file, without `.yaml`, or a path.
+        algorithm: an offline one, whose shipped files are in `offline_algos/configs`. They are for
+            all offline algorithms, and each takes the settings that it has. None: an online one,
+            with files in `online_algos/configs`.
 
     Raises:
-        UnknownNameError: there is no such file.
+        UnknownNameError: there is no such file, or no such algorithm.
         SpecError: the file is not a table.
     """
-    folder = files("swarmdata.online_algos") / "configs"
-    shipped = {Path(file.name).stem: file for file in folder.iterdir()}
-    file = Path(name) if Path(name).suffix else shipped.get(name)
+    package = "swarmdata.online_algos" if algorithm is None else "swarmdata.offline_algos"
+    shipped = {Path(file.name).stem: file for file in (files(package) / "configs").iterdir()}
+    is_path = bool(Path(name).suffix)
+    file = Path(name) if is_path else shipped.get(name)
     if file is None or not file.is_file():
         raise UnknownNameError("settings", name, shipped)
     try:
@@ -440,7 +459,11 @@ def read_settings(name: str) -> dict[str, str]:
         raise SpecError(f"cannot read settings from {name}: {error}") from error
     if not isinstance(table, dict):
         raise SpecError(f"{name} holds {type(table).__name__}, expected a table of settings")
-    return as_texts(table)
+    settings = as_texts(table)
+    if algorithm is None or is_path:
+        return settings
+    known = setting_types(resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config)
+    return {key: text for key, text in settings.items() if key in known}
 
 
 def measure_curve_point(

@@ -56,6 +56,7 @@ from swarmdata.learn.objectives.losses import (
     tilted_loss,
     weighted_loss,
 )
+from swarmdata.learn.training.search_space import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 Extraction = Literal["joint", "anchored", "weighted", "tilted"]
@@ -86,6 +87,15 @@ class ActorCriticConfig:
     discount: float = 0.95  # see `maddpg_bc`
     tau: float = 0.01  # per update of the targets
     max_grad_norm: float | None = 10.0  # per seed, of each kind of network
+
+
+ACTOR_CRITIC_SPACE: Space = {
+    "actor_learning_rate": LogUniform(3e-4, 1e-2),
+    "critic_learning_rate": LogUniform(3e-4, 1e-2),
+    "discount": Choice((0.9, 0.95, 0.98, 0.99)),
+    "tau": LogUniform(3e-3, 0.1),
+}
+"""What all actor-critics draw; the algorithms add what they are named after."""
 
 
 @dataclass(frozen=True)

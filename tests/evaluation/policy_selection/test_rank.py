@@ -19,6 +19,7 @@ from swarmdata.evaluation.policy_selection.ranking_record import Ranking
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.learn.evaluation.fqe import FQEConfig
+from swarmdata.learn.training.compact import compact
 from swarmdata.learn.training.run_folder import load_algorithm, load_run
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
@@ -109,6 +110,18 @@ def test_checkpoints_that_were_kept_are_policies_as_well(made: Made) -> None:
     assert load_algorithm(made.runs[0], update=10).update == 10
 
 
+def test_a_run_that_was_made_small_has_every_criterion_but_those_of_its_critics(
+    made: Made, ranking: Ranking, tmp_path: Path
+) -> None:
+    small = tmp_path / "maddpg_bc"
+    shutil.copytree(made.runs[1], small)
+    compact(small)
+    found = {policy.seed: policy for policy in made.rank(folders=[small]).policies}
+    for whole in (policy for policy in ranking.policies if policy.run == "maddpg_bc"):
+        assert whole.td_error is not None
+        assert found[whole.seed] == whole.model_copy(update={"td_error": None})
+
+
 def test_runs_of_one_name_are_told_apart(made: Made, tmp_path: Path) -> None:
     copy = tmp_path / "bc"
     shutil.copytree(made.runs[0], copy)
@@ -124,7 +137,8 @@ def test_scores_from_the_simulator_and_from_files_are_the_same(made: Made, tmp_p
     assert simulated == read
     assert (read.score_unit, read.n_score_episodes) == ("return", 2)
     assert {name: each.n_policies for name, each in read.quality.items()} == {
-        "fqe": 4, "imitation_error": 4, "weighted_imitation_error": 4, "td_error": 2,
+        "fqe": 4, "fqe_pessimistic": 4, "imitation_error": 4, "weighted_imitation_error": 4,
+        "td_error": 2,
     }  # fmt: skip
     best, chosen = max(p.score for p in read.policies if p.score is not None), read.policies[0]
     assert chosen.score is not None

@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.policy_selection.rank_statistics import (
+    pessimistic_value,
     ranking_quality,
     ranks,
     regret,
@@ -140,3 +141,12 @@ def test_what_cannot_be_ranked_is_an_error(estimates: Double, scores: Double) ->
 def test_a_wrong_number_of_tries_is_an_error(k: int) -> None:
     with pytest.raises(SchemaError, match=f"regret@{k} of 3 policies"):
         regret(array(1, 2, 3), array(1, 2, 3), k)
+
+
+def test_the_pessimistic_value_is_of_the_least_fit_and_of_its_worse_states() -> None:
+    states = np.linspace(-1.0, 1.0, 101)
+    fits = np.stack([states + 3.0, states + 1.0, states + 2.0])
+    error = states.std() / np.sqrt(len(states))
+    assert pessimistic_value(fits) == pytest.approx(1.0 - 1.96 * error, abs=0.02)
+    assert pessimistic_value(fits[:1]) > pessimistic_value(fits)
+    assert pessimistic_value(np.full((2, 3), 4.0)) == 4.0

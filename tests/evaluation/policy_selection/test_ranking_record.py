@@ -25,6 +25,7 @@ def policy(**changes: Any) -> RankedPolicy:
         "seed": 0,
         "update": 100,
         "fqe": (1.5, 1.0, 2.0),
+        "fqe_pessimistic": 0.75,
         "fqe_curve": (0.5, 1.5),
         "fqe_residual": 0.1,
         "fqe_clipped": 0.0,
@@ -71,7 +72,7 @@ def test_a_row_says_who_and_every_criterion() -> None:
     head, first, second = lines[0], lines[2], lines[3]
     assert all(label in head for label, _ in CRITERIA.values())
     assert first.split()[:4] == ["bc/seed-0@100", "1.500", "[1.000,", "2.000]"]
-    assert first.split()[4:] == ["0.0123", "0.0200", "–", "50.0"]
+    assert first.split()[4:] == ["0.7500", "0.0123", "0.0200", "–", "50.0"]
     assert second.split()[0] == "maddpg_bc/seed-3@100"
     assert second.split()[-2:] == ["0.2500", "41.2"]
 
@@ -118,4 +119,4 @@ def test_a_file_is_read_back(tmp_path: Path) -> None:
 
 def test_another_format_is_an_error() -> None:
     with pytest.raises(SpecError, match="format_version"):
-        Ranking.parse({**scored().model_dump(mode="json"), "format_version": 2})
+        Ranking.parse({**scored().model_dump(mode="json"), "format_version": 1})

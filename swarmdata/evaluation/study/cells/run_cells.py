@@ -100,7 +100,7 @@ def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
         raise StaleCellError(
             f"{work} has results of another configuration: "
             f"{'; '.join(lines[:MAX_SHOWN_STALE])}{more}. Pass --again to delete these cells and "
-            "run them again, or another --work to keep them."
+            "run them again, or name another folder to keep them."
         )
     for cell, _ in stale:
         with locked(cell_folder(work, cell)):  # waits for a process that is running the cell

@@ -1,0 +1,203 @@
+"""`train auto`: chooses an algorithm for a dataset by statistics of its episodes, without training.
+
+Three questions, of which the first two decide whether values are learned:
+
+1. Do the robots of a team share most of their return? Then a robot's own action explains little of
+   it, and learned values mislead: clone.
+2. Does some behavior policy solve nearly all of its episodes? Then imitate it, else learn values.
+3. Are the best episodes by other policies than the rest? Then clone the best episodes, else all.
+
+`tests/benchmarks/fit_auto.py` fits the thresholds to the scores of the study `regimes`: the fewest
+datasets get an algorithm that is clearly worse than another one, and the gaps between the datasets
+on both sides are the widest. docs/measurements.md has what the choice loses, dataset by dataset.
+"""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import Mixture
+from swarmdata.errors import SpecError
+from swarmdata.types import Double, Int
+
+_LOG = logging.getLogger("swarmdata")
+
+AUTO = "auto"
+"""What `train` takes for the name of an algorithm, to choose one of `CANDIDATES`."""
+
+CANDIDATES = ("bc", "filtered_bc", "iql")
+
+BEST_SHARE = 0.1
+"""Of the episodes: those that `filtered_bc` keeps."""
+
+
+class Threshold(NamedTuple):
+    """Where a statistic divides the datasets that were measured."""
+
+    below: float  # the largest value of a dataset on the lower side
+    above: float  # the smallest value of one on the upper side
+
+    @property
+    def middle(self) -> float:
+        """The threshold."""
+        return (self.below + self.above) / 2
+
+
+THRESHOLDS = {
+    "common_reward": Threshold(0.47, 0.64),
+    "best_success": Threshold(0.56, 0.97),
+    "best_shift": Threshold(0.12, 0.26),
+}
+"""By the name of the statistic, as `tests/benchmarks/fit_auto.py` prints them."""
+
+STATISTICS = tuple(THRESHOLDS)
+"""In the order of the questions."""
+
+
+@dataclass(frozen=True)
+class EpisodeStatistics:
+    """What the choice is made by; each is from 0 to 1."""
+
+    common_reward: float  # correlation of the returns of two robots of an episode
+    best_success: float  # share of its episodes that the best behavior policy solves
+    best_shift: float  # share of the best episodes by other policies than all, beyond chance
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "EpisodeStatistics":
+        """Measures a dataset, usually a train split.
+
+        Raises:
+            SpecError: there are no episodes.
+        """
+        table = dataset.episodes
+        if not len(table):
+            raise SpecError(f"{dataset.id} has no episodes to choose an algorithm for")
+        returns = [rewards.sum(axis=0, dtype=np.float64) for (rewards,) in dataset.read("rewards")]
+        n_policies = int(table.policy.max()) + 1
+        counts = np.bincount(table.policy, minlength=n_policies)
+        solved = np.bincount(table.policy, weights=table.success, minlength=n_policies)
+        n_best = max(1, round(BEST_SHARE * len(table)))
+        is_best = table.team_return >= np.sort(table.team_return)[-n_best]
+        best = np.bincount(table.policy[is_best], minlength=n_policies)
+        return cls(
+            common_reward=_common_share(np.array(returns)),
+            best_success=float((solved[counts > 0] / counts[counts > 0]).max()),
+            best_shift=_shift(best, counts),
+        )
+
+
+def _shift(best: Int, counts: Int) -> float:
+    """Total variation between the policies of the best episodes and of all, beyond chance.
+
+    What chance gives is subtracted: the mean of |share - p| of n of N episodes, drawn without
+    replacement, is about sqrt(2 / pi p (1 - p) (1 - n / N) / n) for a policy with the share p.
+
+    Args:
+        best: episodes of each policy among the best.
+        counts: among all.
+    """
+    n, p = best.sum(), counts / counts.sum()
+    chance = np.sqrt(2 / np.pi * p * (1 - p) * (1 - n / counts.sum()) / n)
+    return float(max((np.abs(best / n - p) - chance).sum() / 2, 0.0))
+
+
+def _common_share(returns: Double) -> float:
+    """The correlation of robots' returns within episodes, [n, N]: 0 if independent, 1 if equal.
+
+    ICC(1) of Shrout & Fleiss, "Intraclass Correlations: Uses in Assessing Rater Reliability",
+    Psychological Bulletin 1979, with variances that divide by n. Returns are centered for each
+    robot, so that different roles are no variance.
+    """
+    n_robots = returns.shape[1]
+    centered = returns - returns.mean(axis=0)
+    total = centered.var()
+    if n_robots == 1 or total == 0:
+        return 0.0
+    common = (n_robots * centered.mean(axis=1).var() / total - 1) / (n_robots - 1)
+    return float(max(common, 0.0))
+
+
+@dataclass(frozen=True)
+class AlgorithmChoice:
+    """One of `CANDIDATES`, and why."""
+
+    algorithm: str
+    reasons: tuple[str, ...]
+    doubts: tuple[str, ...]  # what the measured datasets do not tell apart
+
+    @property
+    def line(self) -> str:
+        """The choice in one line."""
+        doubts = "".join(f" Not certain: {doubt}." for doubt in self.doubts)
+        return f"auto takes {self.algorithm}: {'; '.join(self.reasons)}.{doubts}"
+
+
+def choose_algorithm(
+    found: EpisodeStatistics, thresholds: Mapping[str, Threshold] = THRESHOLDS
+) -> AlgorithmChoice:
+    """Chooses by the three questions of this module.
+
+    Args:
+        found: of the data.
+        thresholds: by the name of the statistic.
+    """
+    is_common, has_expert, is_shifted = (
+        getattr(found, name) >= thresholds[name].middle for name in STATISTICS
+    )
+    clone = "filtered_bc" if is_shifted else "bc"
+    limits = [f"(threshold {100 * thresholds[name].middle:.0f} %)" for name in STATISTICS]
+    asked = {"common_reward": (clone, clone if has_expert else "iql")}
+    reasons = [f"robots' returns correlate by {100 * found.common_reward:.0f} % {limits[0]}"]
+    if not is_common:
+        asked["best_success"] = clone, "iql"
+        solved = f"{100 * found.best_success:.0f} % of its episodes"
+        reasons.append(f"the best policy solves {solved} {limits[1]}")
+    if is_common or has_expert:
+        asked["best_shift"] = "bc", "filtered_bc"
+        others = f"{100 * found.best_shift:.0f} % of the best episodes"
+        reasons.append(f"{others} are by other policies than the rest {limits[2]}")
+    doubts = [
+        doubt for name, pair in asked.items() if (doubt := _doubt(found, name, pair, thresholds))
+    ]
+    if not is_common and found.best_success == 0:
+        doubts.append(
+            "no episode is marked as solved; if success was not recorded, this is a guess"
+        )
+    algorithm = clone if is_common or has_expert else "iql"
+    return AlgorithmChoice(algorithm, tuple(reasons), tuple(doubts))
+
+
+def _doubt(
+    found: EpisodeStatistics,
+    name: str,
+    pair: tuple[str, str],
+    thresholds: Mapping[str, Threshold],
+) -> str | None:
+    """What cannot be told apart, if a statistic lies where no measured dataset does."""
+    value, (below, above) = getattr(found, name), thresholds[name]
+    if len({*pair}) == 1 or not below < value < above:
+        return None
+    return (
+        f"no measured dataset has a {name.replace('_', ' ')} between {100 * below:.0f} % and "
+        f"{100 * above:.0f} %, so {' and '.join(pair)} are not told apart there"
+    )
+
+
+def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:
+    """Chooses for the train split of a dataset, and says so in the log.
+
+    Raises:
+        SpecError: it is a mixture, for which no choice was measured, or has no episodes.
+    """
+    if isinstance(data, Mixture):
+        raise SpecError(
+            f"{AUTO} chooses for one dataset, got a mixture, {data.id}. Name one of "
+            f"{', '.join(CANDIDATES)}."
+        )
+    choice = choose_algorithm(EpisodeStatistics.of(data.split("train")))
+    _LOG.info("%s", choice.line)
+    return choice

@@ -1,0 +1,119 @@
+"""What the data alone say about a trained trial, as jobs that leave a ranking in its folder."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from swarmdata.evaluation.policy_selection.rank import rank
+from swarmdata.evaluation.policy_selection.ranking_record import Ranking
+from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder, read_cell
+from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.study.cells.study_data import open_dataset
+from swarmdata.evaluation.tuning.tuning_record import ESTIMATES
+from swarmdata.learn.evaluation.fqe import FQEConfig
+from swarmdata.learn.evaluation.transitions import Actor
+from swarmdata.learn.training.run_folder import load_run
+from swarmdata.runtime.engines.jobs import Handler, Job, Report
+from swarmdata.runtime.engines.open_engine import LOCAL, do_jobs
+
+ESTIMATOR = f"{__name__}:estimator"
+
+RANKING_FOLDER = "ranking"
+"""Of a cell, beside its run and its results."""
+
+FITS = FQEConfig(hidden=(64, 64), n_fits=3)
+"""Three fits, of which the least is trusted, and networks that keep them as cheap as one."""
+
+
+def why_without(cells: Sequence[Cell], work: Path) -> str | None:
+    """Why policies of trained cells cannot be estimated from their data; None where they can.
+
+    Args:
+        cells: of one algorithm, one or more for each dataset.
+        work: folder of the cells.
+    """
+    policies = load_run(cell_run_folder(cells[0], cell_folder(work, cells[0])))
+    if not isinstance(policies[0], Actor):
+        return (
+            f"the policies of {cells[0].algorithm} draw their actions or remember, so that what "
+            "they would have done in recorded states is not known."
+        )
+    for source, n_steps in {(cell.source, cell.n_steps) for cell in cells}:
+        dataset = open_dataset(source, n_steps)
+        if not len(dataset.split("validation")):
+            return f"{dataset.id} has no validation episodes."
+    return None
+
+
+def run_estimates(
+    cells: Sequence[Cell],
+    work: Path,
+    *,
+    engine: str | Executor = LOCAL,
+    workers: int = 1,
+    progress: bool = True,
+) -> None:
+    """Ranks the policies of trained cells that have no ranking yet.
+
+    Args:
+        cells: whose policies tell their actions.
+        work: folder of the cells.
+        engine: as `build` takes it; all processes see `work` and the datasets.
+        workers: processes of the engine `local`.
+        progress: whether to show a progress bar (on standard error, if that is a terminal).
+
+    Raises:
+        BatchError: some failed; the others are done.
+        EngineError: the engine is unknown, or cannot be reached.
+    """
+    waiting = [cell for cell in cells if not _ranking_file(cell, work).exists()]
+    jobs = [
+        Job(f"estimates of {cell.name}", {"folder": str(cell_folder(work, cell).resolve())})
+        for cell in waiting
+    ]
+    hidden = None if progress and jobs else True  # None: hidden where there is no terminal
+    with tqdm(total=len(jobs), desc="estimates", disable=hidden) as bar:
+
+        def report(amount: int) -> None:
+            bar.update(amount)
+
+        do_jobs(
+            jobs, ESTIMATOR, "estimates",
+            engine=engine, workers=workers, folder=work, report=report,
+        )  # fmt: skip
+
+
+def read_estimates(cell: Cell, work: Path) -> dict[str, float]:
+    """The criteria of a cell's policies, means over seeds, by name."""
+    policies = Ranking.from_file(_ranking_file(cell, work)).policies
+    return {
+        name: float(np.mean([getattr(policy, name) for policy in policies])) for name in ESTIMATES
+    }
+
+
+def _ranking_file(cell: Cell, work: Path) -> Path:
+    return cell_folder(work, cell) / RANKING_FOLDER / "ranking.json"
+
+
+def estimator() -> Handler:
+    """Returns what ranks the policies of one cell in a process."""
+
+    def handle(payload: dict[str, Any], report: Report) -> None:
+        folder = Path(payload["folder"])
+        cell = read_cell(folder)
+        dataset = open_dataset(cell.source, cell.n_steps)
+        made = rank(
+            [cell_run_folder(cell, folder)],
+            dataset_id=str(dataset.path),
+            config=FITS,
+            device=cell.device,
+            progress=False,
+        )
+        made.write(folder / RANKING_FOLDER)
+        report(1)
+
+    return handle

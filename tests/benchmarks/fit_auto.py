@@ -1,0 +1,210 @@
+"""Fits the thresholds of `train auto` to published scores, and prints what it would have lost.
+
+    python -m tests.benchmarks.fit_auto             thresholds, and tables of regrets
+    python -m tests.benchmarks.fit_auto --measure   also builds and measures the datasets again
+
+Scores are those of the study `regimes`: means of 5 seeds on full datasets. Statistics are of the
+train splits of a fifth of these datasets, in `auto_statistics.csv`. A regret is the score of the
+best algorithm of the study, ablations apart, less that of the chosen one. "Leave one dataset out"
+fits the thresholds to the other datasets, "leave one task out" to the datasets of other tasks. The
+statistics and the order of the questions were chosen with all datasets in view.
+"""
+
+import csv
+import math
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from swarmdata.building.build import build
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.drawing import markdown
+from swarmdata.evaluation.runs.algorithm_choice import (
+    CANDIDATES,
+    STATISTICS,
+    EpisodeStatistics,
+    Threshold,
+    choose_algorithm,
+)
+from swarmdata.registry.recipes import find_recipe
+from swarmdata.specs.recipe import Recipe
+
+STUDY = Path(__file__).parents[2] / "cards/studies/regimes"
+MEASURED = Path(__file__).parent / "auto_statistics.csv"
+FAMILY_OF_ABLATIONS = "ablations"
+
+CLONES = ("bc", "filtered_bc")
+"""Where the best episodes are by the same policies as the rest, and by others."""
+
+N_STEPS = 200_000
+"""Joint steps that statistics are measured on: a fifth of the published datasets."""
+
+TOLERANCE = 5.0
+"""Points of the score: candidates that are no further behind the best one count as good as it."""
+
+Thresholds = dict[str, Threshold]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A dataset with its scores and statistics."""
+
+    dataset: str  # id without version
+    scores: Mapping[str, float]  # by label of the study, without ablations
+    statistics: EpisodeStatistics
+
+    @property
+    def task(self) -> str:
+        return self.dataset.partition("-")[0]
+
+    def regret(self, algorithm: str) -> float:
+        return max(self.scores.values()) - self.scores[algorithm]
+
+    def is_worse(self, algorithm: str) -> bool:
+        """Whether a candidate is clearly worse than the best one."""
+        best = max(self.scores[each] for each in CANDIDATES)
+        return self.scores[algorithm] < best - TOLERANCE
+
+
+def read_scores() -> dict[str, dict[str, float]]:
+    """Scores by dataset and label, of full datasets with the recorded rewards."""
+    found: dict[str, dict[str, float]] = {}
+    with (STUDY / "estimates.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            if row["quantity"] == "score" and row["family"] != FAMILY_OF_ABLATIONS:
+                name = row["dataset"].removesuffix("-v1")
+                found.setdefault(name, {})[row["label"]] = float(row["mean"])
+    return {name: scores for name, scores in found.items() if {*CANDIDATES} <= scores.keys()}
+
+
+def read_rows() -> list[Row]:
+    """The datasets that all candidates were trained on, with their statistics."""
+    with MEASURED.open(encoding="utf-8") as file:
+        measured = {row.pop("dataset"): row for row in csv.DictReader(file)}
+    return [
+        Row(name, scores, EpisodeStatistics(**{k: float(v) for k, v in measured[name].items()}))
+        for name, scores in read_scores().items()
+    ]
+
+
+def measure() -> None:
+    """Writes the statistics of train splits of `N_STEPS` joint steps, which it builds."""
+    with MEASURED.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, ["dataset", *STATISTICS], lineterminator="\n")
+        writer.writeheader()
+        for name in read_scores():
+            recipe = Recipe.parse({**find_recipe(name).model_dump(), "n_steps": N_STEPS})
+            with TemporaryDirectory() as folder:
+                dataset = Dataset.open(build(recipe, Path(folder) / name))
+                found = EpisodeStatistics.of(dataset.split("train"))
+            writer.writerow({"dataset": name} | {k: f"{v:.4f}" for k, v in asdict(found).items()})
+
+
+def gaps(rows: Iterable[Row], name: str) -> list[Threshold]:
+    """The places between values of a statistic where a threshold may lie, and one above them."""
+    values = sorted({getattr(row.statistics, name) for row in rows})
+    return [Threshold(*ends) for ends in pairwise([*values, np.inf])] or [Threshold(0.0, np.inf)]
+
+
+def fit(rows: Iterable[Row]) -> Thresholds:
+    """Thresholds with which the fewest datasets get an algorithm that is clearly worse.
+
+    Of those that are equally good, the ones with the widest gaps around them: they are the least
+    likely to divide other datasets wrongly. A gap is between datasets that are asked the question.
+    """
+    every = list(rows)
+
+    def is_above(row: Row, threshold: Threshold, name: str) -> bool:
+        return bool(getattr(row.statistics, name) >= threshold.middle)
+
+    def candidates() -> Iterator[tuple[int, float, tuple[Threshold, ...]]]:
+        for common in gaps(every, "common_reward"):
+            own = [row for row in every if not is_above(row, common, "common_reward")]
+            for success in gaps(own, "best_success"):
+                learns = [row for row in own if not is_above(row, success, "best_success")]
+                cloned = [row for row in every if row not in learns]
+                for shift in gaps(cloned, "best_shift"):
+                    names = [CLONES[is_above(row, shift, "best_shift")] for row in cloned]
+                    errors = sum(row.is_worse("iql") for row in learns)
+                    errors += sum(map(Row.is_worse, cloned, names))
+                    found = common, success, shift
+                    yield errors, -sum(map(width, found)), found
+
+    return dict(zip(STATISTICS, min(candidates())[2], strict=True))
+
+
+def rounded(threshold: Threshold) -> Threshold:
+    """The ends with two digits, so that no measured dataset is between them."""
+    low, high = (round(100 * end, 6) for end in threshold)
+    return Threshold(math.ceil(low) / 100, math.floor(high) / 100)
+
+
+def width(threshold: Threshold) -> float:
+    """Of the gap; nothing where all datasets are below."""
+    return 0.0 if np.isinf(threshold.above) else threshold.above - threshold.below
+
+
+def chosen(row: Row, thresholds: Thresholds) -> str:
+    return choose_algorithm(row.statistics, thresholds).algorithm
+
+
+def left_out(rows: Sequence[Row], key: Callable[[Row], str]) -> list[str]:
+    """What is chosen for each dataset by thresholds of those with another key."""
+    fitted = {each: fit(row for row in rows if key(row) != each) for each in set(map(key, rows))}
+    return [chosen(row, fitted[key(row)]) for row in rows]
+
+
+def choices(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """The algorithm of each dataset, by way of choosing."""
+    thresholds = fit(rows)
+    return {
+        "auto, leave one dataset out": left_out(rows, lambda row: row.dataset),
+        "auto, leave one task out": left_out(rows, lambda row: row.task),
+        "auto, fitted to all": [chosen(row, thresholds) for row in rows],
+        **{f"always `{name}`": [name] * len(rows) for name in CANDIDATES},
+        "best of the three": [min(CANDIDATES, key=row.regret) for row in rows],
+    }
+
+
+def regrets(rows: Sequence[Row], picked: Sequence[str]) -> list[float]:
+    return [row.regret(name) for row, name in zip(rows, picked, strict=True)]
+
+
+def report(rows: Sequence[Row]) -> str:
+    """The table of ways, and that of datasets, as Markdown."""
+    found = choices(rows)
+    ways = []
+    for way, picked in found.items():
+        lost = regrets(rows, picked)
+        within = sum(each <= 3 for each in lost)
+        ways.append([way, f"{np.mean(lost):.1f}", f"{max(lost):.1f}", str(within)])
+    head = ["choice", "mean regret", "worst", f"within 3, of {len(rows)}"]
+    picked = found["auto, leave one dataset out"]
+    lines = [
+        [
+            f"`{row.dataset}`",
+            *(f"{value:.2f}" for value in asdict(row.statistics).values()),
+            *(f"{row.scores[each]:.1f}" for each in CANDIDATES),
+            f"`{name}`",
+            f"{row.regret(name):.1f}",
+        ]
+        for row, name in zip(rows, picked, strict=True)
+    ]
+    columns = ["dataset", "common reward", "best success", "best shift"]
+    columns += [*(f"`{each}`" for each in CANDIDATES), "auto, left out", "regret"]
+    tables = (markdown.table(head, ways, is_numeric=True), markdown.table(columns, lines))
+    return "\n".join(tables)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--measure"]:
+        measure()
+    datasets = read_rows()
+    for name, (low, high) in ((name, rounded(each)) for name, each in fit(datasets).items()):
+        print(f'    "{name}": Threshold({low:.2f}, {high:.2f}),')
+    print(f"\n{report(datasets)}")

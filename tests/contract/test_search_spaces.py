@@ -1,0 +1,53 @@
+"""Every offline algorithm has a search space that fits its config."""
+
+import dataclasses
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="algorithms need torch")
+
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.training.overrides import as_texts, override, setting_types
+from swarmdata.learn.training.search_space import drawn_settings, space_of
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.testing.sample_batches import N_EPISODES, sample_batch, sample_setup
+from swarmdata.testing.sample_batches import sample_statistics as statistics
+from tests.contract.test_algorithms import SMALL
+
+N_DRAWN, N_UPDATES = 4, 2
+SIZES = sample_setup((0,)).sizes
+CONSERVATIVE = ("cfcql", "icql_qs", "maddpg_cql", "omar")
+
+
+def kind_of(name: str) -> Any:
+    return resolve("algorithm", OFFLINE_ALGORITHMS, name)
+
+
+@pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
+def test_the_default_lies_in_the_space_whose_keys_are_settings(name: str) -> None:
+    space = space_of(kind_of(name), name)
+    defaults = dataclasses.asdict(kind_of(name).Config())
+    assert space.keys() <= setting_types(kind_of(name).Config).keys()
+    assert [key for key in space if defaults[key] not in space[key]] == []
+
+
+@pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
+def test_what_is_drawn_trains(name: str) -> None:
+    kind = kind_of(name)
+    small = override(kind.Config(), as_texts({**SMALL[name], "n_updates": N_UPDATES}))
+    for settings in islice(drawn_settings(space_of(kind, name), 0), N_DRAWN):
+        config = override(small, as_texts(settings))
+        assert dataclasses.asdict(config) | settings == dataclasses.asdict(config)
+        algorithm = kind(Setup(SIZES, (0,), statistics(), n_episodes=N_EPISODES), config)
+        for index in range(N_UPDATES):
+            losses = algorithm.update(sample_batch((0,), index))
+        assert all(np.isfinite(np.asarray(loss)).all() for loss in losses.values())
+
+
+@pytest.mark.parametrize("name", CONSERVATIVE)
+def test_penalties_range_over_the_quality_of_data(name: str) -> None:
+    penalty: Any = space_of(kind_of(name), name)["cql_weight"]
+    assert penalty.high / penalty.low >= 1000

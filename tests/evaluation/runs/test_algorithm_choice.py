@@ -1,0 +1,163 @@
+"""`train auto`: statistics by hand, the rule, and what it would have lost on measured datasets."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import mix
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.runs.algorithm_choice import (
+    CANDIDATES,
+    STATISTICS,
+    THRESHOLDS,
+    EpisodeStatistics,
+    Threshold,
+    choose_algorithm,
+    choose_for,
+)
+from tests.benchmarks.fit_auto import Row, choices, fit, read_rows, regrets, report, rounded
+from tests.support.tiny import make_tiny
+
+
+class Table(SimpleNamespace):
+    """The columns of a table of episodes that the statistics are of."""
+
+    def __len__(self) -> int:
+        return len(self.policy)
+
+
+def data(returns: Any, policy: Any, success: Any) -> Any:
+    """Episodes of one step, with the returns of each robot, [n, N]."""
+    rewards = np.asarray(returns, dtype=np.float32)
+    table = Table(
+        policy=np.asarray(policy, dtype=np.uint8),
+        success=np.asarray(success, dtype=bool),
+        team_return=rewards.mean(axis=1, dtype=np.float64),
+    )
+    return SimpleNamespace(id="x", episodes=table, read=lambda _: ((row[None],) for row in rewards))
+
+
+def of(returns: Any, policy: Any = None, success: Any = None) -> EpisodeStatistics:
+    n = len(returns)
+    policy = np.zeros(n) if policy is None else policy
+    return EpisodeStatistics.of(data(returns, policy, np.zeros(n) if success is None else success))
+
+
+def test_returns_are_common_if_robots_get_the_same_and_not_if_they_are_independent() -> None:
+    rng = np.random.default_rng(0)
+    team, own = rng.normal(size=(4000, 1)), rng.normal(size=(4000, 4))
+    roles = np.array([5.0, 0.0, -3.0, 1.0])  # constant differences of robots are no variance
+    assert of(np.repeat(team, 4, axis=1) + roles).common_reward == pytest.approx(1.0, abs=1e-6)
+    assert of(own + roles).common_reward < 0.05
+    assert of(team + own).common_reward == pytest.approx(0.5, abs=0.05)
+    assert of(own[:, :1]).common_reward == 0.0  # a robot alone
+    assert of(np.ones((5, 3))).common_reward == 0.0
+
+
+def test_the_best_policy_is_that_which_solves_the_most_of_its_own_episodes() -> None:
+    policy, success = [0, 0, 0, 0, 2, 2], [1, 1, 1, 0, 1, 0]
+    assert of(np.zeros((6, 2)), policy, success).best_success == 0.75
+
+
+def test_the_shift_is_between_the_policies_of_the_best_and_of_all() -> None:
+    policy = np.repeat([0, 1], 500)
+    apart = np.linspace(0, 1, 1000)[:, None].repeat(2, axis=1)
+    assert of(apart, policy).best_shift == pytest.approx(0.5, abs=0.05)  # all by policy 1
+    shuffled = np.random.default_rng(1).permutation(apart)
+    assert of(shuffled, policy).best_shift < 0.05
+    assert of(apart).best_shift == 0.0  # one policy
+
+
+@pytest.mark.parametrize(
+    ("common", "success", "shift", "expected"),
+    [
+        (0.2, 0.3, 0.4, "iql"),
+        (0.2, 0.97, 0.4, "filtered_bc"),
+        (0.2, 0.97, 0.0, "bc"),
+        (0.9, 0.3, 0.4, "filtered_bc"),
+        (0.9, 0.3, 0.0, "bc"),
+    ],
+)
+def test_the_rule(common: float, success: float, shift: float, expected: str) -> None:
+    choice = choose_algorithm(EpisodeStatistics(common, success, shift))
+    assert choice.algorithm == expected
+    assert choice.doubts == ()
+    assert choice.line.startswith(f"auto takes {expected}: ")
+
+
+def test_what_no_measured_dataset_tells_apart_is_said() -> None:
+    sure = {"common_reward": 0.1, "best_success": 1.0, "best_shift": 0.5}
+    for name in STATISTICS:
+        other = {**sure, "best_success": 0.1} if name == "common_reward" else sure
+        between = EpisodeStatistics(**{**other, name: THRESHOLDS[name].middle})
+        (doubt,) = choose_algorithm(between).doubts
+        assert f"no measured dataset has a {name.replace('_', ' ')} between" in doubt
+    # whatever the first answer, an expert is cloned
+    clear = EpisodeStatistics(**{**sure, "common_reward": THRESHOLDS["common_reward"].middle})
+    assert choose_algorithm(clear).doubts == ()
+    assert "if success was not recorded" in choose_algorithm(EpisodeStatistics(0, 0, 0)).line
+
+
+def test_the_thresholds_are_fitted_to_the_published_scores() -> None:
+    fitted = fit(read_rows())
+    assert {name: rounded(each) for name, each in fitted.items()} == THRESHOLDS
+    assert list(fitted) == list(STATISTICS)
+
+
+def test_measured_datasets_leave_no_doubt_but_that_nothing_is_solved() -> None:
+    rows = read_rows()
+    doubtful = [row.dataset for row in rows if choose_algorithm(row.statistics).doubts]
+    assert doubtful == ["coop_nav-random"]
+
+
+def test_left_out_datasets_lose_little() -> None:
+    """The goal: a mean regret of at most 2, at most 10 on any dataset, in one training."""
+    rows = read_rows()
+    found = {way: regrets(rows, picked) for way, picked in choices(rows).items()}
+    auto = found["auto, leave one dataset out"]
+    assert len(rows) == 19
+    assert np.mean(auto) <= 2
+    assert max(auto) <= 10
+    fixed = [found[f"always `{name}`"] for name in CANDIDATES]
+    assert np.mean(auto) < min(map(np.mean, fixed)) / 3
+    assert np.mean(found["best of the three"]) <= np.mean(auto)
+
+
+def test_the_page_of_measurements_has_these_tables() -> None:
+    page = (Path(__file__).parents[3] / "docs/measurements.md").read_text(encoding="utf-8")
+    ways, datasets = report(read_rows()).split("\n\n")
+    assert ways.strip() in page
+    assert datasets.strip() in page
+
+
+def test_thresholds_are_in_the_widest_gaps_that_lose_nothing() -> None:
+    def row(common: float, success: float, shift: float, best: str) -> Row:
+        scores = {name: 50.0 + 40 * (name == best) for name in CANDIDATES}
+        return Row("x-y", scores, EpisodeStatistics(common, success, shift))
+
+    rows = [
+        row(0.2, 0.3, 0.4, "iql"),
+        row(0.1, 0.9, 0.1, "bc"),
+        row(0.3, 1.0, 0.5, "filtered_bc"),
+        row(0.8, 0.2, 0.6, "filtered_bc"),
+    ]
+    assert fit(rows) == {
+        "common_reward": Threshold(0.3, 0.8),
+        "best_success": Threshold(0.3, 0.9),
+        "best_shift": Threshold(
+            0.1, 0.5
+        ),  # the first dataset, whose values are learned, is not asked
+    }
+    assert rounded(Threshold(0.4184, 0.6917)) == Threshold(0.42, 0.69)
+
+
+def test_mixtures_and_no_episodes_are_refused(tmp_path: Path) -> None:
+    dataset = Dataset.open(make_tiny(tmp_path / "data"))
+    with pytest.raises(SpecError, match="one dataset, got a mixture"):
+        choose_for(mix([dataset, dataset], [1.0, 2.0]))
+    with pytest.raises(SpecError, match="no episodes"):
+        choose_for(dataset.filter(min_return=1e9))

@@ -1,0 +1,213 @@
+"""A tuning of seconds on tiny datasets."""
+
+import csv
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+pytest.importorskip("torch", reason="tuning needs the torch extra")
+
+from swarmdata.cli.main import app
+from swarmdata.errors import OutputError, ResultsError, SpecError, StaleCellError, UnknownNameError
+from swarmdata.evaluation.results import result_set
+from swarmdata.evaluation.runs.train import read_settings
+from swarmdata.evaluation.study.cells import cell_worker
+from swarmdata.evaluation.tuning import trial_estimates
+from swarmdata.evaluation.tuning import tune as tune_module
+from swarmdata.evaluation.tuning.tune import tune
+from swarmdata.evaluation.tuning.tuning_record import Tuning
+from swarmdata.learn.evaluation.fqe import FQEConfig
+from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.bc import BCConfig
+from swarmdata.registry.published import Reference
+from tests.support.tiny import make_tiny
+
+SMALL = {"hidden": "8", "batch_size": 16}
+Tune = Callable[..., Tuning]
+
+
+@pytest.fixture
+def small_tune(
+    here: None, empty_figures: None, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> Tune:
+    """Tunes `bc` on a tiny dataset, with small fits; arguments replace those of `tune`."""
+    fits = FQEConfig(n_updates=20, hidden=(8,), n_fits=2, batch_size=16)
+    monkeypatch.setattr(trial_estimates, "FITS", fits)
+
+    def call(out: Path, *, algorithm: str = "bc", datasets: Any = None, **changes: Any) -> Tuning:
+        options = {
+            "n_trials": 3, "n_updates": 10, "n_seeds": 2, "n_steps": None, "n_episodes": 4,
+            "changes": SMALL, "progress": False, **changes,
+        }  # fmt: skip
+        return tune(algorithm, [data] if datasets is None else datasets, out, **options)
+
+    return call
+
+
+def rows_of(file: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(file.read_text().splitlines()))
+
+
+def test_the_default_and_drawn_trials_are_trained_scored_and_estimated(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    made = small_tune(tmp_path / "out")
+    first, *others = made.trials
+    assert first.settings == {}
+    assert first.config == {"n_updates": 10, "batch_size": 16, "hidden": [8]}
+    assert all(each.config == {**first.config, **each.settings} for each in others)
+    assert len({each.settings["learning_rate"] for each in others}) == 2
+    (name,) = made.datasets
+    assert all(np.isfinite(each.scores[name]) for each in made.trials)
+    assert all(each.estimates[name]["imitation_error"] > 0 for each in made.trials)
+    scores = [each.scores[name] for each in made.trials]
+    assert made.choice("validation") == int(np.argmax(scores))
+    values = [each.estimates[name]["fqe_pessimistic"] for each in made.trials]
+    assert made.choice("offline") == int(np.argmax(values))
+    cell = tmp_path / "out/cells/trial-00" / name
+    document = yaml.safe_load((cell / "cell.json").read_text())
+    assert (document["block"], document["seeds"]) == ("validation", [0, 1])
+
+
+def test_the_chosen_settings_are_a_config_of_train(small_tune: Tune, tmp_path: Path) -> None:
+    made = small_tune(tmp_path / "out")
+    for rule in ("validation", "offline"):
+        chosen = made.trials[made.choice(rule)]
+        read = read_settings(str(tmp_path / "out" / f"{rule}.yaml"), "bc")
+        config = override(BCConfig(), read)
+        rate = chosen.settings.get("learning_rate", BCConfig().learning_rate)
+        assert config == BCConfig(n_updates=10, batch_size=16, hidden=(8,), learning_rate=rate)
+    rows = rows_of(tmp_path / "out/trials.csv")
+    assert [row["chosen by validation episodes"] for row in rows].count("1") == 1
+    assert [row["trial"] for row in rows] == ["0", "1", "2"]
+    curve = rows_of(tmp_path / "out/curve.csv")
+    ends = float(curve[0]["validation"]), float(curve[-1]["validation"])
+    assert ends == pytest.approx((made.scores[0], made.scores.max()), rel=1e-6)
+
+
+def test_a_second_call_trains_nothing_and_more_trials_train_only_these(
+    small_tune: Tune, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = small_tune(tmp_path)
+    trained: list[str] = []
+
+    def count(algorithm: str, data: Any, run: Path, **options: Any) -> Any:
+        trained.append(run.name)
+        return train_seeds(algorithm, data, run, **options)
+
+    monkeypatch.setattr(cell_worker, "train_seeds", count)
+    monkeypatch.setattr(trial_estimates, "rank", lambda *_, **__: pytest.fail("ranked again"))
+    assert small_tune(tmp_path) == made
+    assert trained == []
+    monkeypatch.undo()
+
+
+def test_more_trials_begin_with_the_same(small_tune: Tune, tmp_path: Path) -> None:
+    made = small_tune(tmp_path, n_trials=2)
+    assert small_tune(tmp_path, n_trials=3).trials[:2] == made.trials
+
+
+def test_two_datasets_and_their_first_steps(
+    small_tune: Tune,
+    tmp_path: Path,
+    data: Path,
+    other_data: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.raises(ResultsError, match="coop_nav-tiny-v0 has no measured references"):
+        small_tune(tmp_path, datasets=[data, other_data])
+    assert not (tmp_path / "cells").exists()
+    for module in (tune_module, result_set):
+        monkeypatch.setattr(module, "reference_of", lambda spec: Reference(-20.0, 10.0))
+    made = small_tune(tmp_path, datasets=[data, other_data], n_trials=2, n_steps=200)
+    assert list(made.datasets) == ["coop_nav-tiny-v0-200", "coop_nav-other-v0-200"]
+    assert made.unit == "score"
+    score = made.trials[0].scores
+    assert made.scores[0] == pytest.approx(np.mean([*score.values()]))
+    whole = small_tune(tmp_path / "whole", n_trials=2, n_steps=10_000)
+    assert list(whole.datasets) == ["coop_nav-tiny-v0"]
+
+
+def test_policies_that_tell_no_actions_are_chosen_by_validation_only(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    made = small_tune(tmp_path, algorithm="bc_latent", n_trials=2)
+    assert made.rules == ("validation",)
+    assert "policies of bc_latent draw their actions" in made.caption
+    assert not (tmp_path / "offline.yaml").exists()
+    assert (tmp_path / "validation.yaml").exists()
+
+
+def test_data_without_validation_episodes_are_chosen_on_by_validation_only(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    data = make_tiny(tmp_path / "coop_nav-short-v0", id="coop_nav-short-v0", n_steps=80)
+    made = small_tune(tmp_path / "out", datasets=[data], n_trials=2)
+    assert made.without_estimates == "coop_nav-short-v0 has no validation episodes."
+
+
+@pytest.mark.filterwarnings("ignore::swarmdata.hub.catalog.catalog.AnotherDatasetWarning")
+def test_a_folder_may_hold_other_data_under_a_published_name(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    data = make_tiny(tmp_path / "coop_nav-medium", id="coop_nav-medium-v1")
+    made = small_tune(tmp_path / "out", datasets=[data], n_trials=2)
+    assert np.isfinite(made.scores).all()
+
+
+def test_a_trial_that_fails_is_not_chosen(
+    small_tune: Tune, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(algorithm: str, data: Any, run: Path, **options: Any) -> Any:
+        if run.name == "trial-01":
+            raise FloatingPointError("a loss is infinite")
+        return train_seeds(algorithm, data, run, **options)
+
+    monkeypatch.setattr(cell_worker, "train_seeds", fail)
+    made = small_tune(tmp_path)
+    assert "a loss is infinite" in (made.trials[1].failure or "")
+    assert made.trials[1].scores == {}
+    assert {made.choice(rule) for rule in made.rules} <= {0, 2}
+    assert np.isfinite(made.curve("validation")).all()
+    assert "3 trials, 1 of them failed" in made.caption
+    monkeypatch.setattr(cell_worker, "train_seeds", lambda *_, **__: 1 / 0)
+    with pytest.raises(ResultsError, match=r"all trials of bc failed: .*ZeroDivisionError"):
+        small_tune(tmp_path / "none", n_trials=2)
+
+
+def test_mistakes_are_refused_before_any_training(
+    small_tune: Tune, tmp_path: Path, data: Path
+) -> None:
+    with pytest.raises(SpecError, match="n_trials is 1"):
+        small_tune(tmp_path / "a", n_trials=1)
+    with pytest.raises(UnknownNameError, match="hiden"):
+        small_tune(tmp_path / "a", changes={"hiden": "8"})
+    with pytest.raises(SpecError, match="bc_warmup_updates, n_updates, which follow n_updates"):
+        small_tune(tmp_path / "a", changes={"n_updates": 3, "bc_warmup_updates": 2})
+    copy = shutil.copytree(data, tmp_path / "b" / data.name)
+    with pytest.raises(SpecError, match="two datasets are called coop_nav-tiny-v0"):
+        small_tune(tmp_path / "a", datasets=[data, copy])
+    assert not (tmp_path / "a").exists()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"notes\.txt"):
+        small_tune(tmp_path / "mine")
+    small_tune(tmp_path / "c", n_trials=2)
+    with pytest.raises(StaleCellError, match="n_episodes is 4"):
+        small_tune(tmp_path / "c", n_trials=2, n_episodes=5)
+
+
+@pytest.mark.usefixtures("small_tune")
+def test_the_command_prints_the_choices(tmp_path: Path, data: Path) -> None:
+    line = f"tune bc {data} --out {tmp_path / 'out'} --trials 2 --updates 5 --seeds 1 --episodes 2"
+    result = CliRunner().invoke(app, [*line.split(), "--set", "hidden=8", "--config", "study"])
+    assert result.exit_code == 0, result.output
+    assert "chosen by validation episodes" in result.output
+    assert "2 trials, 0 of them failed" in result.output
