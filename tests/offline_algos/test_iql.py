@@ -12,6 +12,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.learn.networks.critics import RobotView  # noqa: E402
 from swarmdata.offline_algos.iql import IQL  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, trained, two_episodes  # noqa: E402
 
 
@@ -56,9 +57,13 @@ def test_the_rows_of_the_robots_by_hand(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.tensor([twins]))
     with torch.no_grad():
         algorithm.value.flat.zero_()
-    added = []
-    add = algorithm.rows.add
-    monkeypatch.setattr(algorithm.rows, "add", lambda *a: (added.append(a[1]), add(*a)))
+    added, add = [], algorithm.rows.add
+
+    def noted(batch: Batch, advantages: Tensor) -> None:
+        added.append(advantages)
+        add(batch, advantages)
+
+    monkeypatch.setattr(algorithm.rows, "add", noted)
     _, pi = algorithm.actor.along(batch)
     errors = (pi - batch.actions).square().mean(3)[0].detach()  # [B, N]
     losses = algorithm.update(batch)
