@@ -6,12 +6,14 @@ q_i = min_j Q'_j(x_i, a),
 
     L(V)   = mean_i |tau - 1(q_i < V(x_i))| (q_i - V(x_i))^2                          eq. 5
     L(Q_j) = mean_i (r_i + gamma (1 - termination) V(x'_i) - Q_j(x_i, a))^2           eq. 6
-    L(pi)  = mean_i min(exp(beta u (q_i - V(x_i))), w*) 1/A |pi(o_i, i) - a_i|^2      eq. 7
+    L(pi)  = E_{r ~ w} 1/A |pi(o_i, i) - a_i|^2,  w_r = exp(beta u (q_i - V(x_i)))     eq. 7
 
-Of recorded choices, the actor's loss is the paper's, the weighted log-likelihood of a categorical
-policy, which acts by its likeliest choice; critics see what was chosen as ones among zeros:
+E_{r ~ w} is the mean over rows r, of one robot at one step, which are drawn in proportion to their
+weights (`objectives.weighted_rows`). Of recorded choices, the actor's loss is the paper's, the
+weighted log-likelihood of a categorical policy, which acts by its likeliest choice; critics see
+what was chosen as ones among zeros:
 
-    L(pi)  = -mean_i min(exp(beta u (q_i - V(x_i))), w*) log pi(a_i | o_i)            eq. 7
+    L(pi)  = -E_{r ~ w} log pi(a_i | o_i)                                             eq. 7
 
 No action of a policy ever enters a critic, so nothing outside the data can be overestimated. With
 beta 0 all weights are 1: a clone. Critics are `decentralized` (x_i is o_i and the robot's number,
@@ -20,10 +22,12 @@ and of a they see a_i) or `centralized` (Lowe et al. 2017, eq. 6; see
 
 u puts beta in the paper's unit: rewards multiplied by 1,000 over the range of undiscounted returns
 (the largest of any episode and robot less the smallest; appendix B, for locomotion). The paper has
-beta 3 for locomotion and 0.5 for demonstrations (kitchen and adroit), and no one value serves both
-here: with 3, few rows of good data count.
+beta 3 for locomotion and 0.5 for demonstrations (kitchen and adroit). Here beta is
+`inverse_temperature` at most, and as much less as keeps `effective_share` of the rows effective.
 
 Deviations:
+- The paper has the weights as factors of the loss, at most 100, and one beta for a dataset. So had
+  `iql` in the published studies.
 - Actors are one network for all agents, which sees the agent's number. Those of continuous actions
   are deterministic: the weighted squared error is the paper's weighted log-likelihood for a
   Gaussian of fixed deviation; the paper's Gaussian learns a deviation that does not depend on the
@@ -54,12 +58,12 @@ from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
+    cloning_loss,
     expectile_loss,
-    exponential_weights,
     td_error,
     td_target,
-    weighted_cloning_loss,
 )
+from swarmdata.learn.objectives.weighted_rows import ScoredRows
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -80,9 +84,11 @@ RANGE = 1_000.0
 class IQLConfig(MemorySettings, ActorCriticConfig):
     """Implicit Q-learning of each robot; one setting for all datasets."""
 
+    RETIRED: ClassVar = ("max_weight",)
+
     expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
-    inverse_temperature: float = 3.0  # beta, likewise, for returns with a range of 1,000
-    max_weight: float = 100.0  # w*, as in the authors' code
+    inverse_temperature: float = 3.0  # beta at most, likewise, for returns with a range of 1,000
+    effective_share: float = 0.3  # of the rows, see `objectives.weighted_rows`; 1 clones all alike
     critic: Critic = "decentralized"  # see above
     reward: Reward = "own"
 
@@ -92,15 +98,19 @@ class IQL(OfflineLearner):
 
     Config = IQLConfig
     FIELDS = TRANSITION
-    LOSSES = ("value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "weight")
+    LOSSES = (
+        "value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "inverse_temperature",
+    )  # fmt: skip
     SPACE: ClassVar[Space] = {
         **ACTOR_CRITIC_SPACE,
         "expectile": Choice((0.6, 0.7, 0.8, 0.9)),
         "inverse_temperature": LogUniform(0.1, 30.0),
+        "effective_share": Choice((0.3, 0.5, 0.7)),
     }
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
-        self.config = config
+        self.config, self.generators = config, setup.generators()
+        self.rows = ScoredRows(config.effective_share, self.generators)
         self.actor: StackedActor | RecurrentActor | ChoiceActor
         sizes, hidden, policy_network = setup.sizes, config.actor_hidden, config.policy_network
         if setup.sizes.choices:
@@ -123,39 +133,39 @@ class IQL(OfflineLearner):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        return self.descent, self.critics
+        return self.descent, self.critics, self.rows
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses, each [K]."""
-        config = self.config
-        batch, pi = self.actor.along(batch)  # [K, B, N, A], or of choices log pi [K, B, N, D, C]
-        actions = batch.actions
+        config, scale = self.config, self.scale
+        steps = self.actor.transitions(batch)  # [K, R, ...]
+        actions = steps.actions
         if isinstance(self.actor, ChoiceActor):
             actions = self.actor.encode(actions)
-        scale = self.scale
-        x = self.critics.view(batch.states, batch.observations)
+        x = self.critics.view(steps.states, steps.observations)
         with torch.no_grad():
-            q = self.critics.target_q(x, actions).amin(1)  # [K, B, N]
+            q = self.critics.target_q(x, actions).amin(1)  # [K, R, N]
         advantages = q - self.values(x)
         value_loss = expectile_loss(advantages, config.expectile).mean((1, 2))  # [K], eq. 5
-        y = self.targets(batch)  # of the value network as it was
+        y = self.targets(steps)  # of the value network as it was
         self.descent.step_of("value", value_loss, scale)
         critic_loss = td_error(self.critics.q(x, actions).flatten(2), y.flatten(1))  # eq. 6
         self.critics.step(critic_loss, scale)
-        # without a gradient, [K, B, N]
         unit = RANGE / self.rewards.return_range
-        exponents = config.inverse_temperature * unit * advantages
-        weights = exponential_weights(exponents, config.max_weight)
-        if isinstance(self.actor, ChoiceActor):
-            actor_loss = (weights * self.actor.surprise(pi, batch.actions)).mean((1, 2))
-        else:
-            actor_loss = weighted_cloning_loss(pi, batch.actions, weights)  # [K], eq. 7
+        self.rows.add(batch, unit * advantages.detach())
+        actor_loss, beta = self.actor_loss()
         self.descent.step_of("actor", actor_loss, scale)
         self.critics.follow(config.tau)
         self.n_updates += 1
-        losses = (value_loss, critic_loss, actor_loss, q.mean((1, 2)), advantages.std((1, 2)))
-        named = zip(self.LOSSES, (*losses, weights.mean((1, 2))), strict=True)
-        return {name: loss.detach() for name, loss in named}
+        losses = (value_loss, critic_loss, actor_loss, q.mean((1, 2)), advantages.std((1, 2)), beta)
+        return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
+
+    def actor_loss(self) -> tuple[Tensor, Tensor]:
+        """Returns the loss of eq. 7 on drawn rows, and beta, both [K]."""
+        actions, pi, beta = self.rows.draw(self.actor.along, self.config.inverse_temperature)
+        if isinstance(self.actor, ChoiceActor):
+            return self.actor.surprise(pi, actions).mean((1, 2)), beta
+        return cloning_loss(pi, actions), beta
 
     def values(self, x: RobotView) -> Tensor:
         """Returns V(x_i), [K, B, N]."""

@@ -9,10 +9,13 @@ reward r, the mean over agents:
     L(Q, w, b) = (r + gamma (1 - termination) V'(o') - Q(o, a))^2                  [q_loss]
     z_i        = w'_i(x) (Q'_i(o_i, a_i) - V_i(o_i)) / alpha
     L(V_i)     = exp(z_i) + w'_i(x) V_i(o_i) / alpha                               [v_loss]
-    L(pi)      = min(exp(z_i), w*) 1/A |pi(o_i, i) - a_i|^2, mean over i           [policy_loss]
+    L(pi)      = E_{r ~ w} 1/A |pi(o_i, i) - a_i|^2,  w_r = exp(beta z_i)          [policy_loss]
 
-Primes are slow copies, which are constants in V_i's and the policy's losses. V_i is the soft
-maximum over the data's actions: L(V_i) is least where the mean of exp(z_i) is 1.
+E_{r ~ w} is the mean over rows r, of one robot at one step, which are drawn in proportion to their
+weights; beta is 1, or as much less as keeps `effective_share` of the rows effective
+(`objectives.weighted_rows`). Primes are slow copies, which are constants in V_i's and the policy's
+losses. V_i is the soft maximum over the data's actions: L(V_i) is least where the mean of exp(z_i)
+is 1.
 
 Deviations:
 - alpha is in units of scaled rewards, divided by the standard deviation of the returns-to-go; the
@@ -21,7 +24,8 @@ Deviations:
 - In L(V_i), exp(z) goes on as its tangent above exp(z) = w*. The code cuts z at 10 instead, which
   leaves such samples no gradient but that of + w V / alpha: it lowers a V that is too low already.
   The subtraction of the largest z, which the cut makes necessary, is not needed then.
-- In L(pi), exp(z) is at most w*, 100 as in implicit Q-learning; in the code exp(10) = 22,026.
+- In L(pi), the code has weights as factors, exp(10) = 22,026 at most, and beta 1. As factors of at
+  most w* they were in the published studies.
 - w_i = |1 + h_i(x)| / N rather than |h_i(x)|: `mixers.LinearMixer` says why.
 - Actors are deterministic and cloned with a weighted squared error, as in `iql`; the paper's are
   Gaussians under a tanh.
@@ -44,12 +48,12 @@ from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import (
-    exponential_weights,
+    cloning_loss,
     soft_value_loss,
     td_target,
     team_reward,
-    weighted_cloning_loss,
 )
+from swarmdata.learn.objectives.weighted_rows import ScoredRows
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
@@ -61,7 +65,7 @@ from swarmdata.learn.training.actor_critic import (
     Part,
     squashed_actor,
 )
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.search_space import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -71,7 +75,8 @@ class OMIGAConfig(ActorCriticConfig):
 
     mixer_hidden: int = 64  # of the network of w and b, as in the authors' code
     temperature: float = 0.1  # alpha; see the deviations above
-    max_weight: float = 100.0  # w*
+    max_weight: float = 100.0  # w*, of values
+    effective_share: float = 0.3  # of the rows, see `objectives.weighted_rows`
 
 
 class OMIGA(OfflineLearner):
@@ -79,11 +84,16 @@ class OMIGA(OfflineLearner):
 
     Config = OMIGAConfig
     FIELDS = TRANSITION
-    LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "weight")
-    SPACE: ClassVar[Space] = {**ACTOR_CRITIC_SPACE, "temperature": LogUniform(0.01, 10.0)}
+    LOSSES = ("critic_loss", "value_loss", "actor_loss", "q", "exponent_std", "inverse_temperature")
+    SPACE: ClassVar[Space] = {
+        **ACTOR_CRITIC_SPACE,
+        "temperature": LogUniform(0.01, 10.0),
+        "effective_share": Choice((0.3, 0.5, 0.7)),
+    }
 
     def __init__(self, setup: Setup, config: OMIGAConfig) -> None:
-        self.config = config
+        self.config, self.generators = config, setup.generators()
+        self.rows = ScoredRows(config.effective_share, self.generators)
         sizes, seeds, norm = setup.sizes, setup.seeds, config.max_grad_norm
         self.actor = squashed_actor(setup, config)
         self.mixer = LinearMixer(
@@ -109,7 +119,7 @@ class OMIGA(OfflineLearner):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        return self.descent, self.critics
+        return self.descent, self.critics, self.rows
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""
@@ -121,19 +131,17 @@ class OMIGA(OfflineLearner):
         value_loss, z = self.value_loss(s, o, batch.actions)  # [K], [K, B, N]
         q = self.critics.q(s, o, batch.actions)[:, 0]  # [K, B]
         critic_loss = (q - y).square().mean(1)  # [K]
-        weights = exponential_weights(z, config.max_weight)  # [K, B, N]
-        pi = self.actor(batch.observations)  # [K, B, N, A]
-        actor_loss = weighted_cloning_loss(pi, batch.actions, weights)
+        self.rows.add(batch, z.detach())
+        actions, pi, beta = self.rows.draw(self.actor.along, 1.0)
+        actor_loss = cloning_loss(pi, actions)
         self.critics.step(critic_loss, scale)
         self.descent.step_of("values", value_loss, scale)
         self.descent.step_of("actor", actor_loss, scale)
         self.critics.follow(config.tau)
         self.descent.follow(config.tau)
         self.n_updates += 1
-        losses = (critic_loss, value_loss, actor_loss, q.mean(1))
-        spread = (z.std((1, 2)), weights.mean((1, 2)))
-        named = zip(self.LOSSES, (*losses, *spread), strict=True)
-        return {name: loss.detach() for name, loss in named}
+        losses = (critic_loss, value_loss, actor_loss, q.mean(1), z.std((1, 2)), beta)
+        return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
 
     def value_loss(self, s: Tensor, o: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
         """Returns L(V_i), [K], and z_i, [K, B, N].

@@ -35,6 +35,9 @@ NOT_SENT = -1
 HEADING = "own.heading"
 """The observed direction of a unicycle, 0 for the other robots of a mixed team."""
 
+TARGET = "own.goal_dx"
+"""The observed vector to a robot's own target, the anchor `target`."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -82,8 +85,8 @@ class Frame:
 
     def anchor_of(self, names: Sequence[str]) -> str:
         """Returns the anchor as `find_frame` takes it, given the names of the features, [O]."""
-        name = names[self.anchor].removesuffix("_x")
-        return "target" if name == "own.goal_dx" else name
+        name = names[self.anchor]
+        return "target" if name == TARGET else name.removesuffix("_x")
 
     def fits(self, n_features: int) -> bool:
         """Whether all vectors of this frame are in observations with `n_features` features."""
@@ -273,18 +276,17 @@ def _turn_back(rows: Float, anchor: int, actions: Double) -> None:
 
 
 def natural_anchor(features: Sequence[Feature]) -> str:
-    """Returns `target` if targets are observed and commands are vectors, else `world`.
+    """Returns `own.heading` if some robots are unicycles, else `target`, if they are observed.
 
-    Beams, cells and the commands of unicycles cannot be turned.
+    Where neither is, as of beams and cells, it returns `world`.
 
     Args:
         features: of an observation.
     """
-    try:
-        find_frame(features, "target")
-    except SpecError:
-        return "world"
-    return "target"
+    names = {feature.name for feature in features}
+    if f"{HEADING}_x" in names:
+        return HEADING
+    return "target" if TARGET in names else "world"
 
 
 def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
@@ -309,7 +311,7 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
             f"frame {anchor!r} turns commands as vectors, but some robots are unicycles. Use frame "
             f"'world' or {HEADING!r}."
         )
-    name = "own.goal_dx" if anchor == "target" else f"{anchor}_x"
+    name = TARGET if anchor == "target" else f"{anchor}_x"
     vectors = tuple(k for k, feature in enumerate(features) if feature.axis == "x")
     found = [k for k in vectors if features[k].name == name]
     if not found:
@@ -318,7 +320,7 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
         )
         raise SpecError(
             f"frame {anchor!r} needs the observed vector {name}; expected 'auto', 'world', "
-            f"'target' (where own.goal_dx is observed) or one of {', '.join(known)}."
+            f"'target' (where {TARGET} is observed) or one of {', '.join(known)}."
         )
     index = {feature.name: k for k, feature in enumerate(features)}
     return Frame(

@@ -11,7 +11,12 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.critics import RobotView  # noqa: E402
-from swarmdata.learn.training.actor_critic import Extraction, ExtractionConfig, scale_and_stage  # noqa: E402
+from swarmdata.learn.training.actor_critic import (  # noqa: E402
+    Extraction,
+    ExtractionConfig,
+    Valuer,
+    scale_and_stage,
+)
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
@@ -276,6 +281,23 @@ def test_values_climb_in_the_second_stage(name: str) -> None:
     assert (last > first).all()
 
 
+def test_weighted_extraction_clones_the_better_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    algorithm = in_two_stages(
+        "maddpg_bc", 4, extraction="weighted", effective_share=0.01, inverse_temperature=1e6
+    )
+    batch, values = random_batch(2), torch.zeros(2, 32, 2)
+    values[:, 5] = 1.0  # of the data's actions; those of the density are worth 0
+
+    def of_candidates(candidates: Tensor) -> Tensor:
+        n = candidates.shape[3]
+        return values[..., None] if n == 1 else torch.zeros(2, 32, 2, n)
+
+    monkeypatch.setattr(algorithm, "valuer", lambda *_: Valuer(lambda pi: pi, of_candidates))
+    errors = (algorithm.actor(batch.observations) - batch.actions).square().sum(3)[:, 5]
+    losses = algorithm.update(batch)
+    torch.testing.assert_close(losses["extraction_loss"], errors.mean(1).detach())
+
+
 @pytest.mark.parametrize("extraction", SECOND)
 def test_the_second_stage_goes_on_where_it_stopped(extraction: str) -> None:
     whole, broken = (in_two_stages("maddpg_bc", n, extraction=extraction) for n in (8, 6))
@@ -305,6 +327,7 @@ def test_each_stage_has_a_cosine_of_its_own() -> None:
         {"density_floor": 0.0},
         {"extraction_share": 1.0},
         {"extraction_candidates": 1},
+        {"effective_share": 0.0},
     ],
 )
 def test_impossible_settings_are_refused(settings: dict[str, Any]) -> None:

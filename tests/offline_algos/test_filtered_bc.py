@@ -18,11 +18,21 @@ from tests.offline_algos.conftest import drive  # noqa: E402
 
 
 @pytest.mark.parametrize(
-    ("n", "fraction", "n_kept"), [(30, 0.1, 3), (31, 0.1, 4), (5, 0.1, 1), (4, 1.0, 4)]
-)
-def test_the_number_kept_by_hand(n: int, fraction: float, n_kept: int) -> None:
+    ("n", "fraction", "floor", "n_kept"),
+    [
+        (30, 0.1, 1, 3), (31, 0.1, 1, 4), (5, 0.1, 1, 1), (4, 1.0, 1, 4),
+        (30, 0.1, 3, 3), (30, 0.1, 8, 8), (30, 0.8, 8, 24), (7, 0.1, 8, 4), (1, 0.1, 8, 1),
+    ],
+)  # fmt: skip
+def test_the_number_kept_by_hand(n: int, fraction: float, floor: int, n_kept: int) -> None:
     returns = np.random.default_rng(n).permutation(n).astype(np.float64)
-    assert FilteredBCConfig(fraction=fraction).least_return(returns) == n - n_kept
+    config = FilteredBCConfig(fraction=fraction, min_episodes=floor)
+    assert config.least_return(returns) == n - n_kept
+
+
+def test_a_floor_of_no_episodes_is_refused() -> None:
+    with pytest.raises(SchemaError, match="min_episodes is 0"):
+        FilteredBCConfig(min_episodes=0)
 
 
 @pytest.mark.parametrize("fraction", [0.0, -0.1, 1.1, float("nan")])
@@ -39,7 +49,7 @@ def test_there_must_be_episodes() -> None:
 def test_the_run_says_what_was_kept_and_is_behavior_cloning_of_it(
     mixture: MemoryDataset, tmp_path: Path
 ) -> None:
-    config = FilteredBCConfig(n_updates=20, hidden=(8,), fraction=0.25)
+    config = FilteredBCConfig(n_updates=20, hidden=(8,), fraction=0.25, min_episodes=10)
     (policy,) = train_seeds("filtered_bc", mixture, tmp_path / "a", seeds=[3], config=config)
     run = read_run(tmp_path / "a")
     returns = np.sort([episode.team_return for episode in mixture])
@@ -68,7 +78,10 @@ def test_it_beats_behavior_cloning_on_a_mixture(mixture: MemoryDataset, tmp_path
     errors = {}
     for kind, config in (
         (BC, BCConfig(n_updates=1000, hidden=(32, 32))),
-        (FilteredBC, FilteredBCConfig(n_updates=1000, hidden=(32, 32), fraction=0.25)),
+        (
+            FilteredBC,
+            FilteredBCConfig(n_updates=1000, hidden=(32, 32), fraction=0.25, min_episodes=1),
+        ),
     ):
         name = "filtered_bc" if kind is FilteredBC else "bc"
         (policy,) = train_seeds(name, mixture, tmp_path / name, seeds=[0], config=config)

@@ -1,6 +1,5 @@
 """Multi-agent IQL: in-sample targets, expectile values, joint weights, and that it improves."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.learn.networks.critics import RobotView  # noqa: E402
 from swarmdata.offline_algos.iql import IQL  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, trained, two_episodes  # noqa: E402
 
 
@@ -46,32 +46,46 @@ def test_no_policy_enters_the_critics() -> None:
     assert not torch.equal(ours.actor.network.flat, other.actor.network.flat)
 
 
-def test_the_weights_of_the_robots_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Minimum of the twins, advantage, unit, exponential, clip; a weight for each robot."""
+def test_the_rows_of_the_robots_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Minimum of the twins, advantage, unit, exponential; each robot's rows by its own weights."""
     changes = {"own_return_range": 2000.0}  # beta 2 is 1 in units of the rewards
     algorithm = made(
-        IQL, changes=changes, inverse_temperature=2.0, max_weight=5.0, max_grad_norm=None
+        IQL, changes=changes, inverse_temperature=2.0, effective_share=0.1, max_grad_norm=None
     )
     batch = random_batch(size=2)
-    twins = [[[0.5, 1.0], [3.0, 0.25]], [[1.5, 0.0], [4.0, 0.5]]]
+    twins = [[[0.5, 1.0], [90.0, 0.25]], [[1.5, 99.0], [99.0, 0.5]]]
     monkeypatch.setattr(algorithm.critics, "target_q", lambda *_: torch.tensor([twins]))
     with torch.no_grad():
         algorithm.value.flat.zero_()
+    added, add = [], algorithm.rows.add
+
+    def noted(batch: Batch, advantages: Tensor) -> None:
+        added.append(advantages)
+        add(batch, advantages)
+
+    monkeypatch.setattr(algorithm.rows, "add", noted)
     _, pi = algorithm.actor.along(batch)
-    errors = (pi - batch.actions).square().mean(3)  # [K, B, N]
-    weights = torch.tensor([[[0.5, 0.0], [math.log(5.0), 0.25]]]).exp()
-    expected = (weights * errors).mean((1, 2)).detach()
+    errors = (pi - batch.actions).square().mean(3)[0].detach()  # [B, N]
     losses = algorithm.update(batch)
-    torch.testing.assert_close(losses["actor_loss"], expected)
-    torch.testing.assert_close(losses["weight"], weights.mean((1, 2)))
-    # tau = 0.7, all advantages 0.5, 0, 3, 0.25 are above: 0.7 u^2
-    expected = torch.tensor([0.7 * (0.25 + 9 + 0.0625) / 4])
+    # u q: half the smaller twin. The first robot's second row outweighs all others.
+    torch.testing.assert_close(added[0], torch.tensor([[[0.25, 0.5], [45.0, 0.125]]]))
+    beta = losses["inverse_temperature"].item()
+    assert 0 < beta <= 2
+    shares = (beta * added[0][0, :, 1]).softmax(0)  # the second robot draws two rows
+    assert 0.5 <= shares[0] < 0.8
+    both = [errors[1, 0] + pair for pair in (errors[:, 1].mean(), errors[0, 1])]
+    assert any(torch.isclose(losses["actor_loss"][0], each / 2) for each in both)
+    # tau = 0.7, all advantages 0.5, 1, 90, 0.25 are above: 0.7 u^2
+    expected = torch.tensor([0.7 * (0.25 + 1 + 8100 + 0.0625) / 4])
     torch.testing.assert_close(losses["value_loss"], expected)
 
 
 def test_without_a_temperature_it_clones(mixture: MemoryDataset) -> None:
     _, losses = trained(IQL, mixture, 5, inverse_temperature=0.0)
-    assert all(row["weight"] == 1.0 for row in losses)
+    clone, _ = trained(IQL, mixture, 5, effective_share=1.0)
+    other, _ = trained(IQL, mixture, 5, inverse_temperature=0.0, effective_share=1.0)
+    assert torch.equal(clone.actor.network.flat, other.actor.network.flat)
+    assert all(row["inverse_temperature"] == 0.0 for row in losses)
 
 
 def test_a_large_beta_does_not_overflow() -> None:

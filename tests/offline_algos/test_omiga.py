@@ -78,17 +78,15 @@ def test_no_policy_enters_the_critics() -> None:
         assert same != name.startswith("actor") or name == "actor_adam.step", name
 
 
-def test_agents_of_a_joint_action_have_weights_of_their_own(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    algorithm, batch = made(OMIGA, max_weight=5.0), random_batch(size=1)
-    z = torch.tensor([[[np.log(2.0), 3.0]]], dtype=torch.float32)
+def test_agents_draw_rows_by_weights_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    algorithm, batch = made(OMIGA, effective_share=0.1), random_batch(size=2)
+    z = torch.tensor([[[0.0, 9.0], [9.0, 0.0]]])
     zero = (algorithm.values.network.layers[-1].bias * 0).sum().expand(1)
     monkeypatch.setattr(algorithm, "value_loss", lambda *_: (zero, z))
-    errors = (algorithm.actor(batch.observations) - batch.actions).square().mean(3)[0, 0]
-    expected = (2 * errors[0] + 5 * errors[1]) / 2
+    errors = (algorithm.actor(batch.observations) - batch.actions).square().mean(3)[0]
+    expected = (errors[1, 0] + errors[0, 1]) / 2
     with monkeypatch.context() as patch:
         patch.setattr(algorithm.descent, "step_of", lambda *_: None)
         losses = algorithm.update(batch)
     torch.testing.assert_close(losses["actor_loss"][0], expected.detach())
-    assert losses["weight"].item() == pytest.approx(3.5)
+    assert losses["inverse_temperature"].item() == 1.0

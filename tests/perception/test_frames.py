@@ -128,8 +128,21 @@ def test_beams_and_cells_do_not_turn(model: str) -> None:
     assert natural_anchor(make_env(spec, 1).features) == "world"
 
 
-def test_unicycles_do_not_turn() -> None:
-    assert natural_anchor(make_env(preset("robotarium"), 1).features) == "world"
+@pytest.mark.parametrize(
+    ("task", "sensor", "anchor"),
+    [
+        ("robotarium", None, "own.heading"),
+        ("formation-unicycle", None, "own.heading"),
+        ("coop_nav-mixed", None, "own.heading"),
+        ("coop_nav-unicycle", "lidar", "world"),
+    ],
+)
+def test_unicycles_turn_with_their_heading(task: str, sensor: str | None, anchor: str) -> None:
+    features = make_env(with_models(preset(task), sensor), 1).features
+    assert natural_anchor(features) == anchor
+    frame = find_frame(features, "auto")
+    assert frame == find_frame(features, anchor)
+    assert frame is None or not frame.turns_commands
 
 
 @settings(deadline=None, max_examples=25)
@@ -177,12 +190,13 @@ def test_commands_of_unicycles_cannot_be_turned() -> None:
         find_frame(features, "target")
 
 
-def test_unicycles_that_observe_in_their_own_frame_act_in_it() -> None:
-    """Their goal is observed as a vector, but their commands are none."""
-    spec = with_models(preset("intersection"), "body-frame")
-    features = make_env(spec, 1).features
-    assert "own.goal_dx" in [feature.name for feature in features]
-    assert natural_anchor(features) == "world"
+def test_unicycles_that_observe_in_their_own_frame_see_the_same_in_that_of_their_heading() -> None:
+    env = make_env(with_models(preset("intersection"), "body-frame"), 1)
+    frame = find_frame(env.features, "auto")
+    assert frame is not None
+    observations = env.reset(np.arange(1, dtype=np.uint64)).observations
+    seen = frame.inputs(observations)[..., : len(env.features)]
+    np.testing.assert_array_equal(seen, observations)
 
 
 def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands() -> None:

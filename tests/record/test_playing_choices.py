@@ -116,8 +116,13 @@ def test_choices_are_learned_and_played(
     ("algorithm", "changes", "least", "most"),
     [
         ("bc", {"hidden": "32"}, 0.0, 0.1),  # does what most do
-        ("filtered_bc", {"hidden": "32", "fraction": "0.3"}, 0.95, 1.0),
-        ("filtered_bc", {"hidden": "32", "fraction": "0.3", "memory": "gru"}, 0.95, 1.0),
+        ("filtered_bc", {"hidden": "32", "fraction": "0.3", "min_episodes": "1"}, 0.95, 1.0),
+        (
+            "filtered_bc",
+            {"hidden": "32", "fraction": "0.3", "min_episodes": "1", "memory": "gru"},
+            0.95,
+            1.0,
+        ),
         ("iql", {"actor_hidden": "32", "critic_hidden": "32", "discount": "0.5"}, 0.95, 1.0),
     ],
 )

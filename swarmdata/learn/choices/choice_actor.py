@@ -63,7 +63,7 @@ class ChoiceActor:
             replace(setup, sizes=self.encoded_sizes), hidden, settings,
             squash=False, policy_network=policy_network,
         )  # fmt: skip
-        self.network = self.outputs.network
+        self.network, self.transitions = self.outputs.network, self.outputs.transitions
 
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, and log pi of all choices, [K, B, N, D, C].

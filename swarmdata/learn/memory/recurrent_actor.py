@@ -44,6 +44,10 @@ class RecurrentActor:
         mean, std = statistics.observation_mean, statistics.observation_std
         self.standard = Standardization(mean, std, setup.device)
 
+    def transitions(self, batch: Batch) -> Batch:
+        """Returns the transitions of windows to learn from, fields [K, R, ...]."""
+        return learned_steps(batch, learned_rows(batch.mask, self.window))
+
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, fields [K, R, ...], and the actions there.
 

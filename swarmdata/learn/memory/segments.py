@@ -7,6 +7,7 @@ more, so that losses need neither masks nor weights, and every segment counts as
 Segments are drawn in proportion to their steps, so every step of the data counts the same.
 """
 
+from collections.abc import Callable
 from dataclasses import fields
 
 import torch
@@ -34,15 +35,24 @@ def learned_rows(mask: Tensor, window: int) -> Tensor:
 
 def take(values: Tensor, rows: Tensor) -> Tensor:
     """Returns the steps `rows` [K, R] of windows [K, B, L, ...], fields [K, R, ...]."""
-    joined = values.flatten(1, 2)
-    index = rows.view(*rows.shape, *[1] * (joined.ndim - 2))
-    return joined.gather(1, index.expand(*rows.shape, *joined.shape[2:]))
+    return taken(values.flatten(1, 2), rows)
+
+
+def taken(values: Tensor, rows: Tensor) -> Tensor:
+    """Returns the rows [K, R] of values [K, M, ...], [K, R, ...]."""
+    index = rows.view(*rows.shape, *[1] * (values.ndim - 2))
+    return values.gather(1, index.expand(*rows.shape, *values.shape[2:]))
+
+
+def each_field(batch: Batch, change: Callable[[Tensor], Tensor | None]) -> Batch:
+    """Returns a batch with a change made to every field that it has."""
+    values = {field.name: getattr(batch, field.name) for field in fields(batch)}
+    return Batch(**{k: None if v is None else change(v) for k, v in values.items()})
 
 
 def learned_steps(batch: Batch, rows: Tensor) -> Batch:
     """Returns the steps `rows` [K, R] of a batch of windows as transitions, fields [K, R, ...]."""
-    values = {field.name: getattr(batch, field.name) for field in fields(batch)}
-    return Batch(**{k: None if v is None else take(v, rows) for k, v in values.items()})
+    return each_field(batch, lambda values: take(values, rows))
 
 
 def remembered(

@@ -87,6 +87,10 @@ class StackedActor:
         actions = outputs.tanh() if self.squash else outputs
         return actions.view(*observations.shape[:3], -1)
 
+    def transitions(self, batch: Batch) -> Batch:
+        """Returns the batch, whose rows are the transitions to learn from."""
+        return batch
+
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns a batch of transitions, and the actions there, [K, B, N, A]."""
         return batch, self(batch.observations)

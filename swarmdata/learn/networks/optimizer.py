@@ -7,13 +7,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.perceptrons import StackedLayers, backward, move_target
+from swarmdata.learn.networks.perceptrons import StackedLayers, backward, move_target, unpadded
 
 
 class StackedAdam:
     """Adam (Kingma & Ba 2015) on the one buffer of stacked networks.
 
-    Adam works element by element, so the seeds do not see each other.
+    Adam works element by element, so the seeds do not see each other, and rounds all elements
+    alike (`StackedLayers.padded`).
 
     Args:
         network: what to train; its rows are grouped by seed.
@@ -32,7 +33,7 @@ class StackedAdam:
         self.network = network
         self.n_seeds = n_seeds
         self.max_norm = max_norm
-        self._adam = torch.optim.Adam([network.flat], lr=learning_rate, fused=True)
+        self._adam = torch.optim.Adam([network.padded], lr=learning_rate, fused=True)
 
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
         """Descends one step on the sum over seeds of a loss.
@@ -60,23 +61,25 @@ class StackedAdam:
 
     def state_dict(self, prefix: str = "") -> dict[str, Tensor]:
         """The moments [R, P] and the number of steps, as copies; `prefix` begins their names."""
-        state = self._adam.state[self.network.flat] or self._fresh()
-        return {prefix + name: value.clone() for name, value in state.items()}
+        size = self.network.flat.shape
+        return {
+            prefix + name: (unpadded(value, size) if value.ndim else value).clone()
+            for name, value in (self._adam.state[self.network.padded] or self._fresh()).items()
+        }
 
     def load_state_dict(self, state: Mapping[str, Tensor], prefix: str = "") -> None:
         """Restores what `state_dict` returned; other entries are left alone."""
-        flat = self.network.flat
-        self._adam.state[flat] = {
-            name: state[prefix + name].to(flat.device, value.dtype, copy=True)
-            for name, value in self._fresh().items()
-        }
+        size, fresh = self.network.flat.shape, self._fresh()
+        for name, value in fresh.items():
+            (unpadded(value, size) if value.ndim else value).copy_(state[prefix + name])
+        self._adam.state[self.network.padded] = fresh
 
     def _fresh(self) -> dict[str, Tensor]:
-        flat = self.network.flat
+        padded = self.network.padded
         return {
-            "step": torch.zeros((), device=flat.device),
-            "exp_avg": torch.zeros_like(flat),
-            "exp_avg_sq": torch.zeros_like(flat),
+            "step": torch.zeros((), device=padded.device),
+            "exp_avg": torch.zeros_like(padded),
+            "exp_avg_sq": torch.zeros_like(padded),
         }
 
 

@@ -66,22 +66,36 @@ class Shape(Protocol):
     def layers(self) -> Iterator[tuple[int, int, bool]]: ...  # as `MLPShape.layers`
 
 
+LINE = 16
+"""Numbers in a cache line of 64 bytes, a whole number of vectors."""
+
+
+def unpadded(padded: Tensor, size: Sequence[int]) -> Tensor:
+    """Returns the rows [R, P] of a buffer of whole cache lines, as a view."""
+    return padded[: math.prod(size)].view(*size)
+
+
 class StackedLayers:
     """The weights of R independent networks of one shape, and their gradients.
 
     Attributes:
         flat: the parameters, one network per row, [R, P].
-        gradient: their gradient, [R, P], which is `flat.grad`.
+        gradient: their gradient, [R, P].
         layers: the same memory as named weights that autograd differentiates.
+        padded: the same memory in whole cache lines, one axis, with its gradient as `grad`.
     """
 
     def __init__(self, shape: Shape, n_networks: int, device: torch.device | str) -> None:
         self.shape = shape
-        self.flat = torch.zeros(n_networks, shape.n_parameters, device=device)
+        size = (n_networks, shape.n_parameters)
         # Adam(fused=True) ignores the strides of gradients on the CPU, so the gradient is one
-        # contiguous buffer, which `backward` fills.
-        self.gradient = torch.zeros_like(self.flat)
-        self.flat.grad = self.gradient
+        # contiguous buffer, which `backward` fills. It rounds what is left after the last whole
+        # vector otherwise, so that buffers end with a cache line, whatever the number of networks.
+        n_lines = -(-math.prod(size) // LINE)
+        self.padded = torch.zeros(n_lines * LINE, device=device)
+        self.padded.grad = torch.zeros_like(self.padded)
+        self.flat = unpadded(self.padded, size)
+        self.gradient = unpadded(self.padded.grad, size)
         self._frozen = _views(shape, self.flat)
         self.layers = [
             Layer(*(weight.detach().requires_grad_() for weight in present(layer)))

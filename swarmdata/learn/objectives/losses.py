@@ -1,7 +1,7 @@
 """Losses of critics and actors that algorithms share, as pure functions.
 
-`expectile_loss` and `exponential_weights` are of implicit Q-learning (Kostrikov et al. 2022),
-`soft_value_loss` is OMIGA's (Wang et al. 2023).
+`expectile_loss` is of implicit Q-learning (Kostrikov et al. 2022), `soft_value_loss` OMIGA's (Wang
+et al. 2023).
 
 The last ones extract a policy from a critic and a behavior density. With each robot's value Q_i(b)
 of its action b, the density beta of the data's actions given o_i, and an inverse temperature eta,
@@ -14,8 +14,10 @@ section 3):
   It is DDPG+BC in Park et al. 2024 ("Is value learning really the main bottleneck in offline RL?",
   arXiv 2406.09329) with a density in place of the squared error, and with a bounded gradient of Q,
   so that no action leaves the density's mean by more than eta times its variance times the bound.
-- `weighted`: min exp(eta (Q_i(a_i) - V_i)) |pi - a_i|^2, V_i the mean of Q_i under beta (AWAC, Nair
-  et al. 2020; CRR, Wang et al. 2020, its "exp").
+- `weighted`: min |pi - a_i|^2 over rows drawn in proportion to exp(eta (Q_i(a_i) - V_i)), V_i the
+  mean of Q_i under beta (AWAC, Nair et al. 2020; CRR, Wang et al. 2020, its "exp", have these
+  weights as factors, as the published studies had). eta is less where few rows would count:
+  `objectives.weighted_rows`.
 - `tilted`: min |pi - sum_m w_m b_m|^2 with w = softmax_m eta Q_i(b_m) and b_m drawn from beta: the
   mean of pi* (samples weighted as in SfBC, Chen et al. 2023, and IDQL, Hansen-Estruch et al. 2023).
 
@@ -92,23 +94,8 @@ def expectile_loss(errors: Tensor, expectile: float) -> Tensor:
     return torch.where(errors < 0, 1 - expectile, expectile) * errors.square()
 
 
-def exponential_weights(exponents: Tensor, largest: float) -> Tensor:
-    """Returns min(exp(z), largest), without a gradient, of exponents z of any shape."""
-    return exponents.detach().clamp(max=math.log(largest)).exp()
-
-
 def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
     """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
-
-    Args:
-        pi: actions of the policies, [K, B, N, A].
-        actions: of the data, [K, B, N, A].
-    """
-    return (pi - actions).square().mean((1, 2, 3))
-
-
-def weighted_cloning_loss(pi: Tensor, actions: Tensor, weights: Tensor) -> Tensor:
-    """Returns the weighted squared error of the policies' actions, [K].
 
     It is minus the log-likelihood of a Gaussian of fixed deviation around the policy's action, but
     for a factor that Adam does not see and a constant.
@@ -116,9 +103,8 @@ def weighted_cloning_loss(pi: Tensor, actions: Tensor, weights: Tensor) -> Tenso
     Args:
         pi: actions of the policies, [K, B, N, A].
         actions: of the data, [K, B, N, A].
-        weights: of the agents' actions, [K, B, N], or [K, B, 1] of all at once.
     """
-    return (weights * (pi - actions).square().mean(3)).mean((1, 2))
+    return (pi - actions).square().mean((1, 2, 3))
 
 
 def soft_value_loss(exponents: Tensor, values: Tensor, largest: float) -> Tensor:
@@ -172,22 +158,6 @@ def bounded_gradient(values: Tensor, pi: Tensor, steepest: Tensor) -> Tensor:
     (gradient,) = torch.autograd.grad(values.sum(), pi)
     length = gradient.norm(dim=3, keepdim=True)  # [K, B, N, 1]
     return gradient * (steepest[:, None, None, None] / length).clamp(max=1.0)
-
-
-def weighted_loss(
-    pi: Tensor, actions: Tensor, advantages: Tensor, eta: Tensor, largest: float
-) -> Tensor:
-    """Returns the squared error to the data's actions, weighted by exp(eta advantage), [K].
-
-    Args:
-        pi: the policies' actions, [K, B, N, A].
-        actions: of the data, [K, B, N, A].
-        advantages: Q_i(a_i) - V_i, [K, B, N].
-        eta: inverse temperature, [K].
-        largest: weight.
-    """
-    weights = exponential_weights(eta[:, None, None] * advantages, largest)
-    return (weights * (pi - actions).square().sum(3)).mean((1, 2)) / weights.mean((1, 2))
 
 
 def tilted_mean(candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:

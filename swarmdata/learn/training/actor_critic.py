@@ -22,7 +22,7 @@ ones.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -54,8 +54,8 @@ from swarmdata.learn.objectives.losses import (
     anchored_loss,
     cloning_loss,
     tilted_loss,
-    weighted_loss,
 )
+from swarmdata.learn.objectives.weighted_rows import ScoredRows, check_share
 from swarmdata.learn.training.search_space import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
@@ -113,11 +113,13 @@ class ExtractionConfig:
     slope_limit: float = 1.5  # of `anchored`: of a robot's pull by Q, in units of the slope of Q
     density_floor: float = 0.1  # least deviation of the density
     extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
-    max_extraction_weight: float = 20.0  # of `weighted`; Wang et al. 2020, section 4
+    effective_share: float = 0.3  # of `weighted`: of the rows, see `objectives.weighted_rows`
+
+    RETIRED: ClassVar = ("max_extraction_weight",)
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        names = ("inverse_temperature", "slope_limit", "density_floor", "max_extraction_weight")
+        names = ("inverse_temperature", "slope_limit", "density_floor")
         for name in names:
             if getattr(self, name) <= 0:
                 raise SchemaError(f"{name} is {getattr(self, name)}, expected a number above 0")
@@ -126,6 +128,7 @@ class ExtractionConfig:
                 f"extraction_share is {self.extraction_share} and extraction_candidates "
                 f"{self.extraction_candidates}, expected above 0 and below 1, and at least 2"
             )
+        check_share(self.effective_share)
 
 
 @dataclass(frozen=True)
@@ -192,7 +195,7 @@ class OfflineLearner(ABC):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
-        if self.generators:
+        if self.generators and "generators" in state:  # runs that drew nothing only act now
             restore_generators(self.generators, state["generators"])
         for part in self.parts:
             part.load_state_dict(state)
@@ -394,6 +397,7 @@ class SecondStage:
         network = actor.online.network
         self._adam = StackedAdam(network, setup.n_seeds, rate, max_norm)
         self._slope = torch.zeros(setup.n_seeds, device=network.flat.device)  # of Q; 0: unknown
+        self._rows = ScoredRows(config.effective_share, generators)  # of `weighted`
 
     def learn_density(self, batch: Batch, scale: float) -> Tensor:
         """Moves the density to the data; returns its negative log-likelihood, [K].
@@ -417,29 +421,30 @@ class SecondStage:
         moments = self.density.moments(batch.observations, batch.actions)
         if not self._slope.all():
             self._slope = self._measure_slope(moments, valuer)
-        pi = self._actor(batch.observations)  # [K, B, N, A]
-        loss, values = self._loss(pi, batch.actions, moments, valuer)
+        loss, values = self._loss(batch, moments, valuer)
         self._adam.step(loss, scale)
         return {"extraction_loss": loss.detach(), "extracted_q": values.mean((1, 2)).detach()}
 
     def _loss(
-        self, pi: Tensor, actions: Tensor, moments: tuple[Tensor, Tensor], valuer: Valuer
+        self, batch: Batch, moments: tuple[Tensor, Tensor], valuer: Valuer
     ) -> tuple[Tensor, Tensor]:
         """Returns the loss, [K], and the values that it is made of, [K, B, N]."""
         config, eta = self._config, self._config.inverse_temperature / self._slope
         if config.extraction == "anchored":
+            pi = self._actor(batch.observations)  # [K, B, N, A]
             values = valuer.of_policy(pi)
             steepest = config.slope_limit * self._slope
             return anchored_loss(pi, values, *moments, eta, steepest), values
         candidates = self._draw(moments)
         with torch.no_grad():
             drawn = valuer.of_candidates(candidates)  # [K, B, N, M]
-            taken = valuer.of_candidates(actions[..., None, :])[..., 0]  # [K, B, N]
+            taken = valuer.of_candidates(batch.actions[..., None, :])[..., 0]  # [K, B, N]
         if config.extraction == "tilted":
+            pi = self._actor(batch.observations)
             return tilted_loss(pi, candidates, drawn, eta), drawn.mean(3)
-        advantages = taken - drawn.mean(3)
-        largest = config.max_extraction_weight
-        return weighted_loss(pi, actions, advantages, eta, largest), taken
+        self._rows.add(batch, taken - drawn.mean(3))
+        actions, pi, _ = self._rows.draw(self._actor.online.along, eta)
+        return (pi - actions).square().sum(3).mean((1, 2)), taken
 
     def _draw(self, moments: tuple[Tensor, Tensor]) -> Tensor:
         """Returns actions drawn from the density, [K, B, N, M, A]."""
@@ -456,12 +461,14 @@ class SecondStage:
         return slope.clamp(min=1e-6)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Density, Adam's moments and the slope of values, as copies."""
+        """Density, Adam's moments, the slope of values and scored rows, as copies."""
         adam = self._adam.state_dict("extraction_adam.")
-        return {"extraction_slope": self._slope.clone(), **adam, **self.density.state_dict()}
+        parts = {**self.density.state_dict(), **self._rows.state_dict()}
+        return {"extraction_slope": self._slope.clone(), **adam, **parts}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restores what `state_dict` returned; other entries are left alone."""
         self._slope = state["extraction_slope"].to(self._slope.device, copy=True)
         self._adam.load_state_dict(state, "extraction_adam.")
         self.density.load_state_dict(state)
+        self._rows.load_state_dict(state)

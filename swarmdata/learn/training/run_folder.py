@@ -76,7 +76,9 @@ class OfflineRun(Description):
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
         """Makes the algorithm as it is before its first update."""
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
-        config = from_json(kind.Config, self.config)
+        retired = getattr(kind.Config, "RETIRED", ())  # of older runs, which only act now
+        settings = {name: value for name, value in self.config.items() if name not in retired}
+        config = from_json(kind.Config, settings)
         setup = Setup(self.sizes, self.seeds, statistics, device, self.n_episodes)
         algorithm: Algorithm = kind(setup, config)
         return algorithm

@@ -84,7 +84,7 @@ def train_seeds(
         algorithm: registered name.
         dataset: what to learn from, usually the train split.
         folder: of the run; made if absent.
-        seeds: one policy each; a seed's result does not depend on the others.
+        seeds: one policy each, with the bits that it has alone, on a CPU.
         config: of the algorithm; None for its defaults.
         schedule: of losses, checkpoints and evaluations.
         evaluate: measures each seed's policy for the learning curve.

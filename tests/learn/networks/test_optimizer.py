@@ -37,6 +37,25 @@ def test_it_equals_plain_adam() -> None:
     torch.testing.assert_close(network.flat[0], expected, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("n_seeds", [2, 3, 5])
+def test_a_seed_has_the_bits_of_a_lone_one(n_seeds: int) -> None:
+    """Rows of 57 numbers begin and end anywhere in vectors, and Adam rounds all alike."""
+    shape = MLPShape(3, (9,), 2, layer_norm=True)
+    generator = torch.Generator().manual_seed(0)
+    flat, alone = torch.randn(n_seeds, shape.n_parameters, generator=generator), []
+    gradients = torch.randn(40, n_seeds, shape.n_parameters, generator=generator)
+    for rows in [slice(0, n_seeds), *(slice(k, k + 1) for k in range(n_seeds))]:
+        network = StackedMLP(shape, rows.stop - rows.start, "cpu")
+        network.flat.copy_(flat[rows])
+        optimizer = StackedAdam(network, rows.stop - rows.start, 0.01)
+        for gradient in gradients:
+            network.gradient.copy_(gradient[rows])
+            optimizer.descend()
+        alone.append(torch.cat([network.flat, *list(optimizer.state_dict().values())[1:]]))
+    together = alone.pop(0).unflatten(0, (3, n_seeds))
+    assert torch.equal(together, torch.stack(alone, 1))
+
+
 def test_the_linear_decay_ends_at_its_floor() -> None:
     assert [linear(p, 0.2) for p in (0.0, 0.5, 1.0, 2.0)] == pytest.approx([1.0, 0.6, 0.2, 0.2])
 

@@ -18,15 +18,12 @@ from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.objectives.losses import (  # noqa: E402
     anchored_loss,
     expectile_loss,
-    exponential_weights,
     soft_value_loss,
     td_error,
     td_target,
     tilted_loss,
     tilted_mean,
     value_size,
-    weighted_cloning_loss,
-    weighted_loss,
 )
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode  # noqa: E402
@@ -67,18 +64,6 @@ def test_a_steep_critic_cannot_pull_actions_further_than_its_bound(height: float
     torch.testing.assert_close((pi.detach() - mean)[0, 0, 0], expected, atol=1e-4, rtol=0)
 
 
-def test_the_weighted_loss_prefers_better_actions_and_bounds_their_weight() -> None:
-    pi = torch.zeros(1, 2, 1, 1, requires_grad=True)
-    actions = torch.ones(1, 2, 1, 1)
-    advantages = torch.tensor([[[1.0], [0.0]]])
-    loss = weighted_loss(pi, actions, advantages, ETA, 100.0)
-    (slope,) = torch.autograd.grad(loss.sum(), pi)
-    assert slope[0, 0] / slope[0, 1] == pytest.approx(torch.e**2, rel=1e-5)
-    bounded = weighted_loss(pi, actions, advantages, ETA, 3.0)
-    (slope,) = torch.autograd.grad(bounded.sum(), pi)
-    assert slope[0, 0] / slope[0, 1] == pytest.approx(3.0, rel=1e-5)
-
-
 def test_the_tilted_mean_goes_from_the_mean_to_the_best_candidate() -> None:
     candidates = torch.tensor([-0.5, 0.0, 0.8])[None, None, None, :, None]
     values = torch.tensor([0.0, 1.0, 2.0])[None, None, None]
@@ -108,25 +93,6 @@ def test_expectiles_rise_from_the_mean_to_the_maximum(q: list[float], low: float
     assert found(low) >= found(0.5) - 0.01
     assert found(0.999) <= max(q) + 0.01
     assert found(0.999) >= found(low) - 0.01
-
-
-def test_weights_by_hand_are_clipped_and_carry_no_gradient() -> None:
-    z = torch.tensor([0.0, math.log(3), 50.0, -math.inf], requires_grad=True)
-    weights = exponential_weights(z, 100.0)
-    torch.testing.assert_close(weights, torch.tensor([1.0, 3.0, 100.0, 0.0]))
-    assert not weights.requires_grad
-
-
-def test_weighted_cloning_by_hand() -> None:
-    pi = torch.zeros(1, 2, 2, 2)  # [K, B, N, A]
-    actions = torch.tensor([[[[1.0, 1.0], [0.0, 2.0]], [[0.0, 0.0], [1.0, 0.0]]]])
-    each = torch.tensor([[[1.0, 10.0], [5.0, 2.0]]])
-    loss = weighted_cloning_loss(pi, actions, each)
-    torch.testing.assert_close(loss, torch.tensor([(1 * 1 + 10 * 2 + 0 + 2 * 0.5) / 4]))
-    whole = weighted_cloning_loss(pi, actions, torch.tensor([[[3.0], [1.0]]]))
-    torch.testing.assert_close(whole, torch.tensor([(3 * 1 + 3 * 2 + 0 + 1 * 0.5) / 4]))
-    one = weighted_cloning_loss(pi, actions, torch.ones(1, 2, 1))
-    torch.testing.assert_close(one[0], (pi - actions).square().mean())
 
 
 @settings(deadline=None, max_examples=30)

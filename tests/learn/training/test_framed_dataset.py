@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the trainer needs torch")
 
 from swarmdata.datasets.dataset import Dataset  # noqa: E402
+from swarmdata.errors import CheckpointError  # noqa: E402
 from swarmdata.hub.catalog.catalog import load  # noqa: E402
 from swarmdata.interfaces import Policy  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
@@ -147,3 +149,17 @@ def test_policies_act_in_the_world_and_are_loaded_with_their_frame(
         turned = frame.to_world(observations, acted(world, frame.inputs(observations)))
         norm = np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), 1)
         np.testing.assert_allclose(actions, turned / norm, atol=1e-6)
+
+
+def test_a_run_keeps_its_frame_when_the_default_is_another(
+    data: Dataset, frame: Frame, tmp_path: Path
+) -> None:
+    """So do runs of unicycles from before `auto` was their heading."""
+    options: dict[str, Any] = {"seeds": (0,), "config": config_of("bc", n_updates=3)}
+    (policy,) = train_seeds("bc", data, tmp_path, frame=None, progress=False, **options)
+    assert data.frame == frame
+    (loaded,) = load_run(tmp_path)
+    observations = data[0].observations[:4]
+    np.testing.assert_array_equal(acted(loaded, observations), acted(policy, observations))
+    with pytest.raises(CheckpointError, match="frame"):
+        train_seeds("bc", data, tmp_path, frame=frame, progress=False, **options)

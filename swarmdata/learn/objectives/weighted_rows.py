@@ -1,0 +1,194 @@
+"""Rows that an actor clones, drawn in proportion to exponential weights of their advantages.
+
+Advantage-weighted cloning minimizes the mean of w_r e_r over rows r, one row for each robot and
+step, with w_r = exp(beta A_r) and e_r the error of the actor. With the weights as factors of the
+loss, a batch counts as no more than
+
+    n_eff = (sum_r w_r)^2 / sum_r w_r^2
+
+rows (Kish 1965), which can be a tenth of it: gradients are noisy, and few rows drive Adam. So
+
+- beta is the largest, up to a setting, at which n_eff is at least `effective_share` of the rows;
+- rows are drawn in proportion to their weights, one batch from the last 1 / `effective_share`
+  batches, which together hold about one batch of effective rows, and are cloned without factors.
+
+Each batch is scored once, when critics learn from it, so that a score is a few updates old and
+costs nothing more. The expected gradient is that of the weighted loss over its sum of weights. Each
+robot's rows are drawn for themselves, so that every robot has as many. Draws are systematic
+(Kitagawa 1996, "Monte Carlo filter and smoother"): a row is drawn as often as its share of the
+weights says, rounded up or down. With a memory, whole segments are drawn by the sum of their
+weights, and in those each robot's steps by what is left: the weight over its segment's sum. So a
+step counts by its weight there too, and the memory passes over one batch only.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from swarmdata.errors import SchemaError
+from swarmdata.learn.memory.segments import each_field, taken
+from swarmdata.learn.networks.network_inputs import uniform_like
+from swarmdata.types import Batch
+
+Along = Callable[[Batch], tuple[Batch, Tensor]]
+"""Of an actor, such as `StackedActor.along`: returns transitions and its outputs there."""
+
+HALVINGS = 12
+"""Of the range of beta, which is at most `RANGE` over the deviation of the advantages."""
+
+RANGE = 16.0
+"""At this beta, a row one deviation below another weighs nothing."""
+
+
+def check_share(effective_share: float) -> None:
+    """Raises SchemaError unless a share of the rows is above 0 and at most 1."""
+    if not 0 < effective_share <= 1:
+        raise SchemaError(
+            f"effective_share is {effective_share}, expected above 0 and at most 1: the part of "
+            "the rows that the weights leave effective"
+        )
+
+
+def effective_share_of(weights: Tensor) -> Tensor:
+    """Returns n_eff over the number of rows, [K], of weights [K, ...]."""
+    flat = weights.flatten(1)
+    return flat.mean(1).square() / flat.square().mean(1)
+
+
+@torch.no_grad()
+def row_weights(
+    advantages: Tensor, largest: float | Tensor, effective_share: float
+) -> tuple[Tensor, Tensor]:
+    """Returns exp(beta A) of each row, at most 1, [K, M, N], and beta, [K].
+
+    The effective sample size falls as beta grows, so that bisection finds the largest beta.
+
+    Args:
+        advantages: A, [K, M, N]; each seed has its own beta for all its robots.
+        largest: beta, a number or [K].
+        effective_share: least n_eff over M N.
+    """
+    below = (advantages - advantages.amax((1, 2), keepdim=True)).flatten(1)  # [K, M N]
+    ceiling = RANGE / below.std(1, correction=0).clamp(min=1e-12)
+    high = torch.as_tensor(largest, device=below.device).expand_as(ceiling).minimum(ceiling)
+    low, beta = torch.zeros_like(high), high
+    for _ in range(HALVINGS):
+        enough = effective_share_of((beta[:, None] * below).exp()) >= effective_share
+        low, high = torch.where(enough, beta, low), torch.where(enough, high, beta)
+        beta = (low + high) / 2
+    return (low[:, None] * below).exp().view_as(advantages), low
+
+
+def draw(weights: Tensor, n_drawn: int, generators: Sequence[torch.Generator]) -> Tensor:
+    """Returns rows drawn for each robot in proportion to its weights, [K, D, N].
+
+    Args:
+        weights: of M rows, not all 0, [K, M, N].
+        n_drawn: rows to draw, D.
+        generators: one per seed, [K].
+    """
+    cumulative = weights.transpose(1, 2).double().cumsum(2)  # [K, N, M]
+    start = uniform_like(generators, weights[:, 0])  # [K, N]
+    steps = torch.arange(n_drawn, device=weights.device, dtype=torch.float64)
+    places = (steps + start[..., None]) / n_drawn * cumulative[..., -1:]
+    last = weights.shape[1] - 1
+    rows = torch.searchsorted(cumulative, places, right=True).clamp(max=last)
+    return rows.transpose(1, 2)
+
+
+def rows_of_robots(values: Tensor, rows: Tensor) -> Tensor:
+    """Returns each robot's own rows [K, D, N] of values [K, M, N, ...], [K, D, N, ...]."""
+    index = rows.view(*rows.shape, *[1] * (values.ndim - 3))
+    return values.gather(1, index.expand(*rows.shape, *values.shape[3:]))
+
+
+class ScoredRows:
+    """The last batches of K seeds and the advantages of their rows, from which actors learn.
+
+    Args:
+        effective_share: least effective sample size of the weights over their number.
+        generators: of the draws, one per seed, [K].
+
+    Raises:
+        SchemaError: the share is not above 0 and at most 1.
+    """
+
+    def __init__(self, effective_share: float, generators: Sequence[torch.Generator]) -> None:
+        check_share(effective_share)
+        self._share, self._generators = effective_share, generators
+        self._n_kept = math.ceil(1 / effective_share - 1e-9)  # batches, M
+        self._n_added = 0
+        empty = torch.zeros(len(generators), 0)
+        self._kept = dict.fromkeys(("observations", "actions", "mask", "advantages"), empty)
+
+    def add(self, batch: Batch, advantages: Tensor) -> None:
+        """Adds a batch, in place of the oldest.
+
+        Args:
+            batch: transitions [K, B, ...], or windows [K, B, L, ...]; always of the same shape.
+            advantages: of the transitions, or of the steps that windows are learned from, without a
+                gradient, [K, R, N].
+        """
+        for name in self._kept:
+            new = advantages if name == "advantages" else getattr(batch, name)
+            if not self._n_added:
+                self._kept[name] = new[:, None].repeat_interleave(self._n_kept, 1)
+            self._kept[name][:, self._n_added % self._n_kept] = new
+        self._n_added += 1
+
+    def draw(self, along: Along, largest: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Returns as many rows as a batch has: actions, [K, R, N, A], the actor's outputs, beta.
+
+        Args:
+            along: of the actor.
+            largest: beta, a number or [K].
+        """
+        n_batches = min(self._n_added, self._n_kept)
+        kept = {name: values[:, :n_batches].flatten(1, 2) for name, values in self._kept.items()}
+        weights, beta = row_weights(kept.pop("advantages"), largest, self._share)
+        rest = [field.name for field in fields(Batch) if field.name not in kept]
+        batch = Batch(**kept, **dict.fromkeys(rest))
+        n_drawn = batch.mask.shape[1] // n_batches
+        draw_from = self._draw_steps if batch.mask.ndim == 3 else self._draw_rows
+        return *draw_from(along, batch, weights, n_drawn), beta
+
+    def _draw_rows(
+        self, along: Along, batch: Batch, weights: Tensor, n: int
+    ) -> tuple[Tensor, Tensor]:
+        rows = draw(weights, n, self._generators)
+        drawn = {
+            "observations": rows_of_robots(batch.observations, rows),
+            "actions": rows_of_robots(batch.actions, rows),
+            "mask": batch.mask[:, :n],
+        }
+        steps, outputs = along(replace(batch, **drawn))
+        return steps.actions, outputs
+
+    def _draw_steps(
+        self, along: Along, batch: Batch, weights: Tensor, n: int
+    ) -> tuple[Tensor, Tensor]:
+        k, n_segments = batch.mask.shape[:2]
+        by_segment = weights.view(k, n_segments, -1, weights.shape[2])  # [K, M B, T, N]
+        totals = by_segment.sum((2, 3))  # [K, M B]
+        segments = draw(totals[..., None], n, self._generators)[..., 0]  # [K, B]
+        steps, outputs = along(each_field(batch, lambda values: taken(values, segments)))
+        left = taken(by_segment / totals[..., None, None], segments).flatten(1, 2)  # [K, R, N]
+        rows = draw(left, left.shape[1], self._generators)
+        return rows_of_robots(steps.actions, rows), rows_of_robots(outputs, rows)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The batches and how many were added, as copies."""
+        state = {f"scored_{name}": values.clone() for name, values in self._kept.items()}
+        return {"n_scored": torch.tensor(self._n_added), **state}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; runs that drew no rows have none, and only act."""
+        if "n_scored" not in state:
+            return
+        self._n_added = int(state["n_scored"])
+        for name in self._kept:
+            self._kept[name] = state[f"scored_{name}"].to(self._generators[0].device, copy=True)
