@@ -31,6 +31,7 @@ from swarmdata.learn.flows.distillation import Distillation
 from swarmdata.learn.flows.one_step_actor import FlowSettings
 from swarmdata.learn.networks.network_inputs import Normalizer, normal_like
 from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.trained import flow_policy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
@@ -63,8 +64,8 @@ class BCFlow(OfflineLearner):
         x = self.normalizer.information(batch.states, batch.observations)
         flow_loss = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
-        pi = self.copy.actor(view.features, z)
-        distillation_loss = self.copy.loss(pi, x, z, batch.actions, self.generators)
+        targets = self.copy.targets(x, z, batch.actions, self.generators)
+        distillation_loss = cloning_loss(self.copy.actor(view.features, z), targets)
         self.copy.step(distillation_loss, scale)
         self.n_updates += 1
         losses = {"flow_loss": flow_loss, "distillation_loss": distillation_loss}

@@ -84,6 +84,7 @@ from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
     bounded_gradient,
+    cloning_loss,
     td_error,
     td_target,
 )
@@ -249,8 +250,8 @@ class MACFlow(OfflineLearner):
             reported["flow_loss"] = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
         pi = self.copy.actor(view.features, z)  # [K, B, N, A]
-        total = self.copy.loss(pi, x, z, batch.actions, self.generators)
-        reported["distillation_loss"] = total
+        targets = self.copy.targets(x, z, batch.actions, self.generators)
+        total = reported["distillation_loss"] = cloning_loss(pi, targets)
         if self.n_updates >= first:
             if first == 0 or not self.climb.is_measured:
                 self.measure_climb(s, o, batch.actions)

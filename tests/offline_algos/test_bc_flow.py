@@ -9,6 +9,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from torch import Tensor  # noqa: E402
 
+from swarmdata.learn.objectives.losses import cloning_loss  # noqa: E402
 from swarmdata.offline_algos.bc import BC  # noqa: E402
 from swarmdata.offline_algos.bc_flow import BCFlow  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -43,8 +44,8 @@ def test_an_update_moves_both_and_each_by_its_own_loss() -> None:
     x = algorithm.normalizer.information(batch.states, batch.observations)
     before = flow.flat.clone()
     z, a = torch.randn(1, 32, 2, 2), batch.actions
-    loss = algorithm.copy.loss(acted(algorithm, batch, z), x, z, a, algorithm.generators)
-    algorithm.copy.step(loss, 1.0)
+    targets = algorithm.copy.targets(x, z, a, algorithm.generators)
+    algorithm.copy.step(cloning_loss(acted(algorithm, batch, z), targets), 1.0)
     assert torch.equal(flow.flat, before)  # samples have no gradient
     kept = actor.flat.clone()
     algorithm.copy.fit(x, batch.actions, algorithm.generators, 1.0)

@@ -21,7 +21,6 @@ from swarmdata.learn.flows.one_step_actor import FlowSettings, OneStepActor
 from swarmdata.learn.networks.network_inputs import normal_like, uniform_like
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.objectives.losses import cloning_loss
 
 
 class Distillation:
@@ -64,28 +63,21 @@ class Distillation:
         self._descent.step_of("teacher", loss, scale)
         return loss
 
-    def loss(
-        self,
-        pi: Tensor,
-        x: Tensor,
-        z: Tensor,
-        actions: Tensor,
-        generators: Sequence[torch.Generator],
+    def targets(
+        self, x: Tensor, z: Tensor, actions: Tensor, generators: Sequence[torch.Generator]
     ) -> Tensor:
-        """Returns 1/N sum_i 1/A |mu_i - T_i|^2, the mean over rows, [K]; T has no gradient.
+        """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'.
 
         Args:
-            pi: the actors' actions, [K, B, N, A].
             x: normalized states and observations, [K, B, S + N O].
-            z: the noise that they saw, [K, B, N, A].
+            z: the noise that the actors see, [K, B, N, A].
             actions: joint actions of the data, [K, B, N, A].
             generators: of the noise z', one per seed, [K].
         """
-        targets = self.flow.sample(x, z)
-        if self._debiased:
-            others = self.flow.sample(x, normal_like(generators, actions))
-            targets = targets + actions - others
-        return cloning_loss(pi, targets)
+        samples = self.flow.sample(x, z)
+        if not self._debiased:
+            return samples
+        return samples + actions - self.flow.sample(x, normal_like(generators, actions))
 
     def step(self, loss: Tensor, scale: float) -> None:
         """Moves the actors down the sum over seeds of a loss [K]; `scale` is of their rate."""

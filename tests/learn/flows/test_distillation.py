@@ -36,11 +36,10 @@ def test_students_spread_as_the_flow_does_about_the_mean_of_the_data(
     copy = made(debiased=debiased)
     monkeypatch.setattr(copy.flow, "sample", lambda x, z: bias + 0.1 * z)
     a, z = torch.rand(K, B, 2, 2), torch.randn(K, B, 2, 2)
-    pi, x = torch.zeros(K, B, 2, 2), torch.zeros(K, B, SIZES.information)
-    others = normal_like(Setup(SIZES, (0, 1), statistics()).generators(), a)
-    target = a + 0.1 * z - 0.1 * others if debiased else bias + 0.1 * z
-    found = copy.loss(pi, x, z, a, Setup(SIZES, (0, 1), statistics()).generators())
-    torch.testing.assert_close(found, target.square().mean((1, 2, 3)))
+    setup, x = Setup(SIZES, (0, 1), statistics()), torch.zeros(K, B, SIZES.information)
+    others = normal_like(setup.generators(), a)
+    expected = a + 0.1 * z - 0.1 * others if debiased else bias + 0.1 * z
+    torch.testing.assert_close(copy.targets(x, z, a, setup.generators()), expected)
 
 
 def test_a_run_of_before_gives_its_policies_and_does_not_go_on(tmp_path: Path) -> None:
