@@ -7,7 +7,9 @@ debiased: with the data's action a in the same row and independent noise z',
     T = F(c, z) + a - F(c, z')
 
 Given c and z, the mean of T is F(c, z) plus what the mean of the flow lacks of that of the data. So
-students spread as the flow does, about the mean of the data: a student without noise is a clone.
+students spread as the flow does, about the mean of the data. The price is noise in the targets,
+twice the spread of the data, and where the flow weighs modes otherwise than the data do, all of
+them move by the difference of the means.
 """
 
 from collections.abc import Mapping, Sequence

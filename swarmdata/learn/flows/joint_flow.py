@@ -140,5 +140,5 @@ class JointFlow:
 
     def _own(self, x: Tensor) -> Tensor:
         """Returns each robot's observation and number, [K, B, N, O + N]."""
-        observations = x[..., self.sizes.state :].unflatten(2, (self.sizes.n_agents, -1))
+        observations = x[..., self.sizes.state :].reshape(*x.shape[:2], self.sizes.n_agents, -1)
         return with_agent_id(observations)
