@@ -13,7 +13,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.network_inputs import Reward  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.mac_flow import N_DRAWS, Climb, MACFlow, MACFlowConfig  # noqa: E402
+from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow, MACFlowConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
     made,
@@ -131,17 +131,6 @@ def test_the_climb_is_measured_on_samples_of_the_flow(
     else:
         one = algorithm.critics.q(batch.states, batch.observations, joint).amin(1)
     torch.testing.assert_close(value_of(noise)[:, :, 1, 2], one)
-
-
-def test_the_scales_are_those_of_the_samples_spread() -> None:
-    climb = Climb(1, inverse_temperature=2.0, slope_limit=1.0, device="cpu")
-    samples = 0.3 + torch.tensor([-0.1, 0.1])[:, None].expand(1, 5, 3, 2, 2)  # variance 0.02
-    noise = torch.tensor([-1.0, 1.0])[:, None].expand(1, 5, 3, 2, 2)
-    climb.measure(samples, noise, lambda actions: 7 * actions[..., 0])
-    spread = 0.02**0.5
-    slope = 7 * spread * 2**0.5 / spread  # deviation of -1 and 1 is the root of 2
-    torch.testing.assert_close(climb.slope, torch.tensor([slope]))
-    torch.testing.assert_close(climb.weight, torch.tensor([2 * 2 * 0.02 / (2 * slope)]))
 
 
 def test_a_flow_that_fits_badly_does_not_climb_further(monkeypatch: pytest.MonkeyPatch) -> None:
