@@ -6,10 +6,12 @@ observation (Lipman et al. 2023, flow matching; the distillation is that of Flow
 Li & Levine 2025, arXiv 2502.02538, without values):
 
     L(v)  = E_t |v(c, x_t, t) - (a - z)|^2 / (N A),     x_t = (1 - t) z + t a
-    L(mu) = 1/N sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2
+    L(mu) = 1/N sum_i 1/A |mu(o_i, z(i)) - T_i|^2,      T = F(c, z) + a - F(c, z')
 
-where z(i) is what robot i knows of the noise. A squared error to the data, as `bc` has, averages
-the modes of the data; this one averages only what neither o_i nor z(i) tells.
+where z(i) is what robot i knows of the noise and z' is independent of z. A squared error to the
+data, as `bc` has, averages the modes of the data; this one averages only what neither o_i nor z(i)
+tells. Deviation from Flow Q-learning: its target is F(c, z). The rest of T takes the flow's error
+of the mean out of the students, `learn.flows.distillation`; without `debiased` it is left out.
 
 z is drawn independently of the mode that c already tells: after a few steps the flow reads the mode
 from all observations, and a robot that sees less than all can read it neither there nor from z.
@@ -17,6 +19,9 @@ from all observations, and a robot that sees less than all can read it neither t
 
 With `memory` gru the actors see all their observations of the episode so far (`learn.memory`); the
 flow sees the present state and observations of all, as in `mac_flow`.
+
+Published studies are of an earlier version, whose flow gave the actions of all robots by one
+network and whose students copied F(c, z).
 """
 
 from dataclasses import dataclass
@@ -38,8 +43,6 @@ from swarmdata.types import Batch
 @dataclass(frozen=True)
 class BCFlowConfig(FlowSettings, CloningConfig):
     """A joint flow and its students; one setting for all datasets."""
-
-    flow_hidden: tuple[int, ...] = (256, 256)  # it models N A numbers at once
 
 
 class BCFlow(OfflineLearner):
@@ -68,10 +71,8 @@ class BCFlow(OfflineLearner):
         x = self.normalizer.information(batch.states, batch.observations)
         flow_loss = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
-        # samples have no gradient
-        distillation_loss = cloning_loss(
-            self.copy.actor(view.features, z), self.copy.flow.sample(x, z)
-        )
+        targets = self.copy.targets(x, z, batch.actions, self.generators)
+        distillation_loss = cloning_loss(self.copy.actor(view.features, z), targets)
         self.copy.step(distillation_loss, scale)
         self.n_updates += 1
         losses = {"flow_loss": flow_loss, "distillation_loss": distillation_loss}

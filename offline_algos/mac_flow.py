@@ -10,11 +10,12 @@ team of which robot i knows z(i), and its own reward r_i:
     L(F)   = conditional flow matching of the joint action
     y_i    = r_i + gamma (1 - termination) min_j Q'_j(o'_i, mu(o'_i, z'(i)))
     L(Q_j) = mean_i (Q_j(o_i, a_i) - y_i)^2
-    L(mu)  = 1/N sum_i 1/A |mu(o_i, z(i)) - F(c, z)_i|^2 - lambda Q_tot
+    L(mu)  = 1/N sum_i 1/A |mu(o_i, z(i)) - T_i|^2 - lambda Q_tot
     Q_tot  = mean_i min_j Q_j(o_i, mu(o_i, z(i)))
 
 With `reward` "team", critics give Q_tot = g(Q_1, ..., Q_N; c) as those of `facmac_bc` do, and y is
-made of the team's reward, the mean of the robots'.
+made of the team's reward, the mean of the robots'. T is F(c, z) about the mean of the data, see
+`learn.flows.distillation`.
 
 Deviations:
 - `reward` "own": each robot's critic learns from its own reward, where the paper decomposes a
@@ -40,17 +41,23 @@ Deviations:
 
 How far actors climb. The copy's squared error is the same everywhere, and the slope of a critic is
 not: where a team's actions are all alike, critics were never told what others are worth. So both
-scales are measured on a batch, by the data's actions a and their mean m given c, which the flow
-knows:
+scales are measured on a batch, by M samples F(c, z_m) of the flow in each row and their mean m:
 
-    v      = mean over robots and components of (a - m)^2
+    v      = variance of F_i over the samples, mean over rows, robots and components
     s      = mean deviation of Q_i over M draws from N(m_i, v), divided by sqrt(v): the slope of Q
     lambda = 2 eta v / (A s)
     loss   = - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i
 
-Beside the copy's error |mu_i - F_i|^2 / A this is `anchored_loss` of `learn.objectives.losses`,
-times 2 v / A: actions leave the flow's by at most eta v times `slope_limit`, which is little where
-the data are all alike, whatever the unit of rewards.
+A mean over the data of (a - m)^2 would be v plus the squared error of m, and so climb far where the
+flow fits badly. Samples of one flow differ by what it learned of the data's spread alone, and a
+spread that it did not learn does not count.
+
+Beside the copy's error this is `anchored_loss` of `learn.objectives.losses`, times 2 v / A: actions
+leave the flow's by at most eta v times `slope_limit`, which is little where the data are all alike,
+whatever the unit of rewards.
+
+Published studies are of an earlier version, whose flow gave the actions of all robots by one
+network, whose actors copied F(c, z) itself, and whose v was the mean of (a - m)^2.
 """
 
 from collections.abc import Callable, Mapping
@@ -168,27 +175,20 @@ class Climb:
         return bool(self.slope.all())
 
     @torch.no_grad()
-    def measure(
-        self,
-        actions: Tensor,
-        mean: Tensor,
-        noise: Tensor,
-        value_of: Callable[[Tensor], Tensor],
-    ) -> None:
+    def measure(self, samples: Tensor, noise: Tensor, value_of: Callable[[Tensor], Tensor]) -> None:
         """Takes the scales of a batch.
 
         Args:
-            actions: of the data, [K, B, N, A].
-            mean: of the data's actions, given what the flow knows, [K, B, N, A].
+            samples: of the flow, M for each row, [K, B, N, M, A].
             noise: standard normal, of the draws, [K, B, N, M, A].
             value_of: gives the values [K, B, N, M] of each robot's M actions.
         """
-        variance = (actions - mean).square().mean((1, 2, 3)).clamp(min=1e-6)  # [K]
+        variance = samples.var(3).mean((1, 2, 3)).clamp(min=1e-6)  # [K]
         spread = variance.sqrt()
-        drawn = mean[..., None, :] + spread[:, None, None, None, None] * noise
+        drawn = samples.mean(3, keepdim=True) + spread[:, None, None, None, None] * noise
         values = value_of(drawn.clamp(-1, 1))
         self.slope = (values.std(3).mean((1, 2)) / spread).clamp(min=1e-6)
-        self.weight = 2 * self._eta * variance / (actions.shape[3] * self.slope)
+        self.weight = 2 * self._eta * variance / (samples.shape[4] * self.slope)
 
     def loss(self, pi: Tensor, values: Tensor) -> Tensor:
         """Returns the loss, [K], whose gradient is what counts.
@@ -258,8 +258,8 @@ class MACFlow(OfflineLearner):
             reported["flow_loss"] = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
         pi = self.copy.actor(view.features, z)  # [K, B, N, A]
-        # samples have no gradient
-        total = reported["distillation_loss"] = cloning_loss(pi, self.copy.flow.sample(x, z))
+        targets = self.copy.targets(x, z, batch.actions, self.generators)
+        total = reported["distillation_loss"] = cloning_loss(pi, targets)
         if self.n_updates >= first:
             if first == 0 or not self.climb.is_measured:
                 self.measure_climb(s, o, batch.actions)
@@ -323,9 +323,10 @@ class MACFlow(OfflineLearner):
                 return torch.stack([self.critics.own_values(o, a) for a in drawn.unbind(3)], 3)
             return self.critics.candidate_q(s, o, drawn, actions)
 
-        mean = self.copy.flow.mean(information(s, o), normal_like(self.generators, actions))
-        noises = [normal_like(self.generators, actions) for _ in range(N_DRAWS)]
-        self.climb.measure(actions, mean, torch.stack(noises, 3), value_of)
+        x = information(s, o)
+        draws = [[normal_like(self.generators, actions) for _ in range(N_DRAWS)] for _ in range(2)]
+        samples = torch.stack([self.copy.flow.sample(x, z) for z in draws[0]], 3)
+        self.climb.measure(samples, torch.stack(draws[1], 3), value_of)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
         """Returns - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i, [K].

@@ -12,8 +12,10 @@ from torch import Tensor  # noqa: E402
 from swarmdata.learn.objectives.losses import cloning_loss  # noqa: E402
 from swarmdata.offline_algos.bc import BC  # noqa: E402
 from swarmdata.offline_algos.bc_flow import BCFlow  # noqa: E402
+from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch, Bool, Float  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, same_side, step_of, trained  # noqa: E402
+from tests.support.made_episodes import made_episode  # noqa: E402
 
 COPIES = 300
 FLOW: dict[str, Any] = {"flow_hidden": (64, 64), "noise_scale": 1.0}
@@ -41,9 +43,9 @@ def test_an_update_moves_both_and_each_by_its_own_loss() -> None:
     flow, actor = algorithm.copy.flow.network, algorithm.copy.actor.network
     x = algorithm.normalizer.information(batch.states, batch.observations)
     before = flow.flat.clone()
-    z = torch.randn(1, 32, 2, 2)
-    loss = cloning_loss(acted(algorithm, batch, z), algorithm.copy.flow.sample(x, z))
-    algorithm.copy.step(loss, 1.0)
+    z, a = torch.randn(1, 32, 2, 2), batch.actions
+    targets = algorithm.copy.targets(x, z, a, algorithm.generators)
+    algorithm.copy.step(cloning_loss(acted(algorithm, batch, z), targets), 1.0)
     assert torch.equal(flow.flat, before)  # samples have no gradient
     kept = actor.flat.clone()
     algorithm.copy.fit(x, batch.actions, algorithm.generators, 1.0)
@@ -69,6 +71,38 @@ def test_robots_that_share_noise_choose_the_same_side() -> None:
         assert agree(own.policy(seed).act(step)).mean() < 0.5
         kept = np.sign(team.policy(seed).act(later)[..., 1]) == np.sign(actions[..., 1])
         assert kept.mean() > 0.9  # noise of an episode keeps its mode
+
+
+def one_way(n_episodes: int, length: int = 16) -> MemoryDataset:
+    """Four robots that do the same function of what each observes, up to little noise."""
+    rng = np.random.default_rng(0)
+    weights = rng.normal(size=(6, 2)) / 2
+    episodes = []
+    for _ in range(n_episodes):
+        observations = rng.normal(size=(length + 1, 4, 6)).astype(np.float32)
+        actions = np.tanh(observations[:-1] @ weights)
+        actions += rng.normal(0, 0.05, actions.shape)
+        states, rewards = rng.normal(size=(length + 1, 4)), np.ones((length, 4))
+        episodes.append(
+            made_episode(observations, states, actions.clip(-1, 1), rewards, ends=False)
+        )
+    return MemoryDataset(episodes)
+
+
+@pytest.mark.learns
+def test_where_data_are_all_alike_it_is_as_close_to_them_as_a_clone() -> None:
+    data = one_way(60)
+    bc, _ = trained(BC, data, 500)
+    flow, _ = trained(BCFlow, data, 500, flow_hidden=(32, 32))
+    unseen = list(one_way(90))[60:]  # the first 60 are those of the training
+    observations = np.concatenate([each.observations[:-1] for each in unseen])
+    actions = np.concatenate([each.actions for each in unseen])
+    step = step_of(len(observations))._replace(observations=observations)
+    for seed in range(2):
+        clone, copy = (
+            np.square(each.policy(seed).act(step) - actions).mean() for each in (bc, flow)
+        )
+        assert copy < 1.3 * clone
 
 
 @pytest.mark.learns

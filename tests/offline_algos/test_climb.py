@@ -21,10 +21,10 @@ def climb_of(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Clim
 def measured(inverse_temperature: float = 2.0, slope_limit: float = 1.5) -> Climb:
     """Of values that rise by SLOPES along the first action."""
     climb, generator = climb_of(inverse_temperature, slope_limit), torch.Generator().manual_seed(0)
-    mean = 0.1 * torch.randn((K, B, N, A), generator=generator)
-    away = SPREADS.view(K, 1, 1, 1) * torch.randn((K, B, N, A), generator=generator)
+    mean = 0.1 * torch.randn((K, B, N, 1, A), generator=generator)
+    away = SPREADS.view(K, 1, 1, 1, 1) * torch.randn((K, B, N, M, A), generator=generator)
     noise = torch.randn((K, B, N, M, A), generator=generator)
-    climb.measure(mean + away, mean, noise, lambda drawn: SLOPES.view(K, 1, 1, 1) * drawn[..., 0])
+    climb.measure(mean + away, noise, lambda drawn: SLOPES.view(K, 1, 1, 1) * drawn[..., 0])
     return climb
 
 
@@ -37,7 +37,7 @@ def pull(climb: Climb, slopes: Tensor) -> Tensor:
     return -gradient[:, 0, 0] * B * N
 
 
-def test_scales_are_those_of_the_data_and_the_values() -> None:
+def test_scales_are_those_of_the_samples_and_the_values() -> None:
     climb = measured()
     torch.testing.assert_close(climb.slope, SLOPES, rtol=0.1, atol=0)
     torch.testing.assert_close(climb.weight, 2 * 2.0 * SPREADS**2 / (A * SLOPES), rtol=0.1, atol=0)
@@ -52,15 +52,16 @@ def test_a_pull_is_bounded(steeper: float) -> None:
 
 
 def test_values_are_asked_for_actions_about_the_mean_within_the_bounds() -> None:
-    climb, mean, noise = climb_of(), torch.zeros(K, B, N, A), torch.randn(K, B, N, M, A)
+    climb, noise = climb_of(), torch.randn(K, B, N, M, A)
+    away = torch.tensor([0.5, -0.5, 0.5, -0.5])[:, None]  # of variance 1 / 3
     asked: list[Tensor] = []
 
     def value_of(drawn: Tensor) -> Tensor:
         asked.append(drawn)
         return drawn.sum(4)
 
-    climb.measure(torch.full_like(mean, 0.5), mean, noise, value_of)
-    torch.testing.assert_close(asked[0], (0.5 * noise).clamp(-1, 1))
+    climb.measure((0.2 + away).expand(K, B, N, M, A), noise, value_of)
+    torch.testing.assert_close(asked[0], (0.2 + noise / 3**0.5).clamp(-1, 1))
 
 
 def test_without_a_temperature_nothing_climbs() -> None:
@@ -86,7 +87,7 @@ def test_beside_the_copy_it_is_the_anchored_loss() -> None:
 
 
 def test_data_that_are_all_alike_hold_still() -> None:
-    climb, same = climb_of(), torch.zeros(K, B, N, A)
-    climb.measure(same, same, torch.randn(K, B, N, M, A), lambda drawn: drawn.sum(4))
+    climb, same = climb_of(), torch.zeros(K, B, N, M, A)
+    climb.measure(same, torch.randn(K, B, N, M, A), lambda drawn: drawn.sum(4))
     assert climb.is_measured
     assert pull(climb, torch.full((K,), 1e3)).abs().max() < 1e-5

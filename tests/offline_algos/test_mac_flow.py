@@ -112,17 +112,17 @@ def test_actors_climb_the_smaller_value_of_what_the_reward_is_of(reward: Reward)
 
 
 @pytest.mark.parametrize("reward", REWARDS)
-def test_the_climb_is_measured_about_the_mean_of_the_data(
+def test_the_climb_is_measured_on_samples_of_the_flow(
     reward: Reward, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     algorithm, batch = made(MACFlow, reward=reward, **TINY), random_batch()
-    mean, seen = torch.randn(1, 32, 2, 2), []
-    monkeypatch.setattr(algorithm.copy.flow, "mean", lambda *_: mean)
+    sampled, seen = list(torch.randn(N_DRAWS, 1, 32, 2, 2)), []
+    left = iter(sampled)
+    monkeypatch.setattr(algorithm.copy.flow, "sample", lambda *_: next(left))
     monkeypatch.setattr(algorithm.climb, "measure", lambda *found: seen.append(found))
     algorithm.measure_climb(batch.states, batch.observations, batch.actions)
-    ((actions, found, noise, value_of),) = seen
-    assert actions is batch.actions
-    assert found is mean
+    ((samples, noise, value_of),) = seen
+    assert torch.equal(samples, torch.stack(sampled, 3))
     assert noise.shape == (1, 32, 2, N_DRAWS, 2)
     joint = batch.actions.clone()
     joint[:, :, 1] = noise[:, :, 1, 2]  # robot 1 alone leaves the data
@@ -133,18 +133,32 @@ def test_the_climb_is_measured_about_the_mean_of_the_data(
     torch.testing.assert_close(value_of(noise)[:, :, 1, 2], one)
 
 
+def test_a_flow_that_fits_badly_does_not_climb_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    weights = []
+    for misfit in (0.0, 0.5):
+        algorithm, batch = made(MACFlow, **TINY), random_batch()
+        around = batch.actions + misfit
+        monkeypatch.setattr(
+            algorithm.copy.flow, "sample", lambda x, z, around=around: around + 0.1 * z
+        )
+        algorithm.measure_climb(batch.states, batch.observations, batch.actions)
+        weights.append(float(algorithm.climb.weight * algorithm.climb.slope))
+    assert weights[0] == pytest.approx(2 * 0.01, rel=0.3)  # 2 eta v / A
+    assert weights[1] == pytest.approx(weights[0])
+
+
 def parts_that_move(algorithm: MACFlow) -> tuple[set[str], set[str]]:
     """Names of the networks that one update moves, and of the losses that it returns."""
     before = algorithm.state_dict()
     losses = algorithm.update(random_batch())
     after = algorithm.state_dict()
-    names = ("flow", "actor", "utilities", "target_utilities")
+    names = ("teacher", "actor", "utilities", "target_utilities")
     return {name for name in names if not torch.equal(before[name], after[name])}, set(losses)
 
 
 def test_one_stage_moves_all_in_every_update() -> None:
     algorithm = made(MACFlow, critic_share=0.0, n_updates=2, **TINY)
-    parts = {"flow", "actor", "utilities", "target_utilities"}
+    parts = {"teacher", "actor", "utilities", "target_utilities"}
     assert [parts_that_move(algorithm) for _ in range(2)] == [(parts, set(MACFlow.LOSSES))] * 2
 
 
@@ -153,7 +167,7 @@ def test_in_the_second_stage_actors_climb_what_stands_still() -> None:
     copied = {"distillation_loss"}
     first = copied | {"critic_loss", "q", "flow_loss"}
     moved = [parts_that_move(algorithm) for _ in range(4)]
-    assert moved[0] == moved[1] == ({"flow", "actor", "utilities", "target_utilities"}, first)
+    assert moved[0] == moved[1] == ({"teacher", "actor", "utilities", "target_utilities"}, first)
     assert moved[2] == moved[3] == ({"actor"}, copied | {"policy_q", "lambda"})
 
 

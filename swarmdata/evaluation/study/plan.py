@@ -188,7 +188,7 @@ class Study(Frozen):
     seeds: Annotated[Seeds, BeforeValidator(_first_seeds)] = (0, 1, 2, 3, 4)
     """Of trainings; a number n means 0 to n - 1."""
     budget: Positive = 1.0  # times each algorithm's default number of updates
-    hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of every network
+    hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of actors and critics
     settings: dict[str, Any] = Field(default_factory=dict)  # for every algorithm that has them
     episodes: Episodes = 500  # seeds of the block, from the first
     block: SeedBlock = "evaluation"  # `validation` for studies in which settings are chosen

@@ -5,19 +5,22 @@ straight paths, as in rectified flow (Liu et al. 2023, "Flow Straight and Fast")
 action a, standard normal noise z of the same shape, a time t uniform in [0, 1], and
 c = (state, all observations):
 
-    x_t  = (1 - t) z + t a
-    L(e) = 1/(N A) |e(c, x_t, t) - a|^2
-    v(c, x, t) = (e(c, x, t) - x) / (1 - t)
+    x_t     = (1 - t) z + t a
+    L(e)    = 1/(N A) sum_i |e(c, o_i, i, x_t, x_t,i, t) - a_i|^2
+    v_i     = (e(c, o_i, i, x, x_i, t) - x_i) / (1 - t)
 
-A sample is the end at t = 1 of the path dx/dt = v(c, x, t) that begins at z, by Euler's method. So
-the whole team's action is one function of z, and robots that must agree do.
+A sample is the end at t = 1 of the path dx/dt = v(c, x, t) that begins at z, by Euler's method. All
+robots share the network e, which gives one robot's part of the field: it sees the robot's own
+observation, number and part of the path beside what it knows of the team. A network that maps c to
+all N A numbers learns each robot's task anew. Every v_i is a function of the whole path x, so the
+team's action is one function of z, and robots that must agree do.
 
-The network e predicts where a path ends, not its velocity a - z. The best field is the same; the
+The network predicts where a path ends, not its velocity a - z. The best field is the same; the
 squared error of v at t counts (1 - t)^2 times as much (Salimans & Ho 2022, "Progressive
 Distillation for Fast Sampling of Diffusion Models", section 4, compare such outputs for diffusion,
 and arXiv 2603.06454 for flows). Where c tells nearly all of the action, as it does in the data of
 experts, e hardly depends on x, and the last step ends at e itself, where a velocity must cancel the
-noise in its input ever more exactly.
+noise in its input ever more exactly. Few steps are enough for the same reason.
 
 The price is that a spread much smaller than the noise is not copied: it shows in x at late times
 only, where e gains little by it. Modes far apart stay apart.
@@ -29,11 +32,14 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.perceptrons import (
+    Layer,
     MLPShape,
     StackedMLP,
     affine,
     initialize,
+    mlp_of_branches,
     mlp_of_products,
 )
 from swarmdata.learn.networks.sizes import Sizes
@@ -44,7 +50,7 @@ FLOW_STREAM = 4
 
 
 class JointFlow:
-    """Velocity fields of K seeds, by networks that predict where paths end.
+    """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends.
 
     Args:
         sizes: numbers of agents and features.
@@ -70,9 +76,11 @@ class JointFlow:
                 f"a flow got hidden layers {hidden} and {n_steps} steps, expected at least one of "
                 "each: without a hidden layer its velocity is linear, and all modes become one."
             )
-        n_joint = sizes.n_agents * sizes.action
-        shape = MLPShape(sizes.information + n_joint + 1, hidden, n_joint)
-        self.network, self.n_steps = StackedMLP(shape, len(seeds), device), n_steps
+        self.sizes, self.n_steps = sizes, n_steps
+        self._n_team = sizes.information + sizes.n_agents * sizes.action + 1
+        n_own = sizes.observation + sizes.n_agents + sizes.action
+        shape = MLPShape(self._n_team + n_own, hidden, sizes.action)
+        self.network = StackedMLP(shape, len(seeds), device)
         initialize(self.network, seeds, FLOW_STREAM)
 
     def loss(self, x: Tensor, actions: Tensor, noise: Tensor, times: Tensor) -> Tensor:
@@ -84,24 +92,11 @@ class JointFlow:
             noise: z, standard normal, [K, B, N, A].
             times: t, uniform in [0, 1), [K, B, 1].
         """
-        z, a = noise.flatten(2), actions.flatten(2)  # [K, B, N A]
-        on_path = z + times * (a - z)
-        ends = self.network(torch.cat([x, on_path, times], 2))
-        return (ends - a).square().mean((1, 2))
-
-    @torch.no_grad()
-    def mean(self, x: Tensor, noise: Tensor) -> Tensor:
-        """Returns the mean of the data's joint actions given c, [K, B, N, A].
-
-        At t = 0 a path is at its noise, which tells nothing of its end: e predicts the mean there.
-
-        Args:
-            x: c, normalized states and observations, [K, B, S + N O].
-            noise: z, standard normal, [K, B, N, A].
-        """
-        start = noise.flatten(2)
-        ends = self.network(torch.cat([x, start, start.new_zeros(*start.shape[:2], 1)], 2))
-        return ends.view_as(noise)
+        on_path = noise + times[..., None] * (actions - noise)
+        team = torch.cat([x, on_path.flatten(2), times], 2)
+        own = torch.cat([self._own(x), on_path], 3)
+        ends = mlp_of_branches(self.network.layers, team, own)
+        return (ends - actions).square().mean((1, 2, 3))
 
     @torch.no_grad()
     def sample(self, x: Tensor, noise: Tensor) -> Tensor:
@@ -114,12 +109,36 @@ class JointFlow:
             x: c, normalized states and observations, [K, B, S + N O].
             noise: z, standard normal, [K, B, N, A].
         """
-        layers, n_known = self.network.constants(), x.shape[2]
-        weight = layers[0].weight
-        known = affine(x, weight[:, :n_known], layers[0].bias)
-        moving, path = weight[:, n_known:-1], noise.flatten(2)
+        layers = self.network.constants()
+        known, moving = self._first_products(layers[0], x)
+        clock, path = layers[0].weight[:, self._n_team - 1 : self._n_team], noise.flatten(2)
         for step in range(self.n_steps):
-            now = weight[:, -1:] * (step / self.n_steps)
-            products = torch.bmm(path, moving).add_(known).add_(now)
-            path = path + (mlp_of_products(layers, products) - path) / (self.n_steps - step)
+            products = torch.baddbmm(known, path, moving).view(len(path), -1, clock.shape[2])
+            products.add_(clock * (step / self.n_steps))
+            ends = mlp_of_products(layers, products).view_as(path)
+            path = path + (ends - path) / (self.n_steps - step)
         return path.clamp(-1, 1).view_as(noise)
+
+    def _first_products(self, first: Layer, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns what c adds to the products of a first layer, and what maps a path to its part.
+
+        Args:
+            first: of H units.
+            x: c, [K, B, S + N O].
+
+        Returns:
+            [K, B, N H] and [K, N A, N H].
+        """
+        n_agents, n_actions = self.sizes.n_agents, self.sizes.action
+        team, own = first.weight[:, : self._n_team], first.weight[:, self._n_team :]
+        of_team = affine(x, team[:, : x.shape[2]], first.bias).repeat(1, 1, n_agents)
+        of_own = torch.bmm(self._own(x).flatten(1, 2), own[:, :-n_actions]).view_as(of_team)
+        identity = torch.eye(n_agents, device=x.device)
+        own_part = torch.einsum("ij,kah->kiajh", identity, own[:, -n_actions:])
+        team_part = team[:, x.shape[2] : -1].repeat(1, 1, n_agents)
+        return of_team + of_own, team_part + own_part.reshape(team_part.shape)
+
+    def _own(self, x: Tensor) -> Tensor:
+        """Returns each robot's observation and number, [K, B, N, O + N]."""
+        observations = x[..., self.sizes.state :].reshape(*x.shape[:2], self.sizes.n_agents, -1)
+        return with_agent_id(observations)

@@ -1,4 +1,4 @@
-"""Joint flows: the written loss, Euler's method, and that they learn two modes."""
+"""Joint flows: the written loss, Euler's method, and what a robot's part depends on."""
 
 import pytest
 
@@ -22,24 +22,35 @@ def drawn(*shape: int, seed: int = 0) -> Tensor:
     return torch.randn(shape, generator=torch.Generator().manual_seed(seed))
 
 
+def ends(flow: JointFlow, x: Tensor, path: Tensor, times: Tensor) -> Tensor:
+    """What the network says of each robot, one after the other, [K, B, N, A]."""
+    team = torch.cat([x, path.flatten(2), times], 2)
+    parts = []
+    for robot in range(2):
+        number = torch.zeros(K, B, 2)
+        number[..., robot] = 1
+        own = x[..., 4 + 3 * robot : 7 + 3 * robot]
+        parts.append(flow.network(torch.cat([team, own, number, path[:, :, robot]], 2)))
+    return torch.stack(parts, 2)
+
+
 def test_the_loss_is_of_the_ends_of_straight_paths() -> None:
     flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
     a, t = drawn(K, B, 2, 2, seed=2), torch.rand(K, B, 1)
-    flat_a, flat_z = a.reshape(K, B, 4), z.reshape(K, B, 4)
-    inputs = torch.cat([x, (1 - t) * flat_z + t * flat_a, t], 2)
-    expected = (flow.network(inputs) - flat_a).square().mean((1, 2))
+    on_path = (1 - t)[..., None] * z + t[..., None] * a
+    expected = (ends(flow, x, on_path, t) - a).square().mean((1, 2, 3))
     torch.testing.assert_close(flow.loss(x, a, z, t), expected)
 
 
 def test_a_sample_is_what_eulers_method_reaches() -> None:
     flow, x, z = made(n_steps=4), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
-    path = z.reshape(K, B, 4)
+    path = z
     for step in range(4):
         time = step / 4
-        end = flow.network(torch.cat([x, path, torch.full((K, B, 1), time)], 2)).detach()
+        end = ends(flow, x, path, torch.full((K, B, 1), time)).detach()
         path = path + (end - path) / (1 - time) / 4
     sample = flow.sample(x, z)
-    torch.testing.assert_close(sample, path.clamp(-1, 1).view(K, B, 2, 2))
+    torch.testing.assert_close(sample, path.clamp(-1, 1))
     assert not sample.requires_grad
     assert torch.equal(z, drawn(K, B, 2, 2, seed=1))  # the noise is not written to
 
@@ -51,12 +62,15 @@ def test_samples_stay_in_range() -> None:
     assert flow.sample(drawn(K, 50, SIZES.information), drawn(K, 50, 2, 2)).abs().max() == 1
 
 
-def test_the_mean_is_what_is_predicted_from_noise_alone() -> None:
+@pytest.mark.parametrize("of", ["noise", "observation"])
+def test_every_robots_part_depends_on_what_is_of_any_robot(of: str) -> None:
     flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
-    end = flow.network(torch.cat([x, z.flatten(2), torch.zeros(K, B, 1)], 2)).detach()
-    mean = flow.mean(x, z)
-    torch.testing.assert_close(mean, end.view(K, B, 2, 2))
-    assert not mean.requires_grad
+    before = flow.sample(x, z)
+    if of == "noise":
+        z[:, :, 1] += 1.0
+    else:
+        x[..., -3:] += 1.0
+    assert (flow.sample(x, z) != before).any(3).all()
 
 
 @pytest.mark.parametrize(("hidden", "n_steps"), [((), 3), ((8,), 0)])

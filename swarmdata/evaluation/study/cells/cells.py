@@ -41,6 +41,10 @@ AS_RECORDED = View()
 LENGTHS = ("n_updates", "bc_warmup_updates")
 """Settings that are numbers of updates; a study's budget scales them together."""
 
+WIDTHS = ("hidden", "actor_hidden", "critic_hidden")
+"""Settings that a study's `hidden` sets: of what acts and of what estimates values. A network that
+only teaches these, such as a flow, keeps its own."""
+
 
 class Cell(Frozen):
     """Everything that determines the results of one cell."""
@@ -197,8 +201,8 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
     lengths = {k: v for k, v in dataclasses.asdict(config).items() if k in LENGTHS}
     changes: dict[str, Any] = {k: max(1, round(v * factor)) for k, v in lengths.items()}
     if study.hidden is not None:
-        widths = {k: v for k, v in dataclasses.asdict(config).items() if k.endswith("hidden")}
-        changes |= {k: study.hidden for k, v in widths.items() if isinstance(v, tuple)}
+        widths = (name for name in WIDTHS if isinstance(getattr(config, name, None), tuple))
+        changes |= dict.fromkeys(widths, study.hidden)
     names = {field.name for field in dataclasses.fields(config)}
     changes |= {k: v for k, v in study.settings.items() if k in names}
     return _json(override(config, as_texts({**changes, **variant.settings})))

@@ -15,6 +15,7 @@ from swarmdata.evaluation.study.cells.study_data import (
     short_name,
 )
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.offline_algos.mac_flow import MACFlowConfig
 from swarmdata.registry.presets import preset
 from swarmdata.registry.reward_weights import chosen_weights
 from tests.evaluation.study.conftest import BC, MADDPG
@@ -37,6 +38,18 @@ def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
     assert (half["actor_hidden"], half["critic_hidden"]) == ([8], [8])
     assert (own["n_updates"], own["bc_warmup_updates"], own["rl_weight"]) == (10, 5, 2.0)
     assert (own["actor_hidden"], own["critic_hidden"]) == ([4, 4], [8])
+
+
+def test_widths_are_of_actors_and_critics_and_not_of_what_teaches_them(make_study: Make) -> None:
+    named = {
+        "mac_flow": {"algorithm": "mac_flow", "family": "f"},
+        "wide": {"algorithm": "mac_flow", "family": "f", "settings": {"flow_hidden": [4, 4]}},
+    }
+    found = cells(make_study(algorithms=named, datasets=["coop_nav-medium"])).values()
+    own, wide = (each.config for each in found)
+    assert (own["actor_hidden"], own["critic_hidden"]) == ([8], [8])
+    assert own["flow_hidden"] == list(MACFlowConfig().flow_hidden)
+    assert wide["flow_hidden"] == [4, 4]
 
 
 def test_settings_for_all_reach_those_that_have_them(make_study: Make) -> None:

@@ -1,0 +1,68 @@
+"""Distillation: what students copy, and checkpoints of before."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+
+from swarmdata.errors import CheckpointError  # noqa: E402
+from swarmdata.learn.flows.distillation import Distillation  # noqa: E402
+from swarmdata.learn.networks.network_inputs import normal_like  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
+from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402
+from swarmdata.learn.training.compact import is_same  # noqa: E402
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG  # noqa: E402
+from swarmdata.learn.training.run_folder import load_run  # noqa: E402
+from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
+from swarmdata.offline_algos.bc_flow import BCFlowConfig  # noqa: E402
+from swarmdata.runtime.atomic import write_file  # noqa: E402
+from tests.offline_algos.toys import SIZES, same_side, statistics  # noqa: E402
+
+K, B = 2, 6
+
+
+def made(*, debiased: bool) -> Distillation:
+    config = BCFlowConfig(flow_hidden=(8,), n_flow_steps=2, debiased=debiased)
+    return Distillation(Setup(SIZES, (0, 1), statistics()), config, (8,), learning_rate=1e-3)
+
+
+@pytest.mark.parametrize("bias", [0.0, 5.0])
+@pytest.mark.parametrize("debiased", [True, False])
+def test_students_spread_as_the_flow_does_about_the_mean_of_the_data(
+    bias: float, debiased: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = made(debiased=debiased)
+    monkeypatch.setattr(copy.flow, "sample", lambda x, z: bias + 0.1 * z)
+    a, z = torch.rand(K, B, 2, 2), torch.randn(K, B, 2, 2)
+    setup, x = Setup(SIZES, (0, 1), statistics()), torch.zeros(K, B, SIZES.information)
+    others = normal_like(setup.generators(), a)
+    expected = a + 0.1 * z - 0.1 * others if debiased else bias + 0.1 * z
+    torch.testing.assert_close(copy.targets(x, z, a, setup.generators()), expected)
+
+
+def test_a_run_of_before_gives_its_policies_and_does_not_go_on(tmp_path: Path) -> None:
+    data = same_side(4)
+    config = BCFlowConfig(n_updates=2, batch_size=4, hidden=(8,), flow_hidden=(8,), n_flow_steps=2)
+    trained = train_seeds("bc_flow", data, tmp_path, seeds=(0,), config=config, progress=False)
+    tensors, metadata = load_checkpoint(tmp_path / CHECKPOINT)
+    older = {k: v for k, v in tensors.items() if "teacher" not in k}
+    older["algorithm.flow"] = torch.zeros(1, 7)  # of another shape
+    save_checkpoint(tmp_path / CHECKPOINT, older, metadata)
+    described = json.loads((tmp_path / CONFIG).read_text(encoding="utf-8"))
+    del described["config"]["debiased"]
+    write_file(tmp_path / CONFIG, json.dumps(described).encode())
+    assert is_same(load_run(tmp_path), trained)
+    with pytest.raises(CheckpointError, match="debiased"):
+        train_seeds("bc_flow", data, tmp_path, seeds=(0,), config=config, progress=False)
+
+
+@pytest.mark.parametrize("is_older", [True, False])
+def test_without_actors_a_checkpoint_is_damaged(is_older: bool) -> None:
+    copy = made(debiased=True)
+    state = copy.state_dict()
+    lacking = {"actor", "teacher"} if is_older else {"actor"}
+    state = {name: tensor for name, tensor in state.items() if name not in lacking}
+    with pytest.raises(KeyError, match="actor"):
+        copy.load_state_dict(state)
