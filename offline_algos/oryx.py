@@ -37,7 +37,7 @@ Deviations from Oryx:
 - Rewards, normalization, frames and the decay of learning rates are those of the other algorithms.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -65,7 +65,7 @@ LARGEST_ADVANTAGE = 2.0
 class OryxConfig(SequenceSettings):
     """A sequence model with advantage weights; one setting for all datasets."""
 
-    n_updates: int = 10_000
+    n_updates: int = 5_000
     batch_size: int = 256  # joint transitions, in windows
     value_hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 2e-3
@@ -119,7 +119,8 @@ class Oryx(OfflineLearner):
             )
         config, scale = self.config, self.scale
         returns = self.returns(batch)  # [K, R, N]
-        steps, outputs = self.actor.along(batch)
+        now = replace(batch, rewards=None, next_states=None, next_observations=None)
+        steps, outputs = self.actor.along(now)
         values = self.values(self.value, steps.states, steps.observations)
         errors = returns - values
         value_loss = errors.square().mean((1, 2))
