@@ -14,7 +14,6 @@ from swarmdata.learn.training.trainer import sampler_of, train_seeds  # noqa: E4
 from swarmdata.offline_algos.oryx import (  # noqa: E402
     Oryx,
     OryxConfig,
-    batch_weights,
     lambda_returns,
 )
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
@@ -53,26 +52,11 @@ def test_returns_of_recorded_episodes_end_as_they_did() -> None:
     sampler = sampler_of(data, algorithm.config, 0)
     batch = sampler.gather(np.array([[0, 2]])).to_torch()  # team rewards of both: 2, 6
     assert algorithm.returns(batch)[0, :, 0].tolist() == [5.0, 6.0, 5.0, 6.0]
-    algorithm.value.layers  # noqa: B018
     target = algorithm.descent.targets["value"]
     target.flat.zero_()
     with torch.no_grad():
         target.layers[-1].bias.fill_(8.0)
     assert algorithm.returns(batch)[0, :, 0].tolist() == [5.0, 6.0, 7.0, 10.0]  # the second is cut
-
-
-def test_weights_have_a_mean_of_one_and_half_of_the_rows_count() -> None:
-    advantages = torch.randn(2, 500, 4, generator=torch.Generator().manual_seed(0))
-    weights = batch_weights(1e3 * advantages + 7, 0.8)
-    torch.testing.assert_close(weights, batch_weights(advantages, 0.8), rtol=1e-3, atol=1e-3)
-    torch.testing.assert_close(weights.mean((1, 2)), torch.ones(2))
-    share = 1 / weights.square().mean((1, 2))
-    assert (share - np.exp(-(0.8**2))).abs().max() < 0.1
-    assert (weights.flatten(1).argsort(1) == advantages.flatten(1).argsort(1)).float().mean() > 0.9
-    one = torch.zeros(1, 500, 1)
-    one[0, 0] = 1e6  # a single huge advantage does not take all the weight
-    assert batch_weights(one, 0.8).max() < 10
-    assert torch.equal(batch_weights(torch.zeros(1, 4, 2), 0.8), torch.ones(1, 4, 2))
 
 
 def test_with_one_component_and_no_weights_the_loss_is_the_squared_error() -> None:
@@ -84,10 +68,12 @@ def test_with_one_component_and_no_weights_the_loss_is_the_squared_error() -> No
 
 
 def test_better_actions_weigh_more() -> None:
-    """Of two actions in the same state, one is worth 1 and one 0; the likeliest mode is the good."""
+    """Of two actions in the same state, one is worth 1 and one 0: the mode is the good one."""
     data = hinted_side(40)
     episodes = [
-        replace(e, rewards=(e.actions[..., 1] > 0).astype(np.float32), observations=e.observations * 0)
+        replace(
+            e, rewards=(e.actions[..., 1] > 0).astype(np.float32), observations=e.observations * 0
+        )
         for e in data.episodes
     ]
     algorithm, losses = trained(

@@ -99,12 +99,11 @@ def over_window(
     """
     n_steps = inputs.shape[2]
     embedded, q, k, v = (each.transpose(2, 3) for each in _embedded(layers, inputs))
+    # each [R, B, N, H, L, d_h] from here on
     q, k, v = (each.unflatten(-1, (n_heads, -1)).transpose(3, 4) for each in (q, k, v))
-    # [R, B, N, H, L, d_h]
     gammas = decays(n_heads, inputs)[:, None, None]
-    ages = torch.arange(n_steps, device=inputs.device)[:, None] - torch.arange(
-        n_steps, device=inputs.device
-    )
+    times = torch.arange(n_steps, device=inputs.device)
+    ages = times[:, None] - times
     weights = (1 - gammas) / math.sqrt(q.shape[-1]) * gammas ** ages.clamp(min=0)  # [H, L, L]
     weights = weights * (ages >= 0) * mask[:, :, None, None, None]  # [R, B, 1, H, L, L]
     recalled = (q @ k.transpose(-1, -2) * weights) @ v

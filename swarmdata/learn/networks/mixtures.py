@@ -40,11 +40,11 @@ class Mixture(NamedTuple):
     def mode(self, deviation: float) -> Tensor:
         """Returns the mean at which the density is largest, [..., A]."""
         between = self.means[..., :, None, :] - self.means[..., None, :, :]  # [..., M, M, A]
-        exponents = self.log_weights[..., None, :] + _exponents(between, deviation)
-        best = exponents.logsumexp(-1).argmax(-1)  # [...]
+        shares = self.log_weights.exp()[..., None, :] * _exponents(between, deviation).exp()
+        best = shares.sum(-1).argmax(-1)  # [...]
         index = best[..., None, None].expand(*best.shape, 1, self.means.shape[-1])
         return torch.gather(self.means, -2, index)[..., 0, :]
 
 
 def _exponents(differences: Tensor, deviation: float) -> Tensor:
-    return differences.square().sum(-1) * (-0.5 / deviation**2)
+    return (differences * differences).sum(-1) * (-0.5 / deviation**2)
