@@ -134,8 +134,8 @@ class Oryx(OfflineLearner):
         config, window = self.config, slice(-self.config.window, None)
         target, mask = self.descent.targets["value"], batch.mask[:, :, window]
         rewards = self.rewards(batch.rewards[:, :, window])
-        reached = (batch.next_states[:, :, window], batch.next_observations[:, :, window])
-        v_next = self.values(*(each.flatten(1, 2) for each in reached), target)
+        states = batch.next_states[:, :, window].flatten(1, 2)
+        v_next = self.values(states, batch.next_observations[:, :, window].flatten(1, 2), target)
         returns = lambda_returns(
             rewards, batch.terminations[:, :, window], v_next.view(rewards.shape), mask,
             config.discount, config.trace_decay,

@@ -100,7 +100,7 @@ def over_window(
     n_steps = inputs.shape[2]
     embedded, q, k, v = (each.transpose(2, 3) for each in _embedded(layers, inputs))
     # each [R, B, N, H, L, d_h] from here on
-    q, k, v = (each.unflatten(-1, (n_heads, -1)).transpose(3, 4) for each in (q, k, v))
+    q, k, v = (_by_head(each, n_heads).transpose(3, 4) for each in (q, k, v))
     gammas = decays(n_heads, inputs)[:, None, None]
     times = torch.arange(n_steps, device=inputs.device)
     ages = times[:, None] - times
@@ -122,9 +122,9 @@ def over_step(
         n_heads: H.
     """
     embedded, q, k, v = _embedded(layers, inputs)
-    q, k, v = (each.unflatten(-1, (n_heads, -1)) for each in (q, k, v))  # [R, B, N, H, d_h]
+    q, k, v = (_by_head(each, n_heads) for each in (q, k, v))  # [R, B, N, H, d_h]
     gammas, size = decays(n_heads, inputs)[:, None], q.shape[-1]
-    before = memory.unflatten(-1, (n_heads, size, size))
+    before = memory.view(*memory.shape[:-1], n_heads, size, size)
     after = gammas[..., None] * before + k[..., :, None] * v[..., None, :]
     recalled = (q[..., None, :] @ after)[..., 0, :] * ((1 - gammas) / math.sqrt(size))
     return embedded, recalled.flatten(-2), after.flatten(-3)
@@ -158,9 +158,9 @@ def decide(
     q, k, v = _linear(layers[ROBOTS], _norm(tokens)).chunk(3, -1)
     told_k, told_v = _linear(layers[TOLD], told).chunk(2, -1)  # [R, B, Q, N, width]
     pairs = ((k[:, :, None] + told_k), (v[:, :, None] + told_v))
-    k, v = (each.unflatten(-1, (n_heads, -1)) for each in pairs)  # [R, B, Q, N, H, d_h]
+    k, v = (_by_head(each, n_heads) for each in pairs)  # [R, B, Q, N, H, d_h]
     own = tokens[:, :, -n_deciding:]
-    q = q[:, :, -n_deciding:, None].unflatten(-1, (n_heads, -1))  # [R, B, Q, 1, H, d_h]
+    q = _by_head(q[:, :, -n_deciding:, None], n_heads)  # [R, B, Q, 1, H, d_h]
     scores = (q * k).sum(-1) / math.sqrt(q.shape[-1])  # [R, B, Q, N, H]
     scores = scores.masked_fill(~hears[..., None], -torch.inf)
     silent = torch.zeros_like(scores[..., :1, :])
@@ -174,6 +174,11 @@ def decide(
 def earlier(n_agents: int, device: torch.device | str) -> Tensor:
     """Returns whom each robot hears, those before it, bool [N, N]."""
     return torch.ones(n_agents, n_agents, dtype=torch.bool, device=device).tril(-1)
+
+
+def _by_head(values: Tensor, n_heads: int) -> Tensor:
+    """Returns values [..., width] as [..., H, d_h]."""
+    return values.reshape(*values.shape[:-1], n_heads, -1)
 
 
 def _linear(layer: Layer, x: Tensor) -> Tensor:

@@ -24,8 +24,9 @@ class Mixture(NamedTuple):
     @classmethod
     def of(cls, outputs: Tensor, n_components: int) -> "Mixture":
         """Reads the mixtures from a network's outputs, [..., M (1 + A)]; means are in [-1, 1]."""
-        logits, means = outputs.split([n_components, outputs.shape[-1] - n_components], -1)
-        return cls(logits.log_softmax(-1), means.unflatten(-1, (n_components, -1)).tanh())
+        logits, means = outputs[..., :n_components], outputs[..., n_components:]
+        shaped = means.reshape(*means.shape[:-1], n_components, -1)
+        return cls(logits.log_softmax(-1), shaped.tanh())
 
     def surprise(self, actions: Tensor, deviation: float) -> Tensor:
         """Returns -2 sigma^2 / A log p(a), but for a constant, [...].

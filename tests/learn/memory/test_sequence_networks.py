@@ -17,7 +17,7 @@ from swarmdata.learn.memory.sequence_networks import (  # noqa: E402
     over_window,
     with_past,
 )
-from swarmdata.learn.networks.perceptrons import initialize  # noqa: E402
+from swarmdata.learn.networks.perceptrons import Layer, initialize  # noqa: E402
 from swarmdata.types import Double  # noqa: E402
 
 K, B, L, N, F, D, H = 2, 3, 5, 4, 6, 2, 2
@@ -31,7 +31,7 @@ def network() -> StackedSequences:
 
 
 LAYERS = [
-    type(layer)(*(None if part is None else part.detach().double() for part in layer))
+    Layer(layer.weight.detach().double(), layer.bias.detach().double())
     for layer in network().layers
 ]
 
