@@ -6,8 +6,8 @@ two conventions hold joint actions that fit, and robots that each imitate mix th
 improve in turn, each with the data's rows weighted by how far the others, as they act now, would
 have acted so:
 
-    rho_j  = pi_j(a_j | o_j) / mu_j(a_j | o_j)
-    w_i    = exp(beta A_i) prod_{j != i} rho_j^kappa / Z
+    rho_j   = pi_j(a_j | o_j) / mu_j(a_j | o_j)
+    w_i     = exp(beta A_i) prod_{j != i} rho_j^kappa prod_{j != i} d_ej^kappa / Z
     L(pi_i) = -E w_i log pi_i(a_i | o_i)
 
 mu are the policies that recorded the data, cloned in the first stage; pi begin there. Those who
@@ -17,7 +17,14 @@ the team settles on one, and each robot acts by what it observes alone.
 
 kappa = 1 is the ratio of InSPO: the rows are as if the others had acted by pi. With it, two robots
 that lean alike stay as they are. AlberDICE adds alpha log(pi_-i / mu_-i) to the reward, another
-factor of the ratio in the weights: kappa = 2, with which leaning grows.
+factor of the ratio in the weights: kappa = 2, with which leaning grows; it grows faster with more.
+
+d_ej stands for AlberDICE's correction of the distribution of states: how far robot j, as it acts
+now, would have gone through all of recorded episode e. Conventions are chosen in a few steps, and
+followed in all others, in which pi and mu agree; without d, a robot in doubt halfway would follow
+either. It is the product of rho_j over an episode of H steps, by a running mean of log rho_j:
+
+    log d_ej = H l_ej,    l_ej <- l_ej + eta (log rho_j - l_ej)    for the batch's rows of e
 
 Policies are mixtures of Gaussians (`networks.mixtures`): a single Gaussian of two conventions lies
 between them, where no robot can lean. A policy acts by its likeliest mode. The advantages are of a
@@ -30,12 +37,15 @@ A is clipped to [-2, 2], sigma_A is its deviation in the batch, Z the mean of th
 
 Deviations:
 - One network serves all robots and sees their number; a turn is one update, of robot 0, 1, ...
-- log rho_j is clipped to [-3, 3]. mu is fixed in the second stage, Z is not that of the state.
-- Advantages are of one step and the data's own values, not of the policies' values; AlberDICE's
-  corrections of the distribution of states are left out.
-- Rewards, normalization, frames and the decay of learning rates are those of the other algorithms.
+- Either product is clipped to [e^-3, e]. mu is fixed in the second stage, Z is not that of a state.
+- Advantages are of one step and of the data's own values, not of the policies'. A convention is
+  worth what the team gets of it much later: rewards are the team's and the discount is 0.99.
+- AlberDICE learns corrections by a dual program, for each state.
+- The scale of rewards, normalization, frames and the decay of learning rates are those of the
+  other algorithms.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -56,8 +66,8 @@ from swarmdata.learn.training.actor_critic import TRANSITION, OfflineLearner, Pa
 from swarmdata.types import Batch
 
 LOG_RATIO_RANGE = (-3.0, 1.0)
-"""Of kappa times the sum of log rho: what the others would not do counts little; what they would
-do, hardly more than rows in which they have no choice."""
+"""Of kappa times the sum of log rho, and of that of log d: what the others would not do counts
+little; what they would do, hardly more than rows in which they have no choice."""
 
 
 @dataclass(frozen=True)
@@ -75,15 +85,17 @@ class InSPOConfig:
     deviation: float = 0.2  # of each mode; what is nearer than that is one mode
     sequential_share: float = 0.6  # of the updates, the last ones, in which robots take turns
     ratio_exponent: float = 4.0  # kappa
+    episode_steps: int = 50  # H
+    episode_rate: float = 0.03  # eta
     inverse_temperature: float = 0.8  # beta
     value_hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 3e-3  # see `bc`
     value_learning_rate: float = 1e-3  # as of the critics of others
     final_learning_rate_factor: float = 0.0  # at the end of the cosine of each stage
-    discount: float = 0.95  # see `maddpg_bc`
+    discount: float = 0.99  # see above
     tau: float = 0.01  # per update of the target
     max_grad_norm: float | None = 10.0  # per seed, of each kind of network
-    reward: Reward = "own"
+    reward: Reward = "team"
 
     def __post_init__(self) -> None:
         """Checks the share."""
@@ -94,14 +106,24 @@ class InSPOConfig:
 
 
 class InSPO(OfflineLearner):
-    """K seeds of actors, of clones and of value networks, trained at once."""
+    """K seeds of actors, of clones and of value networks, trained at once.
+
+    Raises:
+        SchemaError: the number of episodes of the data is not known.
+    """
 
     Config = InSPOConfig
-    FIELDS = TRANSITION
+    FIELDS = (*TRANSITION, "episodes")
     LOSSES = ("value_loss", "actor_loss", "advantage_std", "log_ratio", "effective_share")
 
     def __init__(self, setup: Setup, config: InSPOConfig) -> None:
         self.config, self.sizes = config, setup.sizes
+        if setup.n_episodes < 1:
+            raise SchemaError(
+                f"inspo got {setup.n_episodes} episodes, expected their number: each has a weight. "
+                "Give it as Setup.n_episodes."
+            )
+        self.leanings = Leanings(setup)
         n_outputs = config.n_components * (1 + setup.sizes.action)
         self.actor = StackedActor(
             replace(setup.sizes, action=n_outputs), setup.seeds, config.hidden, setup.statistics,
@@ -119,7 +141,7 @@ class InSPO(OfflineLearner):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        return (self.descent,)
+        return self.descent, self.leanings
 
     @property
     def scale(self) -> float:
@@ -143,9 +165,13 @@ class InSPO(OfflineLearner):
         ratios = torch.zeros_like(surprise)
         if turn >= 0:
             with torch.no_grad():
-                ratios = self.surprise(batch, self.clones) - surprise  # log rho
-            others = config.ratio_exponent * (ratios.sum(2, keepdim=True) - ratios)
-            exponents = others.clamp(*LOG_RATIO_RANGE)
+                ratios = self.surprise(batch, self.clones) - surprise  # log rho, [K, B, N]
+            self.leanings.learn(batch.episodes, ratios, config.episode_rate)
+            episodes = config.episode_steps * self.leanings.of(batch.episodes)  # log d
+            exponents = sum(
+                (config.ratio_exponent * of_others(each)).clamp(*LOG_RATIO_RANGE)
+                for each in (ratios, episodes)
+            )
             exponents += config.inverse_temperature * standard_advantages(advantages)
             robot = turn % self.sizes.n_agents
             surprise, exponents = (each[:, :, robot, None] for each in (surprise, exponents))
@@ -188,3 +214,36 @@ class InSPO(OfflineLearner):
             deviation=self.config.deviation,
             frame=self.sizes.frame,
         )
+
+
+class Leanings:
+    """How far robots would have gone through each recorded episode, l, [K, M, N]."""
+
+    def __init__(self, setup: Setup) -> None:
+        shape = (setup.n_seeds, setup.n_episodes, setup.sizes.n_agents)
+        self.values = torch.zeros(shape, device=setup.device)
+
+    def of(self, episodes: Tensor) -> Tensor:
+        """Returns l of the episodes of rows [K, B], [K, B, N]."""
+        return self.values.gather(1, self._index(episodes))
+
+    def learn(self, episodes: Tensor, ratios: Tensor, rate: float) -> None:
+        """Moves l of the episodes of rows [K, B] by `rate` of the way to their ratios [K, B, N]."""
+        moves = rate * (ratios.detach() - self.of(episodes))
+        self.values.scatter_add_(1, self._index(episodes), moves)
+
+    def _index(self, episodes: Tensor) -> Tensor:
+        return episodes[..., None].expand(*episodes.shape, self.values.shape[2])
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The leanings, as a copy."""
+        return {"leanings": self.values.clone()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone."""
+        self.values.copy_(state["leanings"])
+
+
+def of_others(values: Tensor) -> Tensor:
+    """Returns the sum over the other robots, [K, B, N], of values [K, B, N]."""
+    return values.sum(2, keepdim=True) - values

@@ -1,19 +1,31 @@
 """Robots that improve in turn settle on one convention, and keep it without a word."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.offline_algos.inspo import InSPO  # noqa: E402
+from swarmdata.errors import SchemaError  # noqa: E402
+from swarmdata.learn.networks.setup import Setup  # noqa: E402
+from swarmdata.offline_algos.inspo import InSPO, InSPOConfig, Leanings, of_others  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Float  # noqa: E402
-from tests.offline_algos.toys import actions_of, trained  # noqa: E402
+from tests.offline_algos.toys import (  # noqa: E402
+    SIZES,
+    actions_of,
+    configured,
+    random_batch,
+    statistics,
+    trained,
+)
 from tests.support.made_episodes import made_episode  # noqa: E402
 
 
 def xor_game(n_episodes: int = 50, length: int = 20) -> MemoryDataset:
-    """A matrix game of two robots: in half of the steps (+, -), in the other half (-, +).
+    """A matrix game of two robots: half of the teams play (+, -), the other half (-, +).
 
     The second component is the choice, 0.8 in size; nothing is observed. No data have (+, +) or
     (-, -), which would be worth nothing.
@@ -22,8 +34,7 @@ def xor_game(n_episodes: int = 50, length: int = 20) -> MemoryDataset:
     episodes = []
     for number in range(n_episodes):
         actions = np.zeros((length, 2, 2))
-        side = rng.choice([-0.8, 0.8], size=length)
-        actions[..., 1] = np.stack([side, -side], 1)
+        actions[..., 1] = 0.8 * (-1.0) ** (number + np.arange(2))
         actions += rng.normal(0, 0.05, actions.shape)
         episodes.append(
             made_episode(
@@ -34,12 +45,58 @@ def xor_game(n_episodes: int = 50, length: int = 20) -> MemoryDataset:
     return MemoryDataset(episodes)
 
 
+def test_a_row_weighs_what_the_others_would_do_there_and_in_its_episode() -> None:
+    """By hand: log rho of the robots is -1, 2, and 4 of the one that has its turn."""
+    assert of_others(torch.tensor([[[-1.0, 2.0, 4.0]]])).tolist() == [[[6.0, 3.0, 1.0]]]
+    leanings = Leanings(Setup(SIZES, (0, 1), statistics(), n_episodes=3))
+    episodes = torch.tensor([[0, 2], [1, 1]])
+    leanings.learn(episodes, torch.tensor([[[1.0, 0.0], [2.0, -2.0]]] * 2), 0.5)
+    assert leanings.values[0].tolist() == [[0.5, 0.0], [0.0, 0.0], [1.0, -1.0]]
+    assert leanings.values[1].tolist() == [[0.0, 0.0], [1.5, -1.0], [0.0, 0.0]]  # of two rows
+    leanings.learn(episodes, torch.tensor([[[1.0, 0.0], [2.0, -2.0]]] * 2), 0.5)
+    assert leanings.of(episodes)[0].tolist() == [[0.75, 0.0], [1.5, -1.5]]
+    fresh = Leanings(Setup(SIZES, (0, 1), statistics(), n_episodes=3))
+    fresh.load_state_dict(leanings.state_dict())
+    assert torch.equal(fresh.values, leanings.values)
+
+
+def small(**config: Any) -> InSPO:
+    setup = Setup(SIZES, (0,), statistics(), n_episodes=1)
+    return InSPO(setup, configured(InSPO, {"value_hidden": (8,)}, config))
+
+
+def test_in_the_first_stage_robots_clone_and_then_one_has_its_turn() -> None:
+    algorithm = small(n_updates=4, hidden=(8,), sequential_share=0.5, n_components=1)
+    batch = replace(random_batch(), episodes=torch.zeros(1, 32, dtype=torch.long))
+    for update, robot in enumerate((slice(None), slice(None), 0, 1)):
+        if update == 2:
+            cloned = algorithm.actor.network.flat.clone()
+        outputs = algorithm.actor(batch.observations)[..., 1:].tanh()
+        errors = (outputs - batch.actions).square().mean(3).detach()
+        losses = algorithm.update(batch)
+        if update == 0:  # an equal weight of all rows
+            torch.testing.assert_close(losses["actor_loss"], errors[:, :, robot].mean((1, 2)))
+            assert losses["effective_share"].item() == pytest.approx(1)
+        if update == 2:  # weights have a mean of 1, so the loss is between the extremes
+            own = errors[:, :, robot]
+            assert own.min() < losses["actor_loss"] < own.max()
+            assert losses["log_ratio"].item() == pytest.approx(0, abs=1e-5)  # pi is mu
+    assert torch.equal(algorithm.clones.flat, cloned)
+
+
+def test_episodes_must_be_known() -> None:
+    with pytest.raises(SchemaError, match="expected their number"):
+        InSPO(Setup(SIZES, (0,), statistics()), InSPOConfig())
+    with pytest.raises(SchemaError, match="above 0 and below 1"):
+        InSPOConfig(sequential_share=1.0)
+
+
 def choices(n_updates: int, ratio_exponent: float) -> Float:
     """What the robots of six seeds choose, [6, 2]."""
     algorithm, _ = trained(
         InSPO, xor_game(), n_updates, seeds=range(6),
         ratio_exponent=ratio_exponent, sequential_share=0.75, hidden=(16,), value_hidden=(8,),
-        batch_size=32,
+        batch_size=64,
     )  # fmt: skip
     nothing = np.zeros((1, 2, 3), np.float32)
     return np.stack([actions_of(algorithm.policy(k), nothing)[0, :, 1] for k in range(6)])
