@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,9 @@ from tests.offline_algos.toys import (  # noqa: E402
     two_episodes,
 )
 
-SMALL = {"width": 32, "value_hidden": (16,), "burn_in": 1, "window": 2, "n_components": 2}
+SMALL: dict[str, Any] = {
+    "width": 32, "value_hidden": (16,), "burn_in": 1, "window": 2, "n_components": 2,
+}  # fmt: skip
 
 
 def test_returns_of_a_window_by_hand() -> None:
@@ -124,7 +127,7 @@ def test_only_who_decides_in_order_agrees() -> None:
 
 
 def test_a_run_is_loaded_again(tmp_path: Path) -> None:
-    config = OryxConfig(n_updates=3, batch_size=8, **SMALL)  # type: ignore[arg-type]
+    config = OryxConfig(n_updates=3, batch_size=8, **SMALL)
     (policy,) = train_seeds("oryx", hinted_side(3), tmp_path, seeds=[3], config=config)
     (again,) = load_run(tmp_path)
     step = step_of()
