@@ -2,18 +2,16 @@
 
 Liu et al. 2025 ("Learning generalized policies in-sample: sequential policy optimization for
 offline MARL", InSPO), with the penalty of AlberDICE (Matsunaga et al. 2023). Data of teams with
-two conventions hold joint actions that fit, and robots that each imitate mix them. Here robots
-improve in turn, each with the data's rows weighted by how far the others, as they act now, would
-have acted so:
+two conventions hold joint actions that fit, and robots that each imitate mix them. Here each robot
+improves with the data's rows weighted by how far the others, as they act now, would have acted so:
 
     rho_j   = pi_j(a_j | o_j) / mu_j(a_j | o_j)
     w_i     = exp(beta A_i) prod_{j != i} rho_j^kappa prod_{j != i} d_ej^kappa / Z
     L(pi_i) = -E w_i log pi_i(a_i | o_i)
 
-mu are the policies that recorded the data, cloned in the first stage; pi begin there. Those who
-moved before count with their new policies, the others with those that they have. If the others lean
-to one convention, its rows have more weight for robot i, which then leans to it more than they do:
-the team settles on one, and each robot acts by what it observes alone.
+mu are the policies that recorded the data, cloned in the first stage; pi begin there. If the others
+lean to one convention, its rows have more weight for robot i, which then leans to it more than they
+do: the team settles on one, and each robot acts by what it observes alone.
 
 kappa = 1 is the ratio of InSPO: the rows are as if the others had acted by pi. With it, two robots
 that lean alike stay as they are. AlberDICE adds alpha log(pi_-i / mu_-i) to the reward, another
@@ -36,7 +34,8 @@ value network V of the data, x_i what a central critic sees, V' its target copy:
 A is clipped to [-2, 2], sigma_A is its deviation in the batch, Z the mean of the weights in it.
 
 Deviations:
-- One network serves all robots and sees their number; a turn is one update, of robot 0, 1, ...
+- One network serves all robots and sees their number. In every update all of them take a small step
+  by what the others do now; in the papers one robot after another is optimized to the end.
 - Either product is clipped to [e^-3, e]. mu is fixed in the second stage, Z is not that of a state.
 - Advantages are of one step and of the data's own values, not of the policies'. A convention is
   worth what the team gets of it much later: rewards are the team's and the discount is 0.99.
@@ -82,8 +81,8 @@ class InSPOConfig:
     batch_size: int = 256  # joint transitions
     hidden: tuple[int, ...] = (128, 128)
     n_components: int = 4  # modes of a robot's action
-    deviation: float = 0.2  # of each mode; what is nearer than that is one mode
-    sequential_share: float = 0.6  # of the updates, the last ones, in which robots take turns
+    deviation: float = 0.1  # of each mode; what is nearer than twice that is one mode
+    settling_share: float = 0.6  # of the updates, the last ones: the second stage
     ratio_exponent: float = 4.0  # kappa
     episode_steps: int = 50  # H
     episode_rate: float = 0.03  # eta
@@ -99,9 +98,9 @@ class InSPOConfig:
 
     def __post_init__(self) -> None:
         """Checks the share."""
-        if not 0 < self.sequential_share < 1:
+        if not 0 < self.settling_share < 1:
             raise SchemaError(
-                f"sequential_share is {self.sequential_share}, expected above 0 and below 1"
+                f"settling_share is {self.settling_share}, expected above 0 and below 1"
             )
 
 
@@ -136,8 +135,8 @@ class InSPO(OfflineLearner):
             {"actor": config.learning_rate, "value": config.value_learning_rate},
             config.max_grad_norm, followed=("actor", "value"),
         )  # fmt: skip
-        self.clones = self.descent.targets["actor"]  # mu, from the first turn on
-        self.first_turn = config.n_updates - round(config.n_updates * config.sequential_share)
+        self.clones = self.descent.targets["actor"]  # mu, in the second stage
+        self.settling_from = config.n_updates - round(config.n_updates * config.settling_share)
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -146,15 +145,19 @@ class InSPO(OfflineLearner):
     @property
     def scale(self) -> float:
         """The factor on learning rates now: a cosine over each stage."""
-        config, first, floor = self.config, self.first_turn, self.config.final_learning_rate_factor
+        config, first, floor = (
+            self.config,
+            self.settling_from,
+            self.config.final_learning_rate_factor,
+        )
         if self.n_updates < first:
             return cosine(self.n_updates, first, floor)
         return cosine(self.n_updates - first, config.n_updates - first, floor)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""
-        config, scale, turn = self.config, self.scale, self.n_updates - self.first_turn
-        if turn == 0:
+        config, scale, first = self.config, self.scale, self.settling_from
+        if self.n_updates == first:
             move_target(self.clones, self.actor.network, 1.0)
         advantages = self.advantages(batch)  # [K, B, N]
         value_loss = advantages.square().mean((1, 2))
@@ -163,7 +166,7 @@ class InSPO(OfflineLearner):
         surprise = self.surprise(batch, self.actor.network)  # -log pi(a_i | o_i), [K, B, N]
         exponents = torch.zeros_like(surprise)
         ratios = torch.zeros_like(surprise)
-        if turn >= 0:
+        if self.n_updates >= first:
             with torch.no_grad():
                 ratios = self.surprise(batch, self.clones) - surprise  # log rho, [K, B, N]
             self.leanings.learn(batch.episodes, ratios, config.episode_rate)
@@ -173,8 +176,6 @@ class InSPO(OfflineLearner):
                 for each in (ratios, episodes)
             )
             exponents += config.inverse_temperature * standard_advantages(advantages)
-            robot = turn % self.sizes.n_agents
-            surprise, exponents = (each[:, :, robot, None] for each in (surprise, exponents))
         weights = batch_weights(exponents)
         actor_loss = (weights * surprise).mean((1, 2)) * self._unit
         self.descent.step_of("actor", actor_loss, scale)
