@@ -46,10 +46,12 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.segments import learned_rows, take
 from swarmdata.learn.memory.sequence_actor import SequenceActor, SequenceSettings
+from swarmdata.learn.networks.critics import RobotViews
+from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.mixtures import Mixture
-from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
+from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
-from swarmdata.learn.networks.robot_values import RobotValues
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import batch_weights, standard_advantages
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
@@ -86,9 +88,13 @@ class Oryx(OfflineLearner):
         self.config = config
         self.actor = SequenceActor(setup, config)
         self.rewards = RobotRewards(setup.statistics, config.reward)
-        self.values = RobotValues(setup, config.value_hidden)
+        normalizer = Normalizer(setup.statistics, setup.device)
+        self.views = RobotViews(setup.sizes, normalizer, "centralized", setup.device)
+        shape = MLPShape(self.views.n_features, config.value_hidden, 1, layer_norm=True)
+        self.value = StackedMLP(shape, setup.n_seeds, setup.device)
+        initialize(self.value, setup.seeds, VALUE_STREAM)
         self.descent = Descent(
-            {"actor": self.actor.network, "value": self.values.network}, setup.n_seeds,
+            {"actor": self.actor.network, "value": self.value}, setup.n_seeds,
             {"actor": config.learning_rate, "value": config.value_learning_rate},
             config.max_grad_norm, followed=("value",),
         )  # fmt: skip
@@ -113,7 +119,7 @@ class Oryx(OfflineLearner):
         returns = self.returns(batch)  # [K, R, N]
         now = replace(batch, rewards=None, next_states=None, next_observations=None)
         steps, outputs = self.actor.along(now)
-        values = self.values(steps.states, steps.observations)
+        values = self.values(self.value, steps.states, steps.observations)
         errors = returns - values
         value_loss = errors.square().mean((1, 2))
         self.descent.step_of("value", value_loss, scale)
@@ -128,6 +134,11 @@ class Oryx(OfflineLearner):
         named = zip(self.LOSSES, measured, strict=True)
         return {name: loss.detach() for name, loss in named}
 
+    def values(self, network: StackedMLP, states: Tensor, observations: Tensor) -> Tensor:
+        """Returns V(x_i), [K, R, N], of states [K, R, S] and observations [K, R, N, O]."""
+        x = self.views.view(states, observations)
+        return mlp(network.layers, x.rows).view(x.features.shape[:3])
+
     @torch.no_grad()
     def returns(self, batch: Batch) -> Tensor:
         """Returns G of the steps that are learned from, [K, R, N], in units of scaled rewards."""
@@ -135,7 +146,8 @@ class Oryx(OfflineLearner):
         target, mask = self.descent.targets["value"], batch.mask[:, :, window]
         rewards = self.rewards(batch.rewards[:, :, window])
         states = batch.next_states[:, :, window].flatten(1, 2)
-        v_next = self.values(states, batch.next_observations[:, :, window].flatten(1, 2), target)
+        observations = batch.next_observations[:, :, window].flatten(1, 2)
+        v_next = self.values(target, states, observations)
         returns = lambda_returns(
             rewards, batch.terminations[:, :, window], v_next.view(rewards.shape), mask,
             config.discount, config.trace_decay,

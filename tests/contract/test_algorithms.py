@@ -43,7 +43,6 @@ SMALL: dict[str, dict[str, Any]] = {
     "facmac_bc": ACTOR_CRITIC,
     "iql": TWO,
     "omiga": TWO,
-    "inspo": {**ONE, "value_hidden": (16,), "settling_share": 0.95},
     "oryx": {"width": 16, "value_hidden": (16,), "n_updates": 200, "burn_in": 1, "window": 3},
     "maddpg_bc": ACTOR_CRITIC,
     "maddpg_cql": {**ACTOR_CRITIC, "n_samples": 2},

@@ -107,9 +107,8 @@ def _normed(arguments: Arguments, node: Node) -> Arguments:
 
 SAME = (
     "add", "sub", "mul", "div", "eq", "lt", "gt", "ge", "bitwise_and", "logical_not", "where",
-    "sqrt", "exp", "tanh", "floor", "bmm", "relu", "sigmoid", "clamp", "unsqueeze", "squeeze",
-    "permute", "cat", "select", "index", "slice", "gather", "scatter", "sum", "mean", "amax", "any",
-    "argmax",
+    "sqrt", "tanh", "floor", "bmm", "relu", "sigmoid", "clamp", "unsqueeze", "squeeze", "permute",
+    "cat", "select", "index", "slice", "gather", "scatter", "sum", "mean", "amax", "any", "argmax",
 )  # fmt: skip
 """Operations that have the same name and the same arguments."""
 

@@ -39,7 +39,7 @@ OPERATIONS: Any = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide,
     "eq": np.equal, "lt": np.less, "gt": np.greater, "ge": np.greater_equal,
     "bitwise_and": np.bitwise_and, "logical_not": np.logical_not, "where": np.where,
-    "sqrt": np.sqrt, "exp": np.exp, "tanh": np.tanh, "floor": np.floor, "bmm": np.matmul,
+    "sqrt": np.sqrt, "tanh": np.tanh, "floor": np.floor, "bmm": np.matmul,
     "relu": lambda x: np.maximum(x, 0), "sigmoid": lambda x: 0.5 + 0.5 * np.tanh(0.5 * x),
     "clamp": lambda x, low=None, high=None: np.clip(x, low, high),
     "astype": lambda x, dtype: x.astype(dtype),

@@ -18,17 +18,15 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.choices.behavior_heads import behavior_log_probs
 from swarmdata.learn.choices.bins import by_dimension, greedy, mean_utilities, to_actions
 from swarmdata.learn.memory.gated_networks import next_memory, read
-from swarmdata.learn.networks.mixtures import Mixture
 from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.learn.networks.team_networks import answer, by_network, from_rows, to_rows
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
-from swarmdata.learn.policies.mixture_policy import MixturePolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.perception.frames import HEARING_RANGE, NOT_SENT, Frame
 
-Portable = TorchPolicy | MixturePolicy | BinPolicy | ChoicePolicy | RecurrentPolicy
+Portable = TorchPolicy | BinPolicy | ChoicePolicy | RecurrentPolicy
 """Policies that can be exported."""
 
 
@@ -101,18 +99,6 @@ class ActorStep(DirectStep):
         return outputs.tanh() if self._policy.squash else outputs.clamp(-1.0, 1.0)
 
 
-class MixtureStep(DirectStep):
-    """A step of `MixturePolicy`."""
-
-    def __init__(self, policy: MixturePolicy, n_robots: int) -> None:
-        super().__init__(policy, n_robots)
-        self._policy = policy
-
-    def team_actions(self, features: Tensor) -> Tensor:
-        outputs = answer(self._policy.layers, features, "shared")
-        return Mixture.of(outputs, self._policy.n_components).mode(self._policy.deviation)
-
-
 class BinStep(DirectStep):
     """A step of `BinPolicy`."""
 
@@ -174,8 +160,6 @@ def robot_step(policy: Policy, n_robots: int) -> RobotStep:
     match policy:
         case TorchPolicy():
             return ActorStep(policy, n_robots)
-        case MixturePolicy():
-            return MixtureStep(policy, n_robots)
         case BinPolicy():
             return BinStep(policy, n_robots)
         case ChoicePolicy():

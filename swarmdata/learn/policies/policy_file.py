@@ -19,7 +19,6 @@ from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy, RecurrentFlowPolicy
-from swarmdata.learn.policies.mixture_policy import MixturePolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
@@ -34,7 +33,6 @@ KINDS: dict[str, Callable[..., Policy]] = {
     for kind in (
         TorchPolicy, BinPolicy, ChoicePolicy, RecurrentPolicy, RecurrentChoicePolicy, SetPolicy,
         FlowPolicy, RecurrentFlowPolicy, LatentPolicy, SequencePolicy,
-        MixturePolicy,
     )
 }  # fmt: skip
 """Policies that can be kept."""

@@ -49,7 +49,6 @@ CASES = (
     Case("bc", communication="lossy-30"),
     Case("maddpg_bc", communication="state"),
     Case("iql", communication="delayed-2"),
-    Case("inspo"),
     Case("vdn", {"regulariser": "bc"}),
     Case("qmix", {"regulariser": "cql"}),
     Case("vdn", {"regulariser": "bcq"}, "world"),

@@ -54,7 +54,6 @@ FLOW = {"flow_hidden": (16,)}
         ("bc_flow", {"noise": "own", "redraw": "episode", **FLOW}, 0.2),
         ("bc_flow", {**FLOW, **GRU}, 0.0),
         ("bc_latent", {}, 0.0),
-        ("inspo", {}, 0.0),
         ("oryx", {}, 0.2),
     ],
 )

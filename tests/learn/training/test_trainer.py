@@ -16,7 +16,6 @@ from swarmdata.errors import CheckpointError, DivergedError, SchemaError, Unknow
 from swarmdata.interfaces import Policy, fields_of  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy  # noqa: E402
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy  # noqa: E402
-from swarmdata.learn.policies.mixture_policy import MixturePolicy  # noqa: E402
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy  # noqa: E402
 from swarmdata.learn.policies.sequence_policy import SequencePolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
@@ -40,7 +39,6 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "mac_flow": {"actor_hidden": (8,), "critic_hidden": (8,), "flow_hidden": (8,)},
     "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    "inspo": {"hidden": (8,), "value_hidden": (8,)},
     "oryx": {"width": 8, "value_hidden": (8,), "burn_in": 2, "window": 4},
     "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 6},
     **{
@@ -85,7 +83,7 @@ def config_of(algorithm: str, **changes: Any) -> Any:
 def size_of_first_layer(policy: Policy) -> Mapping[str, float]:
     assert isinstance(
         policy,
-        TorchPolicy | ChoicePolicy | FlowPolicy | LatentPolicy | MixturePolicy | SequencePolicy,
+        TorchPolicy | ChoicePolicy | FlowPolicy | LatentPolicy | SequencePolicy,
     )
     return {"norm": float(policy.layers[0].weight.norm()), "count": 1.0}
 
@@ -108,7 +106,7 @@ def assert_same_files(one: Path, two: Path) -> None:
 
 MEMORY = {"memory": "gru", "memory_size": 4, "burn_in": 2, "window": 4}
 QUICK = {
-    ("bc", 3), ("bc_latent", 10), ("inspo", 10), ("oryx", 10), ("maddpg_bc", 27), ("mac_flow", 10),
+    ("bc", 3), ("bc_latent", 10), ("oryx", 10), ("maddpg_bc", 27), ("mac_flow", 10),
     ("bc", 15), ("vdn", 15),
 }  # fmt: skip
 RESUMED = [
