@@ -45,7 +45,7 @@ FAMILY_OF = {
     **dict.fromkeys(("iql", "omiga"), "in-sample"),
     **dict.fromkeys(("cfcql", "omar", "icql_qs", "maddpg_cql"), "conservative"),
     **dict.fromkeys(("vdn", "qmix"), "value decomposition"),
-    **dict.fromkeys(("mac_flow", "bc_flow", "bc_latent"), "generative"),
+    **dict.fromkeys(("mac_flow", "bc_flow", "bc_latent", "oryx"), "generative"),
 }
 """Algorithm -> family. An algorithm's place in its family is its marker, in all figures."""
 

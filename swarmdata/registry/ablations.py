@@ -22,6 +22,7 @@ ABLATIONS: dict[str, Ablation | None] = {
     "facmac_bc": Ablation("the mixing network", {"mixer": "mean"}),
     "iql": Ablation("weights of good actions", {"inverse_temperature": 0.0}),
     "omiga": Ablation("weights of good actions", {"temperature": 1e3}),
+    "oryx": Ablation("telling the others", {"joint": False}),
     "maddpg_bc": Ablation("the critic", {"rl_weight": 0.0, "extraction": "joint"}),
     "maddpg_cql": Ablation("the conservative penalty", {"cql_weight": 0.0}),
     "cfcql": Ablation("the counterfactual penalty", {"cql_weight": 0.0}),

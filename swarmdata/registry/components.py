@@ -86,6 +86,7 @@ OFFLINE_ALGORITHMS = ComponentTable(
         "mac_flow": "swarmdata.offline_algos.mac_flow:MACFlow",
         "iql": "swarmdata.offline_algos.iql:IQL",
         "omiga": "swarmdata.offline_algos.omiga:OMIGA",
+        "oryx": "swarmdata.offline_algos.oryx:Oryx",
         "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
         "maddpg_cql": "swarmdata.offline_algos.maddpg_cql:MADDPGCQL",
         "cfcql": "swarmdata.offline_algos.cfcql:CFCQL",

@@ -11,11 +11,11 @@ from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.training.training_data import Selective
 from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.testing.comparing import act_on
 from swarmdata.testing.sample_batches import N_EPISODES
-from swarmdata.testing.sample_batches import sample_batch as draw
 from swarmdata.testing.sample_batches import sample_statistics as statistics
 from swarmdata.testing.sample_batches import sample_step as step
-from tests.contract.test_algorithms import SIZES, SMALL
+from tests.contract.test_algorithms import SIZES, SMALL, batches_of
 
 N_UPDATES = 20
 ABLATED = {name: ablation for name, ablation in ABLATIONS.items() if ablation is not None}
@@ -43,6 +43,6 @@ def test_without_its_ingredient_it_learns_something_else(name: str) -> None:
         return
     for algorithm in (full, other):
         for index in range(N_UPDATES):
-            algorithm.update(draw((0,), index))
-    ours, theirs = (algorithm.policy(0).act(step()) for algorithm in (full, other))
+            algorithm.update(batches_of(algorithm.config)((0,), index))
+    ours, theirs = (act_on(algorithm.policy(0), step()) for algorithm in (full, other))
     assert np.abs(ours - theirs).max() > 1e-4

@@ -13,9 +13,9 @@ from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.training.overrides import as_texts, override, setting_types
 from swarmdata.learn.training.search_space import drawn_settings, space_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from swarmdata.testing.sample_batches import N_EPISODES, sample_batch, sample_setup
+from swarmdata.testing.sample_batches import N_EPISODES, sample_setup
 from swarmdata.testing.sample_batches import sample_statistics as statistics
-from tests.contract.test_algorithms import SMALL
+from tests.contract.test_algorithms import SMALL, batches_of
 
 N_DRAWN, N_UPDATES = 4, 2
 SIZES = sample_setup((0,)).sizes
@@ -43,7 +43,7 @@ def test_what_is_drawn_trains(name: str) -> None:
         assert dataclasses.asdict(config) | settings == dataclasses.asdict(config)
         algorithm = kind(Setup(SIZES, (0,), statistics(), n_episodes=N_EPISODES), config)
         for index in range(N_UPDATES):
-            losses = algorithm.update(sample_batch((0,), index))
+            losses = algorithm.update(batches_of(config)((0,), index))
         assert all(np.isfinite(np.asarray(loss)).all() for loss in losses.values())
 
 

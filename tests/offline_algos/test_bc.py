@@ -22,7 +22,7 @@ from tests.offline_algos.toys import actions_of, batches, share_by_the_sign, sig
 
 def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list[Batch]]:
     config = BCConfig(**{"hidden": (32, 32), "n_updates": 400, "batch_size": 64, **changes})
-    drawn = list(islice(batches(dataset, config.batch_size, range(n_seeds)), config.n_updates))
+    drawn = list(islice(batches(dataset, config, range(n_seeds)), config.n_updates))
     statistics = Statistics.measure(dataset, config.discount)
     return BC(Setup(Sizes.of(drawn[0]), range(n_seeds), statistics), config), drawn
 

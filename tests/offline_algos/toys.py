@@ -14,6 +14,7 @@ from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.policies.torch_policy import Memoryless
+from swarmdata.learn.training.trainer import sampler_of
 from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, Step, no_messages
 from tests.offline_algos.conftest import play
@@ -70,7 +71,7 @@ def trained(
     """Returns the algorithm and its losses, means over seeds, of every update."""
     build: Any = kind
     settings = configured(build, SMALL, {"n_updates": n_updates, **config})
-    stream = batches(data, settings.batch_size, seeds)
+    stream = batches(data, settings, seeds)
     measured = Statistics.measure(data, settings.discount)
     setup = Setup(Sizes.of(next(stream)), seeds, measured, n_episodes=len(data))
     algorithm = build(setup, settings)
@@ -88,9 +89,9 @@ def configured(kind: Any, defaults: dict[str, Any], config: dict[str, Any]) -> A
     return kind.Config(**{**known, **config})
 
 
-def batches(data: MemoryDataset, batch_size: int, seeds: Sequence[int]) -> Iterator[Batch]:
+def batches(data: MemoryDataset, settings: Any, seeds: Sequence[int]) -> Iterator[Batch]:
     """Yields batches [K, B, ...] without end, the rows of each seed by a sampler of its own."""
-    samplers = [data.sampler(batch_size, seed=seed) for seed in seeds]
+    samplers: Sequence[Any] = [sampler_of(data, settings, seed) for seed in seeds]
     while True:
         yield samplers[0].gather(np.stack([s.draw() for s in samplers])).to_torch()
 
@@ -252,3 +253,29 @@ def share_by_the_sign(policy: Policy) -> float:
     for time, row in enumerate(observations[:12]):
         actions = policy.act(blank._replace(observations=row, times=np.full(n_copies, time)))
     return float((np.sign(actions[..., 0]) == observations[0, ..., 0]).mean())
+
+
+def hinted_side(n_episodes: int = 100, length: int = 20, seed: int = 0) -> MemoryDataset:
+    """In each step both robots go right, or both left; what they observe tells it in 6 of 10 cases.
+
+    Each robot observes a sign of its own, which is that of the side with probability 0.6. The side
+    is the sign of the second component, 0.8 in size. Robots that each follow their sign agree in
+    52 of 100 steps.
+    """
+    rng = np.random.default_rng(seed)
+    episodes = []
+    for number in range(n_episodes):
+        side = rng.choice([-1.0, 1.0], size=(length + 1, 1))
+        signs = np.where(rng.random((length + 1, 2)) < 0.6, side, -side)
+        observations = rng.normal(size=(length + 1, 2, 3)).astype(np.float32)
+        observations[..., 0] = signs
+        actions = np.zeros((length, 2, 2))
+        actions[..., 1] = 0.8 * side[:-1]
+        actions += rng.normal(0, 0.05, actions.shape)
+        episodes.append(
+            made_episode(
+                observations, rng.normal(size=(length + 1, 4)), actions.clip(-1, 1),
+                np.ones((length, 2)), ends=False, seed=number,
+            )
+        )  # fmt: skip
+    return MemoryDataset(episodes)

@@ -22,6 +22,7 @@ from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.learn.networks.team_networks import answer, by_network, from_rows, to_rows
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.perception.frames import HEARING_RANGE, NOT_SENT, Frame
 
@@ -165,6 +166,12 @@ def robot_step(policy: Policy, n_robots: int) -> RobotStep:
             return ChoiceStep(policy, n_robots)
         case RecurrentPolicy():
             return RememberingStep(policy, n_robots)
+        case SequencePolicy(joint=True):
+            raise PolicyFitError(
+                "a SequencePolicy (oryx) acts for the whole team: each robot needs what those "
+                "before it have just chosen, which no file of one robot gets. Export a policy "
+                "whose robots act alone, such as one of bc or iql"
+            )
     raise PolicyFitError(
         f"policies of class {type(policy).__name__} cannot be exported, expected those of actors "
         "(bc, iql, maddpg_bc, mappo, ...), with gated units or without, or of vdn and qmix"

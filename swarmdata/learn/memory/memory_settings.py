@@ -10,18 +10,16 @@ Memory = Literal["none", "gru"]
 
 
 @dataclass(frozen=True)
-class MemorySettings:
-    """Settings of policies with a memory; without one, only `memory` matters."""
+class WindowSettings:
+    """The windows of episodes that a policy with a memory learns from."""
 
-    memory: Memory = "none"
-    memory_size: int = 64  # numbers that each robot remembers
     burn_in: int = 10  # steps before a segment that bring the memory up to date; no loss
     window: int = 20  # steps of a segment, which the loss is over; `batch_size` counts them
 
     @property
     def has_memory(self) -> bool:
         """Whether the policy has a memory."""
-        return self.memory != "none"
+        return True
 
     def n_windows(self, batch_size: int) -> int:
         """Returns how many segments have as many steps as a batch of transitions.
@@ -32,10 +30,9 @@ class MemorySettings:
         Raises:
             SchemaError: a size is out of range, or less than a segment is asked for.
         """
-        if self.memory_size < 1 or self.burn_in < 0 or self.window < 1:
+        if self.burn_in < 0 or self.window < 1:
             raise SchemaError(
-                f"got memory_size={self.memory_size}, burn_in={self.burn_in} and window="
-                f"{self.window}, expected at least 1, 0 and 1"
+                f"got burn_in={self.burn_in} and window={self.window}, expected at least 0 and 1"
             )
         if batch_size < self.window:
             raise SchemaError(
@@ -43,3 +40,22 @@ class MemorySettings:
                 "segment. Raise batch_size or lower window."
             )
         return batch_size // self.window
+
+
+@dataclass(frozen=True)
+class MemorySettings(WindowSettings):
+    """Settings of policies that may have a memory; without one, only `memory` matters."""
+
+    memory: Memory = "none"
+    memory_size: int = 64  # numbers that each robot remembers
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the policy has a memory."""
+        return self.memory != "none"
+
+    def n_windows(self, batch_size: int) -> int:
+        """Returns how many segments a batch has; see `WindowSettings.n_windows`."""
+        if self.memory_size < 1:
+            raise SchemaError(f"got memory_size={self.memory_size}, expected at least 1")
+        return super().n_windows(batch_size)

@@ -94,6 +94,33 @@ def expectile_loss(errors: Tensor, expectile: float) -> Tensor:
     return torch.where(errors < 0, 1 - expectile, expectile) * errors.square()
 
 
+LARGEST_ADVANTAGE = 2.0
+"""In deviations of the advantages of a batch."""
+
+
+def standard_advantages(advantages: Tensor) -> Tensor:
+    """Returns advantages less their mean, over their deviation, clipped, without a gradient.
+
+    With exponents beta times these, weights depend on no unit of rewards, and no row has all of
+    them: of normal advantages, the effective sample size is exp(-beta^2) of the batch.
+
+    Args:
+        advantages: [K, R, N]; mean and deviation are over rows and robots of each seed.
+    """
+    centered = advantages.detach() - advantages.detach().mean((1, 2), keepdim=True)
+    deviation = centered.square().mean((1, 2), keepdim=True).sqrt() + 1e-6
+    return (centered / deviation).clamp(-LARGEST_ADVANTAGE, LARGEST_ADVANTAGE)
+
+
+def batch_weights(exponents: Tensor) -> Tensor:
+    """Returns exp(z) / Z, [K, R, N], Z the mean over rows and robots of a seed.
+
+    Args:
+        exponents: z, [K, R, N].
+    """
+    return exponents.flatten(1).softmax(1).view(exponents.shape) * exponents[0].numel()
+
+
 def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
     """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
 

@@ -20,6 +20,7 @@ from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, parse_checkpoint, save_checkpoint
@@ -31,7 +32,7 @@ KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind
     for kind in (
         TorchPolicy, BinPolicy, ChoicePolicy, RecurrentPolicy, RecurrentChoicePolicy, SetPolicy,
-        FlowPolicy, RecurrentFlowPolicy, LatentPolicy,
+        FlowPolicy, RecurrentFlowPolicy, LatentPolicy, SequencePolicy,
     )
 }  # fmt: skip
 """Policies that can be kept."""

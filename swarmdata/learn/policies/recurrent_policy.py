@@ -56,15 +56,30 @@ class RunningMemory:
         Raises:
             SchemaError: the memory is of other copies.
         """
+        before = by_network(self.before(features)[None], parameters)
+        after = next_memory(gates, to_rows(features[None], parameters), before)
+        return self.keep(from_rows(after, (1, *features.shape), parameters)[0])
+
+    def before(self, features: Tensor) -> Tensor:
+        """Returns the memory before a step, float64 [E, N, M].
+
+        Args:
+            features: of the step, [E, N, F].
+
+        Raises:
+            SchemaError: the memory is of other copies.
+        """
         if self._values is None or self._values.shape[:2] != features.shape[:2]:
             raise SchemaError(
                 f"a policy with memory got a step of {tuple(features.shape[:2])} copies and robots,"
                 f" and remembers {None if self._values is None else tuple(self._values.shape[:2])}."
                 " Call reset(step, copies) with all copies before the first act(step)."
             )
-        before = by_network(self._values[None].double(), parameters)
-        after = next_memory(gates, to_rows(features[None], parameters), before)
-        self._values = from_rows(after, (1, *features.shape), parameters)[0].float()
+        return self._values.double()
+
+    def keep(self, after: Tensor) -> Tensor:
+        """Takes the memory after a step, [E, N, M]; returns it as it is kept, float64."""
+        self._values = after.float()
         return self._values.double()
 
 

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from swarmdata.datasets.action_scaling import choices_of, has_choices
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy, fields_of
-from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.memory.memory_settings import MemorySettings, WindowSettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.sizes import Sizes
@@ -117,7 +117,7 @@ def train_seeds(
     if compile:
         _check_compilable(algorithm, kind, config)
     dataset, min_return = _select(framed(dataset, frame), config)
-    samplers = [_sampler(dataset, config, seed) for seed in seeds]
+    samplers = [sampler_of(dataset, config, seed) for seed in seeds]
     description = _describe(
         dataset, samplers[0], config, schedule, algorithm=algorithm, min_return=min_return,
         frame=frame, seeds=tuple(seeds), device=str(device),
@@ -132,10 +132,10 @@ def train_seeds(
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 
 
-def _sampler(dataset: Data, config: Any, seed: int) -> Sampler:
+def sampler_of(dataset: Data, config: Any, seed: int) -> Sampler:
     """The stream of batches of a seed: transitions, or as many steps of windows with a memory."""
     size = config.batch_size
-    if not isinstance(config, MemorySettings) or not config.has_memory:
+    if not isinstance(config, WindowSettings) or not config.has_memory:
         return dataset.sampler(size, seed=seed)
     n_windows = config.n_windows(size)
     return dataset.sampler(n_windows, horizon=config.window, burn_in=config.burn_in, seed=seed)

@@ -17,8 +17,10 @@ from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id 
 from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
 from swarmdata.learn.objectives.losses import (  # noqa: E402
     anchored_loss,
+    batch_weights,
     expectile_loss,
     soft_value_loss,
+    standard_advantages,
     td_error,
     td_target,
     tilted_loss,
@@ -216,3 +218,20 @@ def test_values_divide_by_their_size_but_never_by_less_than_one() -> None:
     assert value_size(small).item() == 1.0
     assert value_size(large.requires_grad_()).item() == 3.0
     assert not value_size(large).requires_grad
+
+
+def test_weights_of_advantages_have_a_mean_of_one_and_half_of_the_rows_count() -> None:
+    advantages = torch.randn(2, 500, 4, generator=torch.Generator().manual_seed(0))
+    weights = batch_weights(0.8 * standard_advantages(1e3 * advantages + 7))
+    same = batch_weights(0.8 * standard_advantages(advantages))
+    torch.testing.assert_close(weights, same, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(weights.mean((1, 2)), torch.ones(2))
+    share = 1 / weights.square().mean((1, 2))
+    assert (share - math.exp(-(0.8**2))).abs().max() < 0.1
+    order = advantages.flatten(1).argsort(1)
+    assert (weights.flatten(1).gather(1, order).diff() >= 0).all()
+    one = torch.zeros(1, 500, 1)
+    one[0, 0] = 1e6  # a single huge advantage does not take all the weight
+    assert batch_weights(0.8 * standard_advantages(one)).max() < 10
+    none = batch_weights(standard_advantages(torch.zeros(1, 4, 2)))
+    torch.testing.assert_close(none, torch.ones(1, 4, 2))

@@ -34,7 +34,8 @@ def saved(path: Path, name: str, **settings: object) -> str:
         state_mean=np.zeros(n_states), state_std=np.ones(n_states),
     )  # fmt: skip
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    config = kind.Config(hidden=(16,), **settings)
+    small: dict[str, object] = {"width": 8} if name == "oryx" else {"hidden": (16,)}
+    config = kind.Config(**small, **settings)
     policy = kind(Setup(sizes, (3,), moments, n_episodes=4), config).policy(0)
     save_policy(path, policy)
     return digest_of(path)
@@ -53,6 +54,7 @@ FLOW = {"flow_hidden": (16,)}
         ("bc_flow", {"noise": "own", "redraw": "episode", **FLOW}, 0.2),
         ("bc_flow", {**FLOW, **GRU}, 0.0),
         ("bc_latent", {}, 0.0),
+        ("oryx", {}, 0.2),
     ],
 )
 def test_policies_of_any_kind_keep_the_contract(

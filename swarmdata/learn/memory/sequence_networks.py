@@ -1,0 +1,196 @@
+"""Sequence networks of many seeds: retention over time, attention over the robots before.
+
+A token is a robot in a step: what it observes, and its number. With a residual stream h_{t,i} of
+`width` numbers, parameter-free layer norms n, and H heads, of which head h forgets at the rate
+gamma_h = 1 - 2^-(1+h):
+
+    h      = relu(W_e x_{t,i})
+    h     += W_o [(1 - gamma_h) sum_{s <= t} gamma_h^(t-s) (q_t . k_s) / sqrt(d_h) v_s]_h
+    h     += W_2 relu(W_1 n(h))
+    h     += W_p [sum_{j < i} p_ij v_ij]_h,   p_ij = exp(q_i . k_ij / sqrt(d_h)) / (1 + sum_j exp)
+    h     += W_4 relu(W_3 n(h))
+
+The first sum is retention (Sun et al. 2023, "Retentive network", equations 5 and 6), over the
+steps of one robot: over a window as a product of matrices, and when acting as a memory of H
+matrices, S <- gamma S + k^T v. Queries, keys and values are linear in h and n(h). Those between
+robots, k_ij and v_ij, are also linear in what robot i was told: the action that robot j has just
+chosen, in robot i's frame. The 1 in the quotient is a robot that says nothing, the only one that
+the first robot hears.
+
+So a robot depends on its own past and present, and on what the robots before it observed and chose.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import layer_norm
+
+from swarmdata.learn.networks.perceptrons import Layer, StackedLayers, affine
+
+EMBED, TIME, TIME_OUT, TIME_IN, TIME_FORTH, ROBOTS, TOLD, ROBOTS_OUT, IN, FORTH, HEAD = range(11)
+"""Places of the layers."""
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceShape:
+    """Sizes of a sequence network."""
+
+    inputs: int  # F of a token, the robot's number included
+    told: int  # D, numbers of an action of another robot
+    width: int  # of the residual stream
+    n_heads: int  # H, a divisor of the width
+    outputs: int
+
+    def layers(self) -> Iterator[tuple[int, int, bool]]:
+        """Yields inputs, outputs and presence of a LayerNorm, in the order of the places."""
+        width, wide = self.width, 2 * self.width
+        yield self.inputs, width, False
+        yield width, 3 * width, False
+        yield width, width, False
+        yield width, wide, False
+        yield wide, width, False
+        yield width, 3 * width, False
+        yield self.told, 2 * width, False
+        yield width, width, False
+        yield width, wide, False
+        yield wide, width, False
+        yield width, self.outputs, False
+
+    @property
+    def n_parameters(self) -> int:
+        """Parameters of one network, P."""
+        return sum(i * o + o for i, o, _ in self.layers())
+
+    @property
+    def memory(self) -> int:
+        """Numbers that a robot remembers, H matrices of d_h by d_h."""
+        return memory_size(self.width, self.n_heads)
+
+
+class StackedSequences(StackedLayers):
+    """R independent sequence networks."""
+
+    shape: SequenceShape
+
+
+def memory_size(width: int, n_heads: int) -> int:
+    """Returns the numbers that a robot remembers, H matrices of d_h by d_h."""
+    return width * width // n_heads
+
+
+def decays(n_heads: int, like: Tensor) -> Tensor:
+    """Returns gamma of each head, [H]."""
+    return 1 - 0.5 ** torch.arange(1, n_heads + 1, dtype=like.dtype, device=like.device)
+
+
+def over_window(
+    layers: Sequence[Layer], inputs: Tensor, mask: Tensor, n_heads: int
+) -> tuple[Tensor, Tensor]:
+    """Returns the tokens of windows as embedded, and what they recall, both [R, B, L, N, width].
+
+    Args:
+        layers: of R networks.
+        inputs: of the tokens, [R, B, L, N, F].
+        mask: False on padding, whose tokens nobody recalls, [R, B, L].
+        n_heads: H.
+    """
+    n_steps = inputs.shape[2]
+    embedded, q, k, v = (each.transpose(2, 3) for each in _embedded(layers, inputs))
+    # each [R, B, N, H, L, d_h] from here on
+    q, k, v = (_by_head(each, n_heads).transpose(3, 4) for each in (q, k, v))
+    gammas = decays(n_heads, inputs)[:, None, None]
+    times = torch.arange(n_steps, device=inputs.device)
+    ages = times[:, None] - times
+    weights = (1 - gammas) / math.sqrt(q.shape[-1]) * gammas ** ages.clamp(min=0)  # [H, L, L]
+    weights = weights * (ages >= 0) * mask[:, :, None, None, None]  # [R, B, 1, H, L, L]
+    recalled = (q @ k.transpose(-1, -2) * weights) @ v
+    return embedded.transpose(2, 3), recalled.permute(0, 1, 4, 2, 3, 5).flatten(4)
+
+
+def over_step(
+    layers: Sequence[Layer], inputs: Tensor, memory: Tensor, n_heads: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Takes in one step; returns tokens as embedded, what they recall, and the memory after it.
+
+    Args:
+        layers: of R networks.
+        inputs: of the tokens, [R, B, N, F].
+        memory: before the step, [R, B, N, M].
+        n_heads: H.
+    """
+    embedded, q, k, v = _embedded(layers, inputs)
+    q, k, v = (_by_head(each, n_heads) for each in (q, k, v))  # [R, B, N, H, d_h]
+    gammas, size = decays(n_heads, inputs)[:, None], q.shape[-1]
+    before = memory.view(*memory.shape[:-1], n_heads, size, size)
+    after = gammas[..., None] * before + k[..., :, None] * v[..., None, :]
+    recalled = (q[..., None, :] @ after)[..., 0, :] * ((1 - gammas) / math.sqrt(size))
+    return embedded, recalled.flatten(-2), after.flatten(-3)
+
+
+def _embedded(layers: Sequence[Layer], inputs: Tensor) -> tuple[Tensor, ...]:
+    """Embedded tokens, and their queries, keys and values of retention, [..., width] each."""
+    embedded = _linear(layers[EMBED], inputs).relu()
+    return embedded, *_linear(layers[TIME], embedded).chunk(3, -1)
+
+
+def with_past(layers: Sequence[Layer], embedded: Tensor, recalled: Tensor) -> Tensor:
+    """Returns tokens that know their past, [R, B, N, width]; arguments likewise."""
+    h = embedded + _linear(layers[TIME_OUT], recalled)
+    return h + _feed_forward(layers[TIME_IN], layers[TIME_FORTH], h)
+
+
+def decide(
+    layers: Sequence[Layer], tokens: Tensor, told: Tensor, hears: Tensor, n_heads: int
+) -> Tensor:
+    """Returns the outputs of the last Q of N robots, [R, B, Q, outputs].
+
+    Args:
+        layers: of R networks.
+        tokens: of the robots that decide and those before them, [R, B, N, width].
+        told: actions of all as each that decides is told of them, [R, B, Q, N, D].
+        hears: whom each that decides hears, bool [Q, N].
+        n_heads: H.
+    """
+    n_deciding = hears.shape[0]
+    q, k, v = _linear(layers[ROBOTS], _norm(tokens)).chunk(3, -1)
+    told_k, told_v = _linear(layers[TOLD], told).chunk(2, -1)  # [R, B, Q, N, width]
+    pairs = ((k[:, :, None] + told_k), (v[:, :, None] + told_v))
+    k, v = (_by_head(each, n_heads) for each in pairs)  # [R, B, Q, N, H, d_h]
+    own = tokens[:, :, -n_deciding:]
+    q = _by_head(q[:, :, -n_deciding:, None], n_heads)  # [R, B, Q, 1, H, d_h]
+    scores = (q * k).sum(-1) / math.sqrt(q.shape[-1])  # [R, B, Q, N, H]
+    scores = scores.masked_fill(~hears[..., None], -torch.inf)
+    silent = torch.zeros_like(scores[..., :1, :])
+    weights = torch.cat([silent, scores], 3).softmax(3)[..., 1:, :]
+    heard = (weights[..., None] * v).sum(3).flatten(-2)  # [R, B, Q, width]
+    h = own + _linear(layers[ROBOTS_OUT], heard)
+    h = h + _feed_forward(layers[IN], layers[FORTH], h)
+    return _linear(layers[HEAD], _norm(h))
+
+
+def earlier(n_agents: int, device: torch.device | str) -> Tensor:
+    """Returns whom each robot hears, those before it, bool [N, N]."""
+    return torch.ones(n_agents, n_agents, dtype=torch.bool, device=device).tril(-1)
+
+
+def _by_head(values: Tensor, n_heads: int) -> Tensor:
+    """Returns values [..., width] as [..., H, d_h]."""
+    return values.reshape(*values.shape[:-1], n_heads, -1)
+
+
+def _linear(layer: Layer, x: Tensor) -> Tensor:
+    """Returns x weight + bias of R networks, x with any axes between the first and the last."""
+    rows = x.reshape(len(x), -1, x.shape[-1])
+    return affine(rows, layer.weight, layer.bias).view(*x.shape[:-1], -1)
+
+
+def _feed_forward(first: Layer, second: Layer, h: Tensor) -> Tensor:
+    return _linear(second, _linear(first, _norm(h)).relu())
+
+
+def _norm(x: Tensor) -> Tensor:
+    normed: Tensor = layer_norm(x, x.shape[-1:])
+    return normed
