@@ -20,7 +20,7 @@ squared error of v at t counts (1 - t)^2 times as much (Salimans & Ho 2022, "Pro
 Distillation for Fast Sampling of Diffusion Models", section 4, compare such outputs for diffusion,
 and arXiv 2603.06454 for flows). Where c tells nearly all of the action, as it does in the data of
 experts, e hardly depends on x, and the last step ends at e itself, where a velocity must cancel the
-noise in its input ever more exactly. Few steps are enough for the same reason.
+noise in its input ever more exactly.
 
 The price is that a spread much smaller than the noise is not copied: it shows in x at late times
 only, where e gains little by it. Modes far apart stay apart.
