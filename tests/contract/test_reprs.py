@@ -70,11 +70,13 @@ def step(dataset: swarmdata.Dataset) -> swarmdata.Step:
 
 PUBLIC: dict[str, Callable[[swarmdata.Dataset], Any]] = {
     "Batch": lambda d: next(d.sampler(4, horizon=3)),
+    "Choice": lambda d: swarmdata.Choice(("a", "b")),
     "Dataset": lambda d: d,
     "DatasetInfo": info,
     "Episode": lambda d: d[0],
     "EvalResult": evaluated,
     "FunctionPolicy": lambda d: swarmdata.FunctionPolicy(lambda observations: observations),
+    "LogUniform": lambda d: swarmdata.LogUniform(0.1, 1.0),
     "Policy": lambda d: swarmdata.make_policy("scripted", d.task),
     "Provenance": lambda d: provenance(),
     "Recipe": lambda d: d.recipe,

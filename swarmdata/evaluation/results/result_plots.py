@@ -177,7 +177,7 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
                     f"{found.value:+.0f}".replace("-", "−"),
                     ha="center",
                     va="center",
-                    fontsize=7,
+                    fontsize=min(7.0, 98.0 / n),  # 14 columns fill a page
                     fontweight="bold" if is_decided else "normal",
                     color="white" if is_decided and abs(found.value) > 0.45 * limit else INK,
                 )

@@ -121,9 +121,12 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
         override(MAPPOConfig(), {"hidde": "8"})
 
 
-@pytest.mark.parametrize("algorithm", OFFLINE_ALGORITHMS)
+@pytest.mark.parametrize("algorithm", [name for name in OFFLINE_ALGORITHMS if name != "oryx"])
 def test_the_settings_of_the_study_are_those_of_its_rows(algorithm: str) -> None:
-    """What README's table was measured with is what the command beside it trains."""
+    """What README's table was measured with is what the command beside it trains.
+
+    `oryx` is younger than the study.
+    """
     study = Study.from_file(ROOT / "cards/studies/regimes.yaml")
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     config = override(kind.Config(), read_settings("study", algorithm))
