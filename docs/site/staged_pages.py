@@ -27,6 +27,9 @@ PARAGRAPH_TAG = re.compile(r"</?p>")
 CODE = re.compile(r"^(```+)[^\n`]*\n.*?^\1[ \t]*$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
 """Fenced blocks, and code within a line."""
 
+TUTORIAL_LINK = re.compile(r"(\]\([\w-]+)\.md(?=[)#])")
+"""A link of one tutorial to another, which the site has as a notebook."""
+
 Pages = dict[str, str]
 """Text of pages by their path on the site."""
 
@@ -67,6 +70,10 @@ def stage_pages(out: Path, generated: Mapping[str, str]) -> None:
         path = waiting.pop()
         target = out / site_path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
+        if path.endswith(".ipynb"):
+            text = (ROOT / path).read_text(encoding="utf-8")
+            target.write_text(TUTORIAL_LINK.sub(r"\1.ipynb", text), encoding="utf-8")
+            continue
         if not path.endswith(".md"):
             shutil.copyfile(ROOT / path, target)
             continue

@@ -1,5 +1,6 @@
 """Whatever is registered has a page, whatever is public is in the reference, and links work."""
 
+import json
 import re
 from pathlib import Path
 
@@ -94,10 +95,13 @@ def test_settings_have_their_defaults(pages: dict[str, str]) -> None:
 
 
 def test_links_of_staged_pages_lead_somewhere(tree: Path) -> None:
-    link = re.compile(r"\]\(([^)\s#:]+)(?:#[^)\s]*)?\)")
-    for page in tree.rglob("*.md"):
-        prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
-        for target in link.findall(prose):
+    link = re.compile(r"(?:\]\(|src=\")([^)\"\s#:]+)(?:#[^)\s]*)?[)\"]")
+    texts = {page: page.read_text(encoding="utf-8") for page in tree.rglob("*.md")}
+    for page in tree.rglob("*.ipynb"):
+        cells = json.loads(page.read_text(encoding="utf-8"))["cells"]
+        texts[page] = "".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+    for page, text in texts.items():
+        for target in link.findall(re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)):
             assert (page.parent / target).exists(), f"{page.relative_to(tree)}: {target}"
 
 
