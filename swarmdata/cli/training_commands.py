@@ -21,13 +21,14 @@ from swarmdata.cli.shared_options import (
 )
 
 
-def _algorithm(known: str, other: str, use: str) -> Any:
+def _algorithm(known: str, other: str, use: str, also: str = "") -> Any:
     """An argument for the algorithms of a table, which names the command for those of the other.
 
     Args:
         known: name of the table in `registry.components`.
         other: name of the other table.
         use: command for algorithms that are in the other table only.
+        also: what else the argument may be, for the help.
     """
 
     def check(name: str) -> str:
@@ -37,15 +38,14 @@ def _algorithm(known: str, other: str, use: str) -> Any:
             raise typer.BadParameter(f"{name} is trained with: swarmdata {use.format(name)}")
         return name
 
-    or_auto = ", or auto" if known == "OFFLINE_ALGORITHMS" else ""
     return typer.Argument(
-        metavar="ALGORITHM", callback=check, help=f"as `swarmdata algorithms` lists them{or_auto}"
+        metavar="ALGORITHM", callback=check, help=f"as `swarmdata algorithms` lists them{also}"
     )
 
 
-Offline = Annotated[
-    str, _algorithm("OFFLINE_ALGORITHMS", "ONLINE_ALGORITHMS", "train-online {} TASK")
-]
+OFFLINE = ("OFFLINE_ALGORITHMS", "ONLINE_ALGORITHMS", "train-online {} TASK")
+Offline = Annotated[str, _algorithm(*OFFLINE)]
+OfflineOrAuto = Annotated[str, _algorithm(*OFFLINE, also=", or auto")]
 Online = Annotated[str, _algorithm("ONLINE_ALGORITHMS", "OFFLINE_ALGORITHMS", "train {} ID")]
 Out = Annotated[
     Path | None, typer.Option(help="run folder", show_default="runs/ALGORITHM-DATA or -TASK")
@@ -56,7 +56,7 @@ Config = Annotated[str | None, typer.Option(help="settings: a shipped file's nam
 
 def train(
     context: typer.Context,
-    algorithm: Offline,
+    algorithm: OfflineOrAuto,
     data: Annotated[
         str, typer.Argument(metavar="ID", help="dataset id or folder; ID=0.8,ID=0.2 mixes")
     ],
