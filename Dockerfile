@@ -1,5 +1,5 @@
 # The command line with compiled kernels, for any x86-64 processor with AVX2:
-#   docker build -t swarmdata . && docker run --rm -v "$PWD:/work" -v swarmdata:/cache swarmdata list
+#   docker build -t swarmdata . && docker run --rm -v "$PWD:/data" -v swarmdata:/cache swarmdata list
 # For GPUs: --build-arg TORCH_INDEX=https://download.pytorch.org/whl/cu128, and `docker run --gpus all`.
 FROM python:3.11-slim AS wheel
 COPY . /source
@@ -14,8 +14,8 @@ ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
 COPY --from=wheel /dist /dist
 RUN pip install --no-cache-dir torch --index-url "$TORCH_INDEX" \
  && pip install --no-cache-dir "$(echo /dist/*.whl)[torch,plots,parquet]" \
- && rm -r /dist && mkdir --mode 777 /cache /work
+ && rm -r /dist && mkdir --mode 777 /cache /data
 ENV SWARMDATA_CACHE=/cache
-WORKDIR /work
+WORKDIR /data
 ENTRYPOINT ["swarmdata"]
 CMD ["--help"]

@@ -60,7 +60,7 @@ def make_notebook(source: Path) -> Path:
         os.environ.update(
             {"NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", kernels), **settings}
         )
-        work = Path(folder, "work")
+        work = Path(folder, "tutorial")
         work.mkdir()
         NotebookClient(
             notebook, timeout=CELL_SECONDS, resources={"metadata": {"path": str(work)}},
@@ -73,7 +73,7 @@ def make_notebook(source: Path) -> Path:
     notebook.metadata.pop("language_info", None)
     target = source.with_suffix(".ipynb")
     written = nbformat.writes(notebook).replace(settings["SWARMDATA_CACHE"], "~/.cache/swarmdata")
-    written = written.replace(str(work), "~/work")
+    written = written.replace(str(work), "~/tutorial")
     target.write_text(written + "\n", encoding="utf-8")
     return target
 
