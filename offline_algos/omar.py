@@ -57,13 +57,13 @@ from swarmdata.learn.policies.set_policy import SetPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
-    ACTOR_CRITIC_SPACE,
     EXTRACTION_LOSSES,
     LossActorCritic,
     TwoStageConfig,
     Valuer,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.search_space import Choice, Space
+from swarmdata.offline_algos.cfcql import CONSERVATIVE_SPACE
 from swarmdata.types import Batch
 
 
@@ -90,9 +90,7 @@ class OMAR(LossActorCritic):
     FIELDS = ("observations", "actions", "rewards", "next_observations", "terminations")
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss", *EXTRACTION_LOSSES)
     SPACE: ClassVar[Space] = {
-        **ACTOR_CRITIC_SPACE,
-        "cql_weight": LogUniform(3e-3, 10.0),  # the better the data, the larger
-        "bc_weight": LogUniform(1e-2, 10.0),
+        **CONSERVATIVE_SPACE,
         "rectification": Choice((0.1, 0.3, 0.7, 0.9)),
     }
 
