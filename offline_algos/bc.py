@@ -42,9 +42,9 @@ from swarmdata.types import Batch
 class CloningConfig:
     """Settings of algorithms that imitate; one setting for all datasets."""
 
-    n_updates: int = 10_000
-    batch_size: int = 256  # joint transitions, each with the actions of N agents
-    hidden: tuple[int, ...] = (128, 128)  # (256, 256) fits a little closer at 2.5 times the cost
+    n_updates: int = 18_000
+    batch_size: int = 128  # joint transitions, each with the actions of N agents
+    hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 3e-3
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
     max_grad_norm: float | None = None

@@ -32,9 +32,9 @@ Those of `maddpg_bc`, for the reasons given there:
 - Utilities have LayerNorm; inputs are normalized, rewards divided by the standard deviation of the
   returns-to-go.
 - `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset.
-- Warm-up: in the first `bc_warmup_updates` lambda is 0 and actors move in every update.
-- Learning rates decay along a cosine, from 1e-3 for critics and 3e-3 for actors; the discount is
-  0.95.
+- Warm-up: in the first `bc_warmup_share` of the updates lambda is 0 and actors move
+  in every update.
+- Learning rates decay along a cosine, as in `maddpg_bc`; the discount is 0.95.
 """
 
 from dataclasses import dataclass

@@ -114,7 +114,6 @@ class MACFlowConfig(FlowSettings, ActorCriticConfig):
     """
 
     critic_share: float = 0.65  # see the deviations above
-    critic_learning_rate: float = 3e-3  # as `maddpg_bc`
     inverse_temperature: float = 2.0  # as `maddpg_bc`; 0 only copies the flow
     slope_limit: float = 1.5  # as `maddpg_bc`
     reward: Reward = "own"

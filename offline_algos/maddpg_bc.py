@@ -39,8 +39,8 @@ Deviations:
   rewards are divided by the standard deviation of a robot's returns-to-go.
 - `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset (the
   critic clipping of B3C, Kim et al. 2026, with a tighter bound).
-- Warm-up: in the first `bc_warmup_updates` lambda is 0 and actors move in every update, so
-  that they clone the data while critics are still noise.
+- Warm-up: in the first `bc_warmup_share` of the updates lambda is 0 and actors move
+  in every update, so that they clone the data while critics are still noise.
 - Learning rates decay along a cosine in each stage, as that of behavior cloning does.
 - The learning rates are 3e-3; the paper's 3e-4 is for a million updates and does not decay.
 - The discount is 0.95 per control step, not the paper's 0.99: rewards for progress and contact are
@@ -86,7 +86,6 @@ from swarmdata.types import Batch
 class MADDPGBCConfig(TwoStageConfig):
     """TD3+BC with a critic for each robot, and its second stage; one setting for all datasets."""
 
-    critic_learning_rate: float = 3e-3  # see above
     extraction: Extraction = "anchored"
     extraction_share: float = 0.33
     rl_weight: float = 2.5  # alpha of `joint`; Fujimoto & Gu 2021, table 3

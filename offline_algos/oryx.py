@@ -64,11 +64,11 @@ from swarmdata.types import Batch
 class OryxConfig(SequenceSettings):
     """A sequence model with advantage weights; one setting for all datasets."""
 
-    n_updates: int = 5_000
-    batch_size: int = 256  # joint transitions, in windows
+    n_updates: int = 8_000
+    batch_size: int = 128  # joint transitions, in windows
     value_hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 2e-3
-    value_learning_rate: float = 1e-3  # as of the critics of others
+    value_learning_rate: float = 1e-3
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rates
     discount: float = 0.95  # see `maddpg_bc`
     trace_decay: float = 0.95  # lambda

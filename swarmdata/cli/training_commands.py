@@ -95,8 +95,8 @@ def train(
     """
     group = _group(context, engine, part)
     if algorithm == "auto":
-        refuse(context, ("config", "regulariser"), "with auto, which takes --config study")
-    stated = _trainers().read_settings(config, algorithm) if config else {}
+        refuse(context, ("config", "regulariser"), "with auto")
+    stated = _trainers().read_settings(config) if config else {}
     changes = stated | _changes(settings, n_updates=updates, regulariser=regulariser)
     ids, weights = _datasets(data)
     folder = out or _default_folder(algorithm, ids)
@@ -138,18 +138,17 @@ def tune(
 
     Every trial has the same updates, seeds and data; the first is the default. One trial is chosen
     by validation episodes and one by the data alone; `train --config` takes OUT/validation.yaml and
-    OUT/offline.yaml. Numbers of updates in --config are not used: they follow --updates. An
-    interrupted tuning resumes: run the same command again, also with more trials.
+    OUT/offline.yaml. The number of updates in --config is not used: it is --updates. An interrupted
+    tuning resumes: run the same command again, also with more trials.
     """
     from swarmdata.runtime.extras import require_extra
 
     refuse_workers(context, engine)
     require_extra("torch", "torch", "tuning")
-    from swarmdata.evaluation.study.cells.cells import LENGTHS
     from swarmdata.evaluation.tuning.tune import tune as search
 
-    stated = _trainers().read_settings(config, algorithm) if config else {}
-    stated = {name: text for name, text in stated.items() if name not in LENGTHS}
+    stated = _trainers().read_settings(config) if config else {}
+    stated.pop("n_updates", None)
     made = search(
         algorithm, data, out or Path("runs") / f"tune-{algorithm}", n_trials=trials,
         n_updates=updates, n_seeds=seeds, n_steps=steps, n_episodes=episodes,

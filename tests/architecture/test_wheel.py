@@ -32,7 +32,6 @@ def test_every_source_is_inside(wheel_names: set[str]) -> None:
 
 def test_data_files_of_the_package_are_inside(wheel_names: set[str]) -> None:
     patterns = (
-        "offline_algos/configs/*.yaml",
         "online_algos/configs/*.yaml",
         "behavior_policies/checkpoints/*",
         "cards/*.json",

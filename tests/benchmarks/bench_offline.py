@@ -88,7 +88,7 @@ def ours(name: str, data: Any, hidden: int, n_seeds: int) -> Update:
         algorithm = BC(setup, BCConfig(hidden=both))
     else:
         config = MADDPGBCConfig(
-            actor_hidden=both, critic_hidden=both, bc_warmup_updates=0, extraction="joint"
+            actor_hidden=both, critic_hidden=both, bc_warmup_share=0.0, extraction="joint"
         )
         algorithm = MADDPGBC(setup, config)
 

@@ -31,7 +31,7 @@ Draw = Callable[[Sequence[int], int], Batch]
 
 MEMORY: dict[str, Any] = {"memory": "gru", "memory_size": 8, "burn_in": 1, "window": 3}
 TWO: dict[str, Any] = {"actor_hidden": (32, 32), "critic_hidden": (32, 32), "n_updates": 200}
-ACTOR_CRITIC = {**TWO, "bc_warmup_updates": 2}
+ACTOR_CRITIC = {**TWO, "bc_warmup_share": 0.01}
 FLOW: dict[str, Any] = {"flow_hidden": (32, 32), "n_flow_steps": 3, "n_updates": 200}
 ONE: dict[str, Any] = {"hidden": (32, 32), "n_updates": 200}
 SMALL: dict[str, dict[str, Any]] = {

@@ -78,7 +78,7 @@ def record(path: Path, n_episodes: int = 200) -> swarmdata.Dataset:
 
 def train(dataset: Path | str, run: Path, n_updates: int = 1500) -> list[swarmdata.Policy]:
     """Trains two seeds of MADDPG+BC on the train split; the dataset is an id or a folder."""
-    changes = {"n_updates": str(n_updates), "bc_warmup_updates": str(n_updates // 2)}
+    changes = {"n_updates": str(n_updates)}
     options: dict[str, Any] = {"n_seeds": 2, "changes": changes, "progress": False}
     return swarmdata.train("maddpg_bc", str(dataset), run, **options)
 

@@ -143,7 +143,7 @@ def test_the_critics_step_leaves_the_actors_alone(name: str) -> None:
 @each
 def test_the_warmup_clones_and_then_the_delay_counts(name: str) -> None:
     """Slow copies follow when the actors move."""
-    algorithm, batch = make(name, bc_warmup_updates=2, policy_delay=2), random_batch()
+    algorithm, batch = make(name, n_updates=8, bc_warmup_share=0.25, policy_delay=2), random_batch()
     losses, follows = [], []
     for _ in range(4):
         slow = algorithm.actor.target.flat.clone()
@@ -236,7 +236,7 @@ def test_the_penalty_prefers_the_data(name: str) -> None:
 
     def preference(cql_weight: float) -> float:
         algorithm = make(
-            name, cql_weight=cql_weight, critic_learning_rate=1e-2, bc_warmup_updates=1000
+            name, cql_weight=cql_weight, critic_learning_rate=1e-2, bc_warmup_share=1.0
         )
         for _ in range(30):
             algorithm.update(batch)

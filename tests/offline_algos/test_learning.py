@@ -13,9 +13,9 @@ from tests.offline_algos.toys import progress_of, step_of, trained  # noqa: E402
 pytestmark = pytest.mark.learns
 
 LONG = {"batch_size": 256}
-WARM = {"bc_warmup_updates": 300, **LONG}
+WARM = {"bc_warmup_share": 0.2, **LONG}
 PENALIZED = {
-    "critic_learning_rate": 1e-3, "bc_warmup_updates": 200, "n_samples": 4, "bc_weight": 0.0
+    "critic_learning_rate": 1e-3, "bc_warmup_share": 0.25, "n_samples": 4, "bc_weight": 0.0
 }  # fmt: skip
 FLOW = {"flow_hidden": (64, 64), "inverse_temperature": 6.0}
 CASES: list[tuple[str, int, dict[str, Any], float]] = [

@@ -52,7 +52,9 @@ def test_lambda_does_not_explode_where_values_cross_zero() -> None:
 
 def test_the_warmup_is_behavior_cloning() -> None:
     """Every update moves the actor, and only then does `policy_delay` count."""
-    algorithm = made(MADDPGBC, bc_warmup_updates=2, policy_delay=2, first_rl_weight=1.0)
+    algorithm = made(
+        MADDPGBC, n_updates=20, bc_warmup_share=0.1, policy_delay=2, first_rl_weight=1.0
+    )
     batch = random_batch()
     keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
     warm, moved = {"bc_loss", "density_loss"}, {"bc_loss", "density_loss", "policy_q", "lambda"}

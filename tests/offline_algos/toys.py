@@ -26,7 +26,7 @@ SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 TINY = {
     "actor_hidden": (16,),
     "critic_hidden": (16,),
-    "bc_warmup_updates": 0,
+    "bc_warmup_share": 0.0,
     "policy_delay": 1,
     "n_samples": 3,
 }

@@ -19,7 +19,7 @@ from swarmdata.evaluation.runs.trained_policies import load_policies, read_train
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.setup import check_device
-from swarmdata.learn.training.overrides import as_texts, override, setting_types
+from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table, run_folders
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
@@ -79,10 +79,9 @@ class OfflineTraining(Frozen):
         return open_data(self.dataset_id, self.weights, {**view, "progress": progress})
 
     def chosen(self, *, progress: bool) -> Self:
-        """The training of the algorithm that `auto` takes, with the settings `study`."""
+        """The training of the algorithm that `auto` takes."""
         algorithm = choose_for(self.data(progress=progress)).algorithm
-        changes = read_settings("study", algorithm) | self.changes
-        return self.model_copy(update={"algorithm": algorithm, "changes": changes})
+        return self.model_copy(update={"algorithm": algorithm})
 
     def length(self, seeds: Group, *, progress: bool) -> int:
         """Updates of a run of some seeds; raises as `config` does."""
@@ -434,23 +433,19 @@ def _check_replay(algorithm: str) -> None:
         )
 
 
-def read_settings(name: str, algorithm: str | None = None) -> dict[str, str]:
+def read_settings(name: str) -> dict[str, str]:
     """Reads settings of an algorithm as text, like those of `--set`.
 
     Args:
-        name: of a shipped file, without `.yaml`, or a path.
-        algorithm: an offline one, whose shipped files are in `offline_algos/configs`. They are for
-            all offline algorithms, and each takes the settings that it has. None: an online one,
-            with files in `online_algos/configs`.
+        name: of a file in `online_algos/configs`, without `.yaml`, or a path.
 
     Raises:
-        UnknownNameError: there is no such file, or no such algorithm.
+        UnknownNameError: there is no such file.
         SpecError: the file is not a table.
     """
-    package = "swarmdata.online_algos" if algorithm is None else "swarmdata.offline_algos"
-    shipped = {Path(file.name).stem: file for file in (files(package) / "configs").iterdir()}
-    is_path = bool(Path(name).suffix)
-    file = Path(name) if is_path else shipped.get(name)
+    folder = files("swarmdata.online_algos") / "configs"
+    shipped = {Path(file.name).stem: file for file in folder.iterdir()}
+    file = Path(name) if Path(name).suffix else shipped.get(name)
     if file is None or not file.is_file():
         raise UnknownNameError("settings", name, shipped)
     try:
@@ -459,11 +454,7 @@ def read_settings(name: str, algorithm: str | None = None) -> dict[str, str]:
         raise SpecError(f"cannot read settings from {name}: {error}") from error
     if not isinstance(table, dict):
         raise SpecError(f"{name} holds {type(table).__name__}, expected a table of settings")
-    settings = as_texts(table)
-    if algorithm is None or is_path:
-        return settings
-    known = setting_types(resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config)
-    return {key: text for key, text in settings.items() if key in known}
+    return as_texts(table)
 
 
 def measure_curve_point(

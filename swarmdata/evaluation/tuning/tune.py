@@ -25,7 +25,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ResultsError, SpecError
 from swarmdata.evaluation.results.result_set import group_results, reference_of
 from swarmdata.evaluation.runs.portable_names import portable_name
-from swarmdata.evaluation.study.cells.cells import LENGTHS, Cell, offline_cell
+from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import results_of
@@ -136,8 +136,8 @@ def _study(
     **plan: Any,
 ) -> Study:
     """The plan with a row for each trial."""
-    if lengths := sorted(changes.keys() & set(LENGTHS)):
-        raise SpecError(f"changes has {', '.join(lengths)}, which follow n_updates; leave them out")
+    if "n_updates" in changes:
+        raise SpecError("changes has n_updates, which is the argument n_updates; leave it out")
     if twice := repeated(map(short_name, plan["datasets"])):
         raise SpecError(f"two datasets are called {', '.join(twice)}; rename a folder")
     row = {"algorithm": algorithm, "family": "trials", "updates": updates, "frame": frame}

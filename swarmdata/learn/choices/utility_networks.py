@@ -44,15 +44,15 @@ class DecompositionConfig(MemorySettings):
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
     regulariser: Regulariser = "bc"
-    n_updates: int = 10_000
-    batch_size: int = 256  # joint transitions
+    n_updates: int = 18_000
+    batch_size: int = 128  # joint transitions
     n_bins: int = 9  # of a continuous column; odd, so that standing still is one
-    hidden: tuple[int, ...] = (128, 128)
+    hidden: tuple[int, ...] = (64, 64)
     parameters: Parameters = "shared"
     learning_rate: float = 3e-3  # see `bc`
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rate
     discount: float = 0.95  # as maddpg_bc
-    tau: float = 0.01  # per update
+    tau: float = 0.03  # per update
     clip_target: bool = True  # at R*; see the docstring of `vdn`
     temperature: float = 0.5  # lambda of `bc`; see the docstring of `vdn`
     threshold: float = 0.5  # of `bcq`; Beeson et al. 2024

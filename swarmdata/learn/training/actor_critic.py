@@ -76,16 +76,16 @@ TRANSITION: tuple[str, ...] = (
 class ActorCriticConfig:
     """Settings that all actor-critics have; one setting for all datasets."""
 
-    n_updates: int = 8_000
-    batch_size: int = 256  # joint transitions
-    actor_hidden: tuple[int, ...] = (128, 128)
+    n_updates: int = 18_000
+    batch_size: int = 128  # joint transitions
+    actor_hidden: tuple[int, ...] = (64, 64)
     policy_network: PolicyNetwork = "mlp"  # `deep_sets` acts in teams of any size
-    critic_hidden: tuple[int, ...] = (128, 128)  # of everything that estimates values
+    critic_hidden: tuple[int, ...] = (64, 64)  # of everything that estimates values
     actor_learning_rate: float = 3e-3  # see `bc`
-    critic_learning_rate: float = 1e-3  # see `maddpg_bc`
+    critic_learning_rate: float = 3e-3  # see `maddpg_bc`
     final_learning_rate_factor: float = 0.0  # at the end of the cosine; 1 keeps the rates
     discount: float = 0.95  # see `maddpg_bc`
-    tau: float = 0.01  # per update of the targets
+    tau: float = 0.03  # per update of the targets
     max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
 
@@ -115,8 +115,6 @@ class ExtractionConfig:
     extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
     effective_share: float = 0.3  # of `weighted`: of the rows, see `objectives.weighted_rows`
 
-    RETIRED: ClassVar = ("max_extraction_weight",)
-
     def __post_init__(self) -> None:
         """Checks the numbers."""
         names = ("inverse_temperature", "slope_limit", "density_floor")
@@ -138,12 +136,14 @@ class DelayedConfig(ActorCriticConfig):
     policy_delay: int = 2  # Fujimoto & Gu 2021, table 3; the next two too
     smoothing: float = 0.2  # deviation of the noise on the targets' actions
     smoothing_clip: float = 0.5
-    bc_warmup_updates: int = 4_000  # in which the actors clone the data
+    bc_warmup_share: float = 0.5  # of `n_updates`, the first ones, in which actors clone the data
 
 
 @dataclass(frozen=True)
 class TwoStageConfig(DelayedConfig, ExtractionConfig):
     """The settings of TD3, of the warm-up, and of the second stage."""
+
+    RETIRED: ClassVar = ("max_extraction_weight", "bc_warmup_updates")
 
 
 class Part(Protocol):
@@ -293,7 +293,7 @@ class TwoStageActorCritic(OfflineLearner):
         if not (is_second and config.frozen_critics):
             losses = self.critic_step(batch, x, scale)
         self.n_updates += 1
-        is_warmup = self.n_updates <= config.bc_warmup_updates
+        is_warmup = self.n_updates <= round(config.n_updates * config.bc_warmup_share)
         if stage is not None and is_second:
             losses |= stage.update(batch, self.valuer(batch, x), scale)
             follows = not config.frozen_critics

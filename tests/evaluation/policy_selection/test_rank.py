@@ -29,7 +29,7 @@ from tests.support.tiny import make_tiny
 SMALL = FQEConfig(n_updates=20, hidden=(8,), batch_size=16)
 SETTINGS: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (8,)},
-    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 2},
+    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_share": 0.1},
 }
 
 

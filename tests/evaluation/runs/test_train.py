@@ -22,8 +22,6 @@ from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.algorithm_choice import choose_for
 from swarmdata.evaluation.runs.train import read_settings, train, train_online
-from swarmdata.evaluation.study.cells.cells import config_of
-from swarmdata.evaluation.study.plan import Study
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.training.overrides import from_json, override
@@ -121,32 +119,7 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
         override(MAPPOConfig(), {"hidde": "8"})
 
 
-@pytest.mark.parametrize("algorithm", [name for name in OFFLINE_ALGORITHMS if name != "oryx"])
-def test_the_settings_of_the_study_are_those_of_its_rows(algorithm: str) -> None:
-    """What README's table was measured with is what the command beside it trains.
-
-    `oryx` is younger than the study.
-    """
-    study = Study.from_file(ROOT / "cards/studies/regimes.yaml")
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
-    config = override(kind.Config(), read_settings("study", algorithm))
-    row = study.algorithms[algorithm]
-    assert config == from_json(kind.Config, config_of(study, row))
-    assert row.updates == config.n_updates == 9000
-
-
-def test_shipped_settings_are_for_one_kind_of_algorithms(tmp_path: Path) -> None:
-    assert "actor_hidden" not in read_settings("study", "bc")
-    with pytest.raises(UnknownNameError, match="unknown settings 'study'"):
-        read_settings("study")
-    with pytest.raises(UnknownNameError, match="unknown settings 'coop_nav-expert'"):
-        read_settings("coop_nav-expert", "bc")
-    file = tmp_path / "own.yaml"
-    file.write_text("actor_hidden: 8\n")  # a file of the user's is taken by its word
-    assert read_settings(str(file), "bc") == {"actor_hidden": "8"}
-
-
-def test_auto_trains_what_it_chooses_with_the_settings_of_the_study(
+def test_auto_trains_what_it_chooses(
     tiny: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """In the tiny dataset, `straight` is far better than `random`, and nothing is solved."""
@@ -159,8 +132,8 @@ def test_auto_trains_what_it_chooses_with_the_settings_of_the_study(
     made = read_run(tmp_path / "a")
     assert made.algorithm == choice.algorithm
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, choice.algorithm)
-    expected = read_settings("study", choice.algorithm) | {"n_updates": "2", "batch_size": "8"}
-    assert from_json(kind.Config, made.config) == override(kind.Config(), expected)
+    expected = override(kind.Config(), {"n_updates": "2", "batch_size": "8"})
+    assert from_json(kind.Config, made.config) == expected
 
 
 def test_auto_says_what_it_takes_on_the_command_line(tiny: Path, tmp_path: Path) -> None:
@@ -174,7 +147,7 @@ def test_auto_says_what_it_takes_on_the_command_line(tiny: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("line", "code", "message"),
     [
-        ("train auto coop_nav-random --config study", 2, "no effect with auto"),
+        ("train auto coop_nav-random --config own.yaml", 2, "no effect with auto"),
         ("train auto coop_nav-random --regulariser bc", 2, "no effect with auto"),
         ("train mappo", 2, "swarmdata train-online mappo TASK"),
         ("train mappo coop_nav-random", 2, "swarmdata train-online mappo TASK"),

@@ -21,7 +21,7 @@ MADDPG = {
     "algorithm": "maddpg_bc",
     "family": "actor-critic",
     "updates": 10,
-    "settings": {"bc_warmup_updates": 4},
+    "settings": {"bc_warmup_share": 0.4},
 }
 
 

@@ -33,16 +33,16 @@ SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
 SETTINGS: dict[str, dict[str, Any]] = {
     "bc": {"hidden": (8,)},
     "filtered_bc": {"hidden": (8,), "fraction": 0.5},
-    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 6},
+    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "bc_latent": {"hidden": (8,)},
     "bc_flow": {"hidden": (8,), "flow_hidden": (8,)},
     "mac_flow": {"actor_hidden": (8,), "critic_hidden": (8,), "flow_hidden": (8,)},
     "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "oryx": {"width": 8, "value_hidden": (8,), "burn_in": 2, "window": 4},
-    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 6},
+    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,)},
     **{
-        name: {"actor_hidden": (8,), "critic_hidden": (8,), "bc_warmup_updates": 6, "n_samples": 2}
+        name: {"actor_hidden": (8,), "critic_hidden": (8,), "n_samples": 2}
         for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
     },
     "vdn": {"hidden": (8,)},

@@ -38,9 +38,6 @@ YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}
 AS_RECORDED = View()
 """Models of the dataset itself."""
 
-LENGTHS = ("n_updates", "bc_warmup_updates")
-"""Settings that are numbers of updates; a study's budget scales them together."""
-
 WIDTHS = ("hidden", "actor_hidden", "critic_hidden")
 """Settings that a study's `hidden` sets: of what acts and of what estimates values. A network that
 only teaches these, such as a flow, keeps its own."""
@@ -197,9 +194,7 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, variant.algorithm)
     config = kind.Config()
     updates = variant.updates or max(1, round(config.n_updates * study.budget))
-    factor = updates / config.n_updates
-    lengths = {k: v for k, v in dataclasses.asdict(config).items() if k in LENGTHS}
-    changes: dict[str, Any] = {k: max(1, round(v * factor)) for k, v in lengths.items()}
+    changes: dict[str, Any] = {"n_updates": updates}
     if study.hidden is not None:
         widths = (name for name in WIDTHS if isinstance(getattr(config, name, None), tuple))
         changes |= dict.fromkeys(widths, study.hidden)

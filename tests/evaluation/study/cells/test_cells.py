@@ -34,9 +34,9 @@ def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
     }
     found = cells(make_study(algorithms=algorithms, budget=0.5, datasets=["coop_nav-medium"]))
     half, own = found["half/coop_nav-medium"].config, found["own/coop_nav-medium"].config
-    assert (half["n_updates"], half["bc_warmup_updates"]) == (4000, 2000)
+    assert half["n_updates"] == 9000
     assert (half["actor_hidden"], half["critic_hidden"]) == ([8], [8])
-    assert (own["n_updates"], own["bc_warmup_updates"], own["rl_weight"]) == (10, 5, 2.0)
+    assert (own["n_updates"], own["rl_weight"]) == (10, 2.0)
     assert (own["actor_hidden"], own["critic_hidden"]) == ([4, 4], [8])
 
 
