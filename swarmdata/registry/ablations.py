@@ -24,6 +24,7 @@ ABLATIONS: dict[str, Ablation | None] = {
     "omiga": Ablation("weights of good actions", {"temperature": 1e3}),
     "oryx": Ablation("telling the others", {"joint": False}),
     "maddpg_bc": Ablation("the critic", {"rl_weight": 0.0, "extraction": "joint"}),
+    "matd3": Ablation("the critic", {"rl_weight": 0.0}),
     "maddpg_cql": Ablation("the conservative penalty", {"cql_weight": 0.0}),
     "cfcql": Ablation("the counterfactual penalty", {"cql_weight": 0.0}),
     "icql_qs": Ablation("the counterfactual penalty", {"cql_weight": 0.0}),

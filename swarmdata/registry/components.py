@@ -88,6 +88,7 @@ OFFLINE_ALGORITHMS = ComponentTable(
         "omiga": "swarmdata.offline_algos.omiga:OMIGA",
         "oryx": "swarmdata.offline_algos.oryx:Oryx",
         "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",
+        "matd3": "swarmdata.offline_algos.matd3:MATD3",
         "maddpg_cql": "swarmdata.offline_algos.maddpg_cql:MADDPGCQL",
         "cfcql": "swarmdata.offline_algos.cfcql:CFCQL",
         "icql_qs": "swarmdata.offline_algos.icql_qs:ICQLQS",

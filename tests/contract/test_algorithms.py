@@ -45,6 +45,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "omiga": TWO,
     "oryx": {"width": 16, "value_hidden": (16,), "n_updates": 200, "burn_in": 1, "window": 3},
     "maddpg_bc": ACTOR_CRITIC,
+    "matd3": ACTOR_CRITIC,
     "maddpg_cql": {**ACTOR_CRITIC, "n_samples": 2},
     "cfcql": {**ACTOR_CRITIC, "n_samples": 4},
     "icql_qs": {**ACTOR_CRITIC, "n_samples": 4},

@@ -23,11 +23,11 @@ from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E
 
 KINDS: dict[str, Any] = {
     name: resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    for name in ("maddpg_bc", "facmac_bc", "maddpg_cql", "cfcql", "icql_qs", "omar")
+    for name in ("maddpg_bc", "matd3", "facmac_bc", "maddpg_cql", "cfcql", "icql_qs", "omar")
 }
 SECOND = [name for name in get_args(Extraction) if name != "joint"]
 
-ROBOTS = ("maddpg_bc", "maddpg_cql", "cfcql", "icql_qs")
+ROBOTS = ("maddpg_bc", "matd3", "maddpg_cql", "cfcql", "icql_qs")
 """Those with critics of each robot that see the state."""
 
 each = pytest.mark.parametrize("name", KINDS)

@@ -32,6 +32,7 @@ CASES: list[tuple[str, int, dict[str, Any], float]] = [
         ("maddpg_bc", 1500, {"extraction": "joint", "joint_gradient": g, **WARM}, 0.08)
         for g in ("all", "own")
     ),
+    ("matd3", 1500, WARM, 0.08),
     ("iql", 1500, LONG, 0.07),
     ("omiga", 1500, LONG, 0.07),
     *(

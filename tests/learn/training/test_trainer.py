@@ -41,6 +41,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "oryx": {"width": 8, "value_hidden": (8,), "burn_in": 2, "window": 4},
     "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,)},
+    "matd3": {"actor_hidden": (8,), "critic_hidden": (8,)},
     **{
         name: {"actor_hidden": (8,), "critic_hidden": (8,), "n_samples": 2}
         for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
