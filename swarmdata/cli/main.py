@@ -26,6 +26,7 @@ from swarmdata.cli import (
     training_commands,
 )
 from swarmdata.cli.catalogue_commands import catalogue_app
+from swarmdata.cli.leaderboard_commands import leaderboard_app
 from swarmdata.cli.making import (
     convert_commands,
     editing_commands,
@@ -440,6 +441,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
         "push": remote_commands.push,
         "remote": remote_commands.remote_app,
         "catalogue": catalogue_app,
+        "leaderboard": leaderboard_app,
         "warm": registry_commands.warm,
     },
     MAINTENANCE: {

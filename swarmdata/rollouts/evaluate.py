@@ -15,7 +15,7 @@ from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.metrics import episode_metrics, metrics_of
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import EvalResult
+from swarmdata.types import EvalResult, Seeds
 
 
 def evaluate(
@@ -25,6 +25,7 @@ def evaluate(
     name: str = "policy",
     n_episodes: int = 1000,
     block: SeedBlock = "evaluation",
+    seeds: Seeds | None = None,
     n_copies: int = 64,
     n_threads: int = 1,
     policy_threads: int = 1,
@@ -43,6 +44,7 @@ def evaluate(
         n_episodes: number of seeds to use.
         block: the reserved `evaluation` seeds, or the `validation` seeds, on which settings are
             chosen.
+        seeds: of the episodes, in place of those of a block, [E].
         n_copies: number of episodes that run at the same time.
         n_threads: threads that step them, as `make_env` takes it.
         policy_threads: threads of the policy's matrix products; a small network is slower on two.
@@ -52,10 +54,12 @@ def evaluate(
     Raises:
         SchemaError: `n_episodes` is not positive, or the policy's actions are malformed.
     """
+    if seeds is not None:
+        n_episodes = len(seeds)
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
     spec = find_spec(spec)
-    seeds = block_seeds(block, n_episodes)
+    seeds = block_seeds(block, n_episodes) if seeds is None else seeds
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
     env = make_env(spec, min(n_copies, n_episodes), n_threads=n_threads)
     hidden = None if progress else True  # None: hidden unless standard error is a terminal

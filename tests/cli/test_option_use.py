@@ -283,6 +283,9 @@ CASES = (
     Case("catalogue build coop_nav-medium --all",
          ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
     Case("catalogue open", ("swarmdata.catalogue.site_folder:is_site",)),
+    Case("leaderboard submit run --dataset a --name b --license c --code d --trials 2 "
+         "--tuning-episodes 3 --out e", ("swarmdata.evaluation.leaderboard.entry:submit",)),
+    Case("leaderboard verify a", ("swarmdata.evaluation.leaderboard.verify:verify",)),
     Case("task list"),
     Case("task show coop_nav"),
     Case("task validate coop_nav", ("swarmdata.rollouts.spec_check:probe",)),

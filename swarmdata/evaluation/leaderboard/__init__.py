@@ -1,0 +1,1 @@
+"""Entries of a leaderboard: policies in a folder, which anybody can evaluate again."""

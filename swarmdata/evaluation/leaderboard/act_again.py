@@ -1,0 +1,39 @@
+"""What `verify` runs in a process: the policies of an entry act; `python -m ... ENTRY OUT N`."""
+
+import json
+import resource
+import sys
+from pathlib import Path
+
+from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, policy_name
+from swarmdata.evaluation.leaderboard.verify import GIGABYTES, fresh_seeds
+from swarmdata.learn.policies.policy_file import load_policy
+from swarmdata.numerics.random import block_seeds
+from swarmdata.registry.recipes import find_recipe
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.specs.origins import task_of
+
+
+def main(entry: Path, out: Path, n_episodes: int) -> None:
+    """Writes the team returns of every policy on reserved and fresh episodes, [K, E]."""
+    resource.setrlimit(resource.RLIMIT_AS, (GIGABYTES << 30, GIGABYTES << 30))
+    description = Description.from_file(entry / ENTRY)
+    spec = task_of(find_recipe(description.dataset), "a leaderboard")
+    blocks = {
+        "reserved": block_seeds("evaluation", n_episodes),
+        "fresh": fresh_seeds(description, n_episodes),
+    }
+    returns = {
+        name: [
+            evaluate(load_policy(entry / policy_name(index)), spec, seeds=seeds, progress=False)
+            .metrics["return"]
+            .tolist()
+            for index in range(len(description.policies))
+        ]
+        for name, seeds in blocks.items()
+    }
+    (out / "returns.json").write_text(json.dumps(returns))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))

@@ -1,0 +1,176 @@
+"""Verifies an entry: its policies act again, in a process of bounded memory and time.
+
+They act on the reserved episodes, which must end as the entry says, and on as many fresh ones,
+whose seeds follow from the policies' hashes, so that nobody can choose policies on them. A return
+on the reserved episodes that is far above that on the fresh ones was chosen on the former.
+"""
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmdata.errors import SchemaError, SwarmdataError
+from swarmdata.evaluation.leaderboard.entry import (
+    ENTRY,
+    LARGEST,
+    LEAST_SEEDS,
+    N_EPISODES,
+    RESULTS,
+    Description,
+    policy_name,
+    sha256,
+)
+from swarmdata.evaluation.results.result_files import Result, load_result
+from swarmdata.numerics.random import EVALUATION_BASE, block_seeds, derive
+from swarmdata.registry.published import published
+from swarmdata.registry.recipes import find_recipe
+from swarmdata.types import Double, Seeds
+
+SECONDS = 600
+"""Most time of a verification."""
+
+GIGABYTES = 16
+"""Most memory, addresses that are not used included."""
+
+LEAST_EQUAL = 0.95
+"""Of the episodes: rounding differs between processors, and contacts amplify it."""
+
+FARTHEST = 4.0
+"""Standard errors by which the return may be higher on the reserved episodes."""
+
+
+class Verdict(NamedTuple):
+    """What a verification found.
+
+    Attributes:
+        reasons: why the entry is rejected; empty: it is verified.
+        equal: share of the reserved episodes that ended with the return that the entry says.
+        reserved: mean team return on the reserved episodes, as evaluated again.
+        fresh: the same on fresh episodes.
+    """
+
+    reasons: tuple[str, ...]
+    equal: float = 0.0
+    reserved: float = float("nan")
+    fresh: float = float("nan")
+
+    @property
+    def is_verified(self) -> bool:
+        """Whether nothing speaks against the entry."""
+        return not self.reasons
+
+
+def verify(entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECONDS) -> Verdict:
+    """Verifies an entry.
+
+    Args:
+        entry: its folder.
+        n_episodes: reserved episodes that it must have results of, and fresh ones.
+        seconds: most time.
+
+    Raises:
+        FileNotFoundError: the folder has no description.
+    """
+    try:
+        description = Description.from_file(entry / ENTRY)
+        reasons = (*_wrong_data(description), *_wrong_files(entry, description))
+        claimed = [] if reasons else _claimed(entry, description, n_episodes)
+    except SwarmdataError as error:
+        return Verdict((str(error),))
+    if reasons:
+        return Verdict(reasons)
+    with tempfile.TemporaryDirectory() as scratch:
+        worker = f"{__package__}.act_again"
+        command = [sys.executable, "-m", worker, str(entry), scratch, str(n_episodes)]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=seconds, check=False)
+        except subprocess.TimeoutExpired:
+            return Verdict((f"its policies took longer than {seconds:.0f} s",))
+        if done.returncode:
+            last = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+            return Verdict((f"its policies could not act: {last}",))
+        measured = json.loads((Path(scratch) / "returns.json").read_bytes())
+    return _compared(claimed, *(np.array(measured[name]) for name in ("reserved", "fresh")))
+
+
+def fresh_seeds(description: Description, n_episodes: int) -> Seeds:
+    """Returns seeds that follow from the policies, in no dataset and in no block, [E]."""
+    text = "".join(description.policies).encode()
+    first = int.from_bytes(hashlib.sha256(text).digest()[:8])
+    return derive(first, np.arange(n_episodes)) | np.uint64(EVALUATION_BASE << 1)
+
+
+def _wrong_data(description: Description) -> Iterator[str]:
+    """What is wrong with the dataset and the number of policies."""
+    known = published()[find_recipe(description.dataset).id].digest
+    if description.digest != known:
+        yield f"its dataset has digest {description.digest[:12]}, published is {known[:12]}"
+    n_policies = len(set(description.policies))
+    if n_policies < LEAST_SEEDS:
+        yield f"it has {n_policies} different policies, expected at least {LEAST_SEEDS}"
+
+
+def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
+    """What is wrong with the files."""
+    names = {policy_name(i): content for i, content in enumerate(description.policies)}
+    files = {path.relative_to(entry).as_posix() for path in entry.rglob("*") if not path.is_dir()}
+    known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}
+    yield from (f"{name} does not belong there" for name in files - known - {*names, ENTRY})
+    if (size := sum((entry / name).stat().st_size for name in files)) > LARGEST:
+        yield f"it has {size / 1e6:.1f} MB, expected at most {LARGEST / 1e6:.0f}"
+    for name, content in names.items():
+        if name not in files:
+            yield f"{name} is missing"
+        elif sha256(entry / name) != content:
+            yield f"{name} is another file than {ENTRY} says"
+
+
+def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Result]:
+    """Returns the results of the policies, in their order.
+
+    Raises:
+        SchemaError: a policy has none, or it is of other seeds or another task.
+    """
+    found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
+    by_content = {each.provenance.content: each for each in found}
+    spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)
+    for index, content in enumerate(description.policies):
+        result = by_content.get(content)
+        if result is None:
+            raise SchemaError(f"{policy_name(index)} has no result in {RESULTS}")
+        if result.spec != spec or not np.array_equal(result.evaluation.seeds, seeds):
+            raise SchemaError(
+                f"the result of {policy_name(index)} is not of the task of {description.dataset} "
+                f"on its first {n_episodes} reserved episodes"
+            )
+    return [by_content[content] for content in description.policies]
+
+
+def _compared(claimed: list[Result], reserved: Double, fresh: Double) -> Verdict:
+    """Compares claimed returns with those on reserved and on fresh episodes, both [K, E]."""
+    said = np.stack([each.evaluation.metrics["return"] for each in claimed])
+    equal = float(np.isclose(said, reserved, rtol=0, atol=1e-6).mean())
+    reasons = []
+    if equal < LEAST_EQUAL:
+        reasons.append(
+            f"{equal:.1%} of the reserved episodes ended with the return that it says, expected "
+            f"at least {LEAST_EQUAL:.0%}; its mean is {said.mean():.3f}, evaluated again "
+            f"{reserved.mean():.3f}"
+        )
+    means = [returns.mean(0) for returns in (reserved, fresh)]  # over seeds, [E]
+    error = np.sqrt(sum(each.var(ddof=1) / len(each) for each in means))
+    if means[0].mean() - means[1].mean() > FARTHEST * error:
+        reasons.append(
+            f"its return is {means[0].mean():.3f} on the reserved episodes and "
+            f"{means[1].mean():.3f} on fresh ones, more than {FARTHEST:.0f} standard errors less: "
+            "it was chosen on the reserved ones"
+        )
+    return Verdict(tuple(reasons), equal, float(reserved.mean()), float(fresh.mean()))

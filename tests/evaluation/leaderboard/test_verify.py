@@ -1,0 +1,200 @@
+"""Entries of a leaderboard: honest ones are verified, forged ones are rejected with the reason."""
+
+import json
+from pathlib import Path
+from shutil import copytree
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="policies need torch")
+
+from typer.testing import CliRunner  # noqa: E402
+
+from swarmdata.cli.main import app  # noqa: E402
+from swarmdata.errors import SpecError  # noqa: E402
+from swarmdata.evaluation.leaderboard.entry import Description, policy_name, sha256, submit  # noqa: E402
+from swarmdata.evaluation.leaderboard.verify import (  # noqa: E402
+    FARTHEST,
+    _compared,
+    fresh_seeds,
+    verify,
+)
+from swarmdata.evaluation.results.policy_names import Target  # noqa: E402
+from swarmdata.evaluation.results.result_files import Result, load_result  # noqa: E402
+from swarmdata.evaluation.results.target_evaluation import evaluate_target  # noqa: E402
+from swarmdata.evaluation.runs.provenance import Provenance  # noqa: E402
+from swarmdata.learn.networks.perceptrons import Layer  # noqa: E402
+from swarmdata.learn.policies.policy_file import save_policy  # noqa: E402
+from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
+from swarmdata.numerics.random import EVALUATION_BASE  # noqa: E402
+from swarmdata.registry.published import published  # noqa: E402
+from swarmdata.registry.recipes import find_recipe  # noqa: E402
+from swarmdata.specs.origins import task_of  # noqa: E402
+
+DATASET, N_SEEDS, N_EPISODES = "coop_nav-random-mini-v1", 5, 4
+
+
+def network(seed: int) -> TorchPolicy:
+    """A policy that was never trained."""
+    spec = task_of(find_recipe(DATASET), "a test")
+    rng = np.random.default_rng(seed)
+    n_inputs = spec.observation_size + spec.n_agents
+    weight = torch.from_numpy(rng.normal(0, 0.2, (n_inputs, spec.action_size)))
+    layer = Layer(weight[None], torch.zeros(1, spec.action_size, dtype=torch.float64))
+    moments = torch.zeros(spec.observation_size), torch.ones(spec.observation_size)
+    mean, std = (each.double() for each in moments)
+    return TorchPolicy(
+        layers=(layer,), observation_mean=mean, observation_std=std, squash=True, frame=None
+    )
+
+
+def write_entry(folder: Path, policies: list[Any], **changes: Any) -> Path:
+    """Writes an entry as `submit` does, of policies that no run holds."""
+    recipe, digest = find_recipe(DATASET), published()[DATASET].digest
+    for index, policy in enumerate(policies):
+        save_policy(folder / policy_name(index), policy)
+    hashes = tuple(sha256(folder / policy_name(index)) for index in range(len(policies)))
+    shared = {"label": "mine", "algorithm": "bc", "dataset": DATASET, "digest": digest}
+    found = tuple(Provenance(**shared, index=i, content=h) for i, h in enumerate(hashes))
+    target = Target(task_of(recipe, "a test"), tuple(policies), found)
+    evaluate_target(target, N_EPISODES, folder / "results", progress=False)
+    description = Description(
+        name="mine", dataset=DATASET, digest=digest, algorithm="bc", license="Apache-2.0",
+        code="https://example.org/mine", trials=1, tuning_episodes=0, policies=hashes,
+    )  # fmt: skip
+    values = description.model_dump() | changes
+    (folder / "entry.json").write_text(json.dumps(values))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_entry(tmp_path_factory.mktemp("entry"), [network(seed) for seed in range(N_SEEDS)])
+
+
+@pytest.fixture
+def forged(honest: Path, tmp_path: Path) -> Path:
+    """A copy to change."""
+    return copytree(honest, tmp_path / "entry")
+
+
+def change(file: Path, **changes: Any) -> None:
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+
+def test_an_honest_entry_is_verified(honest: Path) -> None:
+    verdict = verify(honest, n_episodes=N_EPISODES)
+    assert verdict.reasons == ()
+    assert verdict.equal == 1.0
+    claimed = [load_result(path) for path in (honest / "results").iterdir()]
+    mean = np.mean([each.evaluation.metrics["return"] for each in claimed])
+    assert verdict.reserved == pytest.approx(mean)
+    assert verdict.fresh != verdict.reserved
+
+
+def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
+    for file in (forged / "results").iterdir():
+        document = json.loads(file.read_text())
+        document["metrics"]["return"] = [value + 1.0 for value in document["metrics"]["return"]]
+        file.write_text(json.dumps(document))
+    verdict = verify(forged, n_episodes=N_EPISODES)
+    assert "0.0% of the reserved episodes" in verdict.reasons[0]
+
+
+def test_policies_that_cannot_act_are_rejected(honest: Path, tmp_path: Path) -> None:
+    """Their results are those of others: what has no numbers cannot be evaluated at all."""
+    entry = copytree(honest, tmp_path / "entry")
+    broken = network(0)
+    broken.layers[0].weight.fill_(torch.nan)
+    save_policy(entry / policy_name(0), broken)
+    old, new = json.loads((entry / "entry.json").read_text())["policies"][0], None
+    new = sha256(entry / policy_name(0))
+    for file in (entry / "entry.json", *(entry / "results").iterdir()):
+        file.write_text(file.read_text().replace(old, new))
+    assert "could not act" in verify(entry, n_episodes=N_EPISODES).reasons[0]
+
+
+def test_a_slow_entry_is_rejected(honest: Path) -> None:
+    verdict = verify(honest, n_episodes=N_EPISODES, seconds=0.01)
+    assert "took longer" in verdict.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"digest": "0" * 64}, "has digest 000000000000"),
+        ({"dataset": "coop_nav-rnadom"}, "unknown dataset"),
+        ({"policies": ["0" * 64] * 5}, "1 different policies"),
+        ({"trials": -1}, "trials"),
+    ],
+)
+def test_wrong_descriptions_are_rejected(
+    forged: Path, changes: dict[str, Any], reason: str
+) -> None:
+    change(forged / "entry.json", **changes)
+    assert any(reason in each for each in verify(forged, n_episodes=N_EPISODES).reasons)
+
+
+def test_wrong_files_are_rejected(forged: Path) -> None:
+    (forged / "setup.py").write_text("print()")
+    (forged / policy_name(1)).write_bytes((forged / policy_name(2)).read_bytes())
+    (forged / policy_name(3)).unlink()
+    reasons = " ".join(verify(forged, n_episodes=N_EPISODES).reasons)
+    for part in ("setup.py does not belong", "policy-1.safetensors is another", "3.safetensors is"):
+        assert part in reasons
+
+
+def test_results_of_other_episodes_are_rejected(honest: Path) -> None:
+    assert "first 3 reserved" in verify(honest, n_episodes=3).reasons[0]
+
+
+def test_policies_chosen_on_the_reserved_episodes_are_rejected(honest: Path) -> None:
+    """Returns of five seeds that are a little better there, on 400 episodes."""
+    rng = np.random.default_rng(0)
+    reserved, fresh = rng.normal(0, 1, (2, N_SEEDS, 400))
+    one = load_result(next((honest / "results").iterdir()))
+
+    def claims(returns: Any) -> list[Result]:
+        made = []
+        for each in returns:
+            measured = one.evaluation
+            metrics = {**measured.metrics, "return": each}
+            evaluation = type(measured)(
+                measured.policy, measured.task, measured.spec_hash, measured.seeds, metrics
+            )
+            made.append(Result(evaluation, one.provenance, one.spec))
+        return made
+
+    assert _compared(claims(reserved), reserved, fresh).is_verified
+    error = np.sqrt((reserved.mean(0).var() + fresh.mean(0).var()) / 400)
+    better = reserved + (FARTHEST + 2) * error
+    assert "was chosen on the reserved ones" in _compared(claims(better), better, fresh).reasons[0]
+
+
+def test_fresh_seeds_follow_from_the_policies(honest: Path) -> None:
+    entry = Description.from_file(honest / "entry.json")
+    seeds = fresh_seeds(entry, 100)
+    assert np.array_equal(seeds, fresh_seeds(entry.model_copy(update={"name": "other"}), 100))
+    swapped = entry.model_copy(update={"policies": entry.policies[::-1]})
+    assert not np.intersect1d(seeds, fresh_seeds(swapped, 100)).size
+    assert (seeds >= EVALUATION_BASE << 1).all()  # in no dataset, nor in a block
+
+
+def test_the_command_says_why(forged: Path) -> None:
+    change(forged / "entry.json", digest="0" * 64)
+    result = CliRunner().invoke(app, ["leaderboard", "verify", str(forged)])
+    assert result.exit_code == 1
+    assert result.output.startswith("rejected: its dataset has digest")
+
+
+def test_runs_on_other_data_make_no_entry(tiny: Path, tmp_path: Path) -> None:
+    from swarmdata.evaluation.runs.train import train
+
+    changes = {"n_updates": 1, "batch_size": 8, "hidden": 4}
+    train("bc", tiny, tmp_path / "run", n_seeds=5, changes=changes, progress=False)
+    options: dict[str, Any] = {"name": "m", "license": "MIT", "code": "x", "trials": 1}
+    with pytest.raises(SpecError, match="expected coop_nav-random-mini-v1 as published"):
+        submit([tmp_path / "run"], tmp_path / "e", DATASET, tuning_episodes=0, **options)
+    assert not (tmp_path / "e").exists()
