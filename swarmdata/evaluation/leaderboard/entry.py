@@ -9,6 +9,7 @@ Nothing in it can be executed.
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -93,37 +94,42 @@ def submit(
     """
     recipe = find_recipe(dataset)
     digest = published()[recipe.id].digest
-    targets = [find_target(str(run)) for run in runs]
-    for run, target in zip(runs, targets, strict=True):
-        _check_trained_on(run, target, recipe.id, digest)
-    policies = [policy for target in targets for policy in target.policies]
-    if len(policies) < LEAST_SEEDS:
-        raise SpecError(
-            f"the runs have {len(policies)} policies, expected at least {LEAST_SEEDS} training "
-            "seeds; train with --seeds 5"
-        )
+    team = _team(runs, recipe.id, digest)
     check_marked(out, ENTRY, "leaderboard entry")
-    for index, policy in enumerate(policies):
+    for index, policy in enumerate(team.policies):
         save_policy(out / policy_name(index), policy)
-    hashes = tuple(sha256(out / policy_name(index)) for index in range(len(policies)))
-    trained = [each for target in targets for each in target.provenances]
+    hashes = tuple(sha256(out / policy_name(index)) for index in range(len(team.policies)))
     description = Description(
-        name=name, dataset=recipe.id, digest=digest, algorithm=str(trained[0].algorithm),
+        name=name, dataset=recipe.id, digest=digest, algorithm=str(team.provenances[0].algorithm),
         license=license, code=code, trials=trials, tuning_episodes=tuning_episodes,
         policies=hashes,
     )  # fmt: skip
     provenances = tuple(
         each.model_copy(update={"label": name, "index": index, "run": None, "content": content})
-        for index, (each, content) in enumerate(zip(trained, hashes, strict=True))
+        for index, (each, content) in enumerate(zip(team.provenances, hashes, strict=True))
     )
-    whole = Target(targets[0].spec, tuple(policies), provenances)
-    evaluate_target(whole, n_episodes, out / RESULTS, again=True, progress=progress)
+    named = replace(team, provenances=provenances)
+    evaluate_target(named, n_episodes, out / RESULTS, again=True, progress=progress)
     write_file(out / ENTRY, description.model_dump_json(indent=1).encode() + b"\n")
     return description
 
 
+def _team(runs: Sequence[Path], dataset: str, digest: str) -> Target:
+    """The policies of all runs; refuses runs on other data, or for other rewards."""
+    targets = [find_target(str(run)) for run in runs]
+    for run, target in zip(runs, targets, strict=True):
+        _check_trained_on(run, target, dataset, digest)
+    policies = tuple(policy for target in targets for policy in target.policies)
+    if len(policies) < LEAST_SEEDS:
+        raise SpecError(
+            f"the runs have {len(policies)} policies, expected at least {LEAST_SEEDS} training "
+            "seeds; train with --seeds 5"
+        )
+    provenances = tuple(each for target in targets for each in target.provenances)
+    return Target(targets[0].spec, policies, provenances)
+
+
 def _check_trained_on(run: Path, target: Target, dataset: str, digest: str) -> None:
-    """Refuses a run on other data, with other models or for other rewards."""
     for each in target.provenances:
         if (each.dataset, each.digest, each.view) != (dataset, digest, None):
             view = "" if each.view is None else f" seen as {each.view}"
