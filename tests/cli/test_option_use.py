@@ -166,10 +166,10 @@ CASES = (
     Case("pull file:///a/coop_nav-medium-v1", ("swarmdata.hub.catalog.sources:obtain",
                                               "swarmdata.hub.remotes.release_lookup:locate"),
          samples={"--from": "file:///b"}),
-    Case("train bc coop_nav-medium", (f"{RUNS}.train:train",), samples={"--config": "settings.yaml"}),
-    Case("train auto coop_nav-medium", (f"{RUNS}.train:train",), samples={"--config": "settings.yaml"}),
+    Case("train bc coop_nav-medium", (f"{RUNS}.train:train",), samples={"--config": "own.yaml"}),
+    Case("train auto coop_nav-medium", (f"{RUNS}.train:train",), samples={"--config": "own.yaml"}),
     Case("tune bc coop_nav-medium", ("swarmdata.evaluation.tuning.tune:tune",),
-         samples={"--config": "settings.yaml"}),
+         samples={"--config": "own.yaml"}),
     Case("train-online mappo coop_nav", (f"{RUNS}.train:train_online",)),
     Case("train-online vdn coop_nav --data coop_nav-expert", (f"{RUNS}.train:train_online",)),
     Case("ship coop_nav --out a", ("swarmdata.online_algos.runs.checkpoint_selection:ship",),
@@ -418,7 +418,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Files that cases name."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plan.yaml").write_text("name: a\ndatasets: [a-b]\nalgorithms: [bc]\nseeds: 1\n")
-    (tmp_path / "settings.yaml").write_text("batch_size: 7\n")
+    (tmp_path / "own.yaml").write_text("batch_size: 7\n")
     (tmp_path / "folder").mkdir()
 
 
