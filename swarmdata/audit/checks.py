@@ -1,6 +1,6 @@
 """The checks of a dataset in a literal table, and `audit`, which runs them."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -59,7 +59,9 @@ CHECKS = {
 _CONTRADICTIONS = ("shapes", "finite", "padding", "bounds", "ends", "leaving")
 
 
-def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit:
+def audit(
+    path: Path | str, *, sample: int = 64, progress: bool = True, only: Sequence[str] = ()
+) -> Audit:
     """Checks a dataset of any origin against everything that it claims.
 
     Arrays are read in blocks, so that memory stays bounded. A check that does not apply to a
@@ -70,6 +72,7 @@ def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit
         sample: episodes to replay, divided evenly among the policies; 0 for none. A number of at
             least all episodes replays all.
         progress: whether to show bars on standard error, if that is a terminal.
+        only: names of the checks to run; empty: all of them.
 
     Raises:
         DatasetError: a subclass that names the file that cannot be read.
@@ -77,8 +80,9 @@ def audit(path: Path | str, *, sample: int = 64, progress: bool = True) -> Audit
     """
     subject = Subject(open_store(Path(path), "none"), sample, progress)
     check_installed(subject.origin, "an audit")
-    findings = tuple(_findings(subject, CHECKS))
-    return Audit(subject.manifest.id, subject.manifest.digest, tuple(CHECKS), findings)
+    checks = {name: CHECKS[name] for name in only or CHECKS}
+    findings = tuple(_findings(subject, checks))
+    return Audit(subject.manifest.id, subject.manifest.digest, tuple(checks), findings)
 
 
 def problems_of(path: Path | str) -> tuple[str, ...]:

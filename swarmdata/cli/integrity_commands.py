@@ -77,14 +77,13 @@ def _compare(folder: Path) -> None:
 
 
 def _replay(folder: Path, n_episodes: int) -> None:
-    """Simulates episodes again; exit code 1 if a bit differs."""
-    from swarmdata.audit.resimulation import replay
-    from swarmdata.datasets.dataset import Dataset
+    """Simulates episodes again; exit code 1 if a bit differs, or if some cannot be compared."""
+    from swarmdata.audit import audit as audit_dataset
 
-    drifts = replay(Dataset.open(folder), n_episodes)
-    for each in drifts:
+    found = audit_dataset(folder, sample=n_episodes, only=("replay",)).findings
+    for each in found:
         typer.echo(str(each), err=True)
-    if drifts:
+    if found:
         raise typer.Exit(1)
     typer.echo(f"simulated {n_episodes} episodes again: all bits are equal")
 

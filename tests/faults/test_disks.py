@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,9 @@ from tests.support.tiny import TINY, abandoned, flip, make_tiny
 pytestmark = pytest.mark.usefixtures("one_process")
 
 
-@pytest.fixture(scope="module")
-def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return read_manifest(make_tiny(tmp_path_factory.mktemp("digest") / "d")).digest
+@pytest.fixture
+def digest(tiny: Path) -> str:
+    return read_manifest(tiny).digest
 
 
 def seen(trouble: Callable[..., None], folder: Path, *names: str) -> dict[str, Any]:
@@ -65,7 +66,7 @@ def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(
     for name, found in seen(disk_trouble.exports, tmp_path / "disk", *formats).items():
         for size in ("small", "middle"):
             error, left = found[size]
-            fits = size == "middle" and name in ("card", "clip")
+            fits = size == "middle" and name == "clip"
             assert error.startswith("none" if fits else "DiskFullError: no space is left"), name
             assert bool(left) == fits, name
         error, left = found["large"]
@@ -96,11 +97,7 @@ def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> 
     assert "set SWARMDATA_CACHE or NUMBA_CACHE_DIR" in fresh
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["with spaces", "ünï-çødé 群", "[a]*?{b}", "'quoted\"", "n" * 200],
-    ids=["spaces", "unicode", "patterns", "quotes", "long"],
-)
+@pytest.mark.parametrize("name", ["ünï çødé 群 [a]*?{b} 'quoted\"", "n" * 200], ids=["all", "long"])
 def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> None:
     """Row 31: a dataset may be anywhere."""
     abandoned(tmp_path / name / name)
@@ -113,7 +110,7 @@ def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> Non
 
 
 def test_a_long_and_a_relative_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, digest: str
+    tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch, digest: str
 ) -> None:
     """Row 31: nested as deep as the system allows, and from where one stands."""
     deep = tmp_path
@@ -121,7 +118,7 @@ def test_a_long_and_a_relative_path(
         deep = deep / ("d" * 100)
     assert Dataset.open(make_tiny(deep / "d"), "full").digest == digest
     monkeypatch.chdir(tmp_path)
-    assert load(make_tiny(Path("here"))).path == Path("here")
+    assert load(shutil.copytree(tiny, Path("here"))).path == Path("here")
     assert examine(Path("here")) == ()
 
 

@@ -11,12 +11,11 @@ from typing import NoReturn
 import pytest
 
 import swarmdata
-from swarmdata.audit.resimulation import replay
+from swarmdata.audit import audit, replay_checks
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import FormatVersionError, SwarmdataError
 from swarmdata.hub.catalog.repair import examine
 from swarmdata.registry.components import make_env
-from swarmdata.registry.published import changed_versions
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import FORMAT_VERSION
 from swarmdata.store.damage import find_damage
@@ -110,23 +109,12 @@ def test_a_newer_format_says_upgrade_and_is_no_damage(old: Path) -> None:
 def test_a_world_that_has_drifted_shows_in_a_replay(
     tmp_path: Path, record: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Row 30: a physics step that is different in the last bit."""
-    from swarmdata.audit import resimulation
-
-    dataset = Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("straight",)))
-    assert replay(dataset, 3) == ()
-    changed = dataset.task.with_updates(physics_dt=0.025)
-    monkeypatch.setattr(resimulation, "make_env", lambda spec, n: make_env(changed, n))
-    drifts = replay(dataset, 3)
-    assert len(drifts) == 3
-    assert all("simulated here with the same versions" in str(each) for each in drifts)
-
-
-def test_versions_that_differ_are_named(tmp_path: Path, record: Callable[..., Path]) -> None:
-    """Row 30: the manifest says what the dataset was made with."""
-    made = Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("random",)))
-    provenance = made.stored.manifest.provenance
-    assert {"pymunk", "numba", "numpy", "zarr", "python", "platform"} <= set(provenance)
-    assert changed_versions(provenance, {**provenance, "pymunk": "9"}) == (
-        f"pymunk 9 instead of {provenance['pymunk']}",
-    )
+    """Row 30: a physics step that is different in the last bit, and the version that has it."""
+    folder = record(tmp_path / "d", TaskSpec(horizon=20), ("straight",))
+    assert audit(folder, sample=3, only=("replay",)).findings == ()
+    changed = Dataset.open(folder).task.with_updates(physics_dt=0.025)
+    monkeypatch.setattr(replay_checks, "make_env", lambda spec, n: make_env(changed, n))
+    monkeypatch.setattr(replay_checks, "made_with", lambda backend: {"pymunk": "9.9"})
+    (found,) = audit(folder, sample=3, only=("replay",)).problems
+    assert "3 of 3 replayed episodes differ from the stored ones: episode" in found.message
+    assert "other versions: pymunk 9.9 instead of" in found.message
