@@ -107,9 +107,7 @@ def _pieces(start: int, stop: int, end: str, log_map: LogMap) -> list[Window]:
     return pieces
 
 
-def with_reached_goals(
-    tracks: Sequence[RobotTrack], windows: Sequence[Window]
-) -> list[RobotTrack]:
+def with_reached_goals(tracks: Sequence[RobotTrack], windows: Sequence[Window]) -> list[RobotTrack]:
     """The tracks with new goals: where each robot is at the end of the episode."""
     goals = np.full((len(tracks), *tracks[0].goals.shape), np.nan)
     for window in windows:

@@ -11,7 +11,6 @@ from swarmdata.interop.logs.resampling import (
     add_up,
     hold,
     interpolate,
-    interpolate_angles,
     nanoseconds,
     wrap,
 )
@@ -90,7 +89,7 @@ def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
     robot, K = signals.robot, len(grid)
     gap = _gap(robot.pose, log_map)
     positions, is_placed = interpolate(signals.positions, grid, gap)
-    headings, _ = interpolate_angles(signals.headings, grid, gap)
+    headings, _ = interpolate(signals.headings, grid, gap, is_angle=True)
     pose = np.concatenate([positions, np.cos(headings), np.sin(headings)], axis=1)
     pose *= is_placed[:, None]
     parts: dict[str, tuple[Space, Double]] = {}
@@ -151,7 +150,7 @@ def _feature(feature: FeatureSignal, samples: Samples, grid: Int, gap: int) -> t
         return hold(samples, grid, gap)
     if feature.between == "linear":
         return interpolate(samples, grid, gap)
-    angles, known = interpolate_angles(samples, grid, gap)
+    angles, known = interpolate(samples, grid, gap, is_angle=True)
     return np.concatenate([np.cos(angles), np.sin(angles)], axis=1), known
 
 

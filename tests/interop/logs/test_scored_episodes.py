@@ -177,7 +177,9 @@ def test_goals_are_where_robots_went(tmp_path: Path) -> None:
     assert dataset.episodes.success.all()
     for episode in dataset:
         states = robots_of(episode.states, N)
-        assert_array_equal(states[:, :, TX:], np.broadcast_to(states[:1, :, TX:], (len(states), N, 2)))
+        assert_array_equal(
+            states[:, :, TX:], np.broadcast_to(states[:1, :, TX:], (len(states), N, 2))
+        )
         if len(episode) == 30:
             assert_allclose(states[-1, :, :2], states[-1, :, TX:], atol=1e-6)
         away = np.hypot(*(states[-1, :, :2] - states[-1, :, TX:]).T)
