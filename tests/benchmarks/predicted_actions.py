@@ -4,9 +4,9 @@
     python -m tests.benchmarks.predicted_actions mrclam-run_7-v0 runs/bc-6 runs/gru-6
 
 A policy's action for a step is compared with the command that was logged in it, and with the one
-two seconds later; so are the command of the step before and the mean one. It takes every fifth
-episode, because exported policies act robot by robot. `make bench` leaves it out: users fetch the
-logs.
+two seconds later; so are the command of the step before and the mean one. Logs that a task has
+scored are compared in the same units. It takes every fifth episode, because exported policies act
+robot by robot. `make bench` leaves it out: users fetch the logs.
 """
 
 import runpy
@@ -21,8 +21,12 @@ import numpy as np
 import swarmdata
 from swarmdata.learn.training.run_files import seeds_of
 from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO, mean_interval
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 AHEAD = 20  # steps of 0.1 s
+
+STRIDE = 5  # every so many episodes
 
 
 def predicted(path: Path, episodes: Sequence[swarmdata.Episode]) -> Iterator[np.ndarray]:
@@ -41,8 +45,13 @@ def predicted(path: Path, episodes: Sequence[swarmdata.Episode]) -> Iterator[np.
         yield commands
 
 
-def errors(episodes: Sequence[swarmdata.Episode], guesses: Iterator[np.ndarray]) -> np.ndarray:
-    """Mean absolute errors of each episode, at once and later, of speed and turn rate, [E, 4]."""
+def errors(
+    episodes: Sequence[swarmdata.Episode], guesses: Iterator[np.ndarray], units: np.ndarray
+) -> np.ndarray:
+    """Mean absolute errors of speed and turn rate, at once and later, [E, N, 4].
+
+    They are NaN for robots that were absent.
+    """
     rows = []
     for episode, guess in zip(episodes, guesses, strict=True):
         alive = np.ones(guess.shape[:2], np.bool_)
@@ -50,47 +59,63 @@ def errors(episodes: Sequence[swarmdata.Episode], guesses: Iterator[np.ndarray])
             alive = episode.alive[:-1]
         last = len(guess) - AHEAD
         known = alive[: last - 1] & alive[1:last] & alive[1 + AHEAD :]
-        now, later = episode.actions[1:last], episode.actions[1 + AHEAD :]
-        wrong = [np.abs(guess[1:last] - each)[known].mean(axis=0) for each in (now, later)]
-        rows.append(np.concatenate(wrong))
+        logged = units * episode.actions
+        now, later = logged[1:last], logged[1 + AHEAD :]
+        wrong = np.concatenate([np.abs(guess[1:last] - each) for each in (now, later)], axis=2)
+        total = (wrong * known[..., None]).sum(axis=0)
+        with np.errstate(invalid="ignore"):
+            rows.append(total / known.sum(axis=0)[:, None])
     return np.array(rows)
 
 
-def repeated(episodes: Sequence[swarmdata.Episode]) -> Iterator[np.ndarray]:
+def repeated(episodes: Sequence[swarmdata.Episode], units: np.ndarray) -> Iterator[np.ndarray]:
     """The command of the step before."""
     for episode in episodes:
-        yield np.concatenate([episode.actions[:1], episode.actions[:-1]])
+        yield units * np.concatenate([episode.actions[:1], episode.actions[:-1]])
 
 
-def constant(episodes: Sequence[swarmdata.Episode]) -> Iterator[np.ndarray]:
+def constant(episodes: Sequence[swarmdata.Episode], units: np.ndarray) -> Iterator[np.ndarray]:
     """The mean command of every robot, of these episodes themselves."""
-    mean = np.concatenate([each.actions for each in episodes]).mean(axis=0)
+    mean = units * np.concatenate([each.actions for each in episodes]).mean(axis=0)
     for episode in episodes:
         yield np.broadcast_to(mean, episode.actions.shape)
 
 
+def units_of(spec: TaskSpec | RecordedSpec) -> np.ndarray:
+    """An action of 1 in m/s and rad/s, of every robot, [N, 2]."""
+    if isinstance(spec, TaskSpec):
+        return np.array([[each.max_speed, each.max_turn_rate] for each in spec.robots])
+    return np.ones((spec.n_agents, 2))
+
+
+def cell(table: np.ndarray, scale: float) -> str:
+    found = mean_interval(scale * table, bounds=AT_LEAST_ZERO)
+    return f"{found.value:.2f} [{found.low:.2f}, {found.high:.2f}]"
+
+
 def main(data: str, *runs: str) -> None:
-    """Prints a table."""
-    episodes = list(swarmdata.load(data))[::5]
+    """Prints a table with intervals over seeds and episodes, and one over seeds and robots."""
+    dataset = swarmdata.load(data)
+    units = units_of(dataset.spec)
+    episodes = [each for each in list(dataset)[::STRIDE] if len(each) > AHEAD + 2]
     tables = {
-        "last command": errors(episodes, repeated(episodes))[None],
-        "mean command": errors(episodes, constant(episodes))[None],
+        "last command": errors(episodes, repeated(episodes, units), units)[None],
+        "mean command": errors(episodes, constant(episodes, units), units)[None],
     }
     for run in runs:
         found = []
         for seed in seeds_of([Path(run)]):
             with tempfile.TemporaryDirectory() as folder:
                 path = swarmdata.export_policy(run, Path(folder) / "policy.py", seed.seed)
-                found.append(errors(episodes, predicted(path, episodes)))
+                found.append(errors(episodes, predicted(path, episodes), units))
         tables[run] = np.stack(found)
-    print("| | speed now (cm/s) | turn rate now (°/s) | speed in 2 s | turn rate in 2 s |")
-    print("|---|---:|---:|---:|---:|")
-    for name, table in tables.items():
-        cells = []
-        for column, scale in enumerate((100.0, 180 / np.pi) * 2):
-            found_ = mean_interval(scale * table[:, :, column], bounds=AT_LEAST_ZERO)
-            cells.append(f"{found_.value:.2f} [{found_.low:.2f}, {found_.high:.2f}]")
-        print(f"| {name} | {' | '.join(cells)} |")
+    for over, axis in (("episodes", 2), ("robots", 1)):
+        print(f"| over {over} | speed (cm/s) | turn rate (°/s) | speed in 2 s | turn rate in 2 s |")
+        print("|---|---:|---:|---:|---:|")
+        for name, table in tables.items():
+            means = np.nanmean(table, axis=axis)
+            cells = [cell(means[..., k], scale) for k, scale in enumerate((100.0, 180 / np.pi) * 2)]
+            print(f"| {name} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.logs.resampling import (
     NANOSECONDS,
     interpolate,
-    interpolate_angles,
     nanoseconds,
     wrap,
 )
@@ -217,7 +216,7 @@ def _motion(
 ) -> tuple[dict[str, Double], Bool]:
     """Mean motion from each time of a grid to the next, [n] each by its name, and where known."""
     places, placed = interpolate(signals.positions, grid, gap)
-    turns, _ = interpolate_angles(signals.headings, grid, gap)
+    turns, _ = interpolate(signals.headings, grid, gap, is_angle=True)
     moved, turned = np.diff(places, axis=0) / length, wrap(np.diff(turns, axis=0))[:, 0]
     middle = turns[:-1, 0] + turned / 2
     cosine, sine = np.cos(middle), np.sin(middle)

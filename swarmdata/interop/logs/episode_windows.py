@@ -5,7 +5,8 @@ that was observed: the command that was given in it is left out.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -106,16 +107,31 @@ def _pieces(start: int, stop: int, end: str, log_map: LogMap) -> list[Window]:
     return pieces
 
 
+def with_reached_goals(tracks: Sequence[RobotTrack], windows: Sequence[Window]) -> list[RobotTrack]:
+    """The tracks with new goals: where each robot is at the end of the episode."""
+    goals = np.full((len(tracks), *tracks[0].goals.shape), np.nan)
+    for window in windows:
+        for k, each in enumerate(tracks):
+            goals[k, window.start : window.stop + 1] = each.pose[window.stop, :2]
+    return [replace(each, goals=goals[k]) for k, each in enumerate(tracks)]
+
+
 class EpisodeMaker:
     """Makes the episodes of tracks.
 
     Args:
         tracks: of all robots.
         windows: of the episodes.
+        states: what states hold, as the map says it.
     """
 
-    def __init__(self, tracks: Sequence[RobotTrack], windows: Sequence[Window]) -> None:
-        self._tracks, self._windows = tracks, windows
+    def __init__(
+        self,
+        tracks: Sequence[RobotTrack],
+        windows: Sequence[Window],
+        states: Literal["observations", "poses"] = "observations",
+    ) -> None:
+        self._tracks, self._windows, self._states = tracks, windows, states
         self._acting = acting_robots(tracks)
         self.n_absent = sum(int((~self._acting[w.start : w.stop]).sum()) for w in windows)
 
@@ -127,13 +143,17 @@ class EpisodeMaker:
         seen = np.zeros((len(window) + 1, len(self._tracks)), np.bool_)
         seen[:-1] |= acting
         seen[1:] |= acting  # a robot also observes the state in which it stops acting
+        places = slice(window.start, window.stop + 1)
         observed = [
-            each.observations[window.start : window.stop + 1] * seen[:, k, None]
+            each.observations[places] * seen[:, k, None] for k, each in enumerate(self._tracks)
+        ]
+        poses = [
+            each.pose[places].astype(np.float32) * seen[:, k, None]
             for k, each in enumerate(self._tracks)
         ]
         rows: dict[str, Float | Bool] = {
             "observations": stack_agents(observed),
-            "states": np.concatenate(observed, axis=1),
+            "states": np.concatenate(poses if self._states == "poses" else observed, axis=1),
             "actions": stack_agents(
                 [each.actions[steps] * acting[:, k, None] for k, each in enumerate(self._tracks)]
             ),

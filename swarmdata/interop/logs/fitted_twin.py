@@ -239,7 +239,7 @@ def _spec(
         "arena": {"width": width, "height": height},
         "obstacles": {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0},
         "spawn": {"min_goal_distance": min(1.2, round(min(width, height) / 2, 2))},
-        "horizon": dataset.spec.horizon or drives.known.shape[2],
+        "horizon": _time_to_cross(math.hypot(width, height), drives, responses),
         "control_dt": drives.dt,
         "physics_dt": drives.dt / 2,
         "observation": {
@@ -249,6 +249,12 @@ def _spec(
         "randomization": _ranges(drives, [*parts, *responses]),
     }
     return TaskSpec.parse(content, f"the twin of {dataset.recipe.id}")
+
+
+def _time_to_cross(distance: float, drives: Drives, responses: Sequence[Response]) -> int:
+    """Steps in which the slowest robot can drive as far, and half as far again."""
+    slowest = min(each.speed_gain for each in responses) * drives.largest[0]
+    return math.ceil(1.5 * distance / slowest / drives.dt)
 
 
 def _robot(drives: Drives, response: Response, radius: float) -> dict[str, object]:

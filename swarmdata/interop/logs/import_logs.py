@@ -11,13 +11,24 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.convert import store_imported
 from swarmdata.interop.logs.clock_offsets import align_commands
-from swarmdata.interop.logs.episode_windows import EpisodeMaker, find_windows, most_steps
+from swarmdata.interop.logs.episode_windows import (
+    EpisodeMaker,
+    find_windows,
+    most_steps,
+    with_reached_goals,
+)
 from swarmdata.interop.logs.map_files import read_map
 from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
 from swarmdata.interop.logs.resampling import make_grid
 from swarmdata.interop.logs.robot_signals import RobotSignals, SignalReader, topics_of
-from swarmdata.interop.logs.robot_tracks import RobotTrack, make_track, span_of, with_bounds
+from swarmdata.interop.logs.robot_tracks import (
+    POSE_SPACE,
+    RobotTrack,
+    make_track,
+    span_of,
+    with_bounds,
+)
 from swarmdata.interop.logs.scored_episodes import (
     EpisodeScorer,
     check_task,
@@ -189,6 +200,8 @@ def _read(
     """
     if task is not None:
         check_task(task, log_map)
+    elif log_map.episodes.goals == "reached":
+        raise SpecError("episodes.goals: reached is for a task that scores the logs; give --task")
     frames = PlanarFrames(log_map.world, _transforms(logs, log_map))
     reader = SignalReader(logs, frames, log_map.max_gap)
     signals, clocks = align_commands(
@@ -206,10 +219,12 @@ def _read(
     counts["steps_of_short_episodes"] = n_short
     counts["clipped_commands"] = sum(track.n_clipped for track in tracks)
     if task is None:
-        maker = EpisodeMaker(tracks, windows)
+        maker = EpisodeMaker(tracks, windows, log_map.states)
         episodes = [maker.make(number) for number in range(len(windows))]
         counts["absent_robot_steps"] = maker.n_absent
     else:
+        if log_map.episodes.goals == "reached":
+            tracks = with_reached_goals(tracks, windows)
         scorer = _scorer(task, log_map, signals, tracks, grid)
         episodes = scorer.episodes(windows)
         counts += scorer.counts
@@ -289,8 +304,12 @@ def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedS
             },
         },
         "agents": agents,
-        "state_size": sum(width(agent.observation) for agent in agents),
-        "state_from": "observations",
+        "state_size": (
+            POSE_SPACE.shape[0] * len(agents)
+            if log_map.states == "poses"
+            else sum(width(agent.observation) for agent in agents)
+        ),
+        "state_from": log_map.states,
         "horizon": most_steps(log_map),
         "time_step": log_map.dt,
     }

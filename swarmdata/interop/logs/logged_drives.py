@@ -81,7 +81,8 @@ class Drives:
         for k, episode in enumerate(episodes):
             t = len(episode.actions)
             for n, of in enumerate(columns):
-                rows = episode.observations[:, n, of.pose : of.pose + 4].astype(np.float64)
+                rows = episode.states if of.agent is None else episode.observations[:, of.agent]
+                rows = rows[:, of.pose : of.pose + 4].astype(np.float64)
                 poses[k, n, : t + 1, :2] = rows[:, :2]
                 poses[k, n, : t + 1, 2] = np.arctan2(rows[:, 3], rows[:, 2])
                 commands[k, n, :t] = episode.actions[:, n, of.actions]
@@ -239,7 +240,8 @@ def _apart(starts: Bool, length: int) -> tuple[Int, Int]:
 class _Columns(NamedTuple):
     """Where a robot's rows have its pose and commands."""
 
-    pose: int  # the first of its observations
+    agent: int | None  # whose observations have its pose; None: states have it
+    pose: int  # the first column
     actions: list[int]  # speed and turn rate
     largest: Double  # m/s and rad/s, by their bounds
 
@@ -256,7 +258,8 @@ def _columns(origin: ImportedLogs) -> list[_Columns]:
             f"{what}its observations are those of a task. Import the logs without --task"
         )
     found = []
-    for agent, robot in zip(origin.spec.agents, origin.log_map.robots, strict=True):
+    is_state = origin.spec.state_from == "poses"
+    for n, (agent, robot) in enumerate(zip(origin.spec.agents, origin.log_map.robots, strict=True)):
         motions = [each.commands for each in robot.command.components]
         if robot.command.differences:
             raise ConversionError(f"{what}actions of {robot.name} are differences of its poses")
@@ -268,7 +271,8 @@ def _columns(origin: ImportedLogs) -> list[_Columns]:
         actions = [motions.index("v"), motions.index("omega")]
         low, high = bounds(agent.action)
         largest = np.maximum(np.abs(low), np.abs(high))[actions]
-        found.append(_Columns(_offset_of(agent.observation, "pose"), actions, largest))
+        pose = 4 * n if is_state else _offset_of(agent.observation, "pose")
+        found.append(_Columns(None if is_state else n, pose, actions, largest))
     return found
 
 

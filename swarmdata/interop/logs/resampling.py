@@ -69,40 +69,25 @@ def _neighbours(samples: Samples, grid: Int, max_gap: int) -> tuple[Int, Int, Bo
     return before, after, inside
 
 
-def _fractions(samples: Samples, grid: Int, before: Int, after: Int) -> Double:
-    """Where each time is between its neighbours, from 0 to 1, [K, 1]."""
-    span = samples.times[after] - samples.times[before]
-    passed = grid - samples.times[before]
-    fractions = np.divide(passed, span, out=np.zeros(len(grid)), where=span > 0)
-    return np.asarray(fractions[:, None])
-
-
-def interpolate(samples: Samples, grid: Int, max_gap: int) -> tuple[Double, Bool]:
+def interpolate(
+    samples: Samples, grid: Int, max_gap: int, *, is_angle: bool = False
+) -> tuple[Double, Bool]:
     """Values between samples on a straight line, [K, F], and whether they are known, [K].
 
-    Unknown values are 0.
+    Angles go along the shorter arc and are in (-pi, pi] rad; of two opposite angles the arc goes
+    counter-clockwise. Unknown values are 0.
     """
     values = np.zeros((len(grid), samples.values.shape[1]))
     before, after, known = _neighbours(samples, grid, max_gap)
     if known.any():
-        rows, before, after = np.flatnonzero(known), before[known], after[known]
-        first, last = samples.values[before], samples.values[after]
-        values[rows] = first + _fractions(samples, grid[rows], before, after) * (last - first)
-    return values, known
-
-
-def interpolate_angles(samples: Samples, grid: Int, max_gap: int) -> tuple[Double, Bool]:
-    """Angles between samples along the shorter arc, rad in (-pi, pi], [K, F], and which are known.
-
-    Unknown angles are 0. Of two opposite angles the arc goes counter-clockwise.
-    """
-    values = np.zeros((len(grid), samples.values.shape[1]))
-    before, after, known = _neighbours(samples, grid, max_gap)
-    if known.any():
-        rows, before, after = np.flatnonzero(known), before[known], after[known]
+        before, after = before[known], after[known]
+        span = samples.times[after] - samples.times[before]
+        passed = grid[known] - samples.times[before]
+        fractions = np.divide(passed, span, out=np.zeros(len(span)), where=span > 0)[:, None]
         first = samples.values[before]
-        turn = wrap(samples.values[after] - first)
-        values[rows] = wrap(first + _fractions(samples, grid[rows], before, after) * turn)
+        change = samples.values[after] - first
+        found = first + fractions * (wrap(change) if is_angle else change)
+        values[known] = wrap(found) if is_angle else found
     return values, known
 
 

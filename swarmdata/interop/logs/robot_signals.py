@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +28,9 @@ from swarmdata.specs.origins.log_map import (
     RewardSignal,
     ScanSignal,
     Signal,
+    Slots,
 )
+from swarmdata.specs.plain_names import repeated
 from swarmdata.types import Bool, Double, Int
 
 DEFAULT_TIME = ColumnOf(column="time")
@@ -48,7 +51,7 @@ class RobotSignals:
     commands: Samples | None  # components in SI units; None: differences of the poses
     goals: Samples | None  # x, y in the world, m
     scans: Samples | None  # ranges, m
-    features: tuple[Samples, ...]
+    features: tuple[tuple[Samples, ...], ...]  # of each, one for each of its slots
     rewards: Samples | None
 
 
@@ -97,7 +100,7 @@ class SignalReader:
             commands=self._commands(robot, robot.command) if is_logged else None,
             goals=None if robot.goal is None else self._goals(robot, robot.goal),
             scans=None if robot.scan is None else self._scans(robot, robot.scan),
-            features=tuple(self._feature(robot, each) for each in robot.features),
+            features=tuple(tuple(self._feature(robot, each)) for each in robot.features),
             rewards=None if robot.reward is None else self._rewards(robot, robot.reward),
         )
 
@@ -146,10 +149,11 @@ class SignalReader:
             angles = start, step
         return self._samples(rows, [clean_scans(ranges, scan, robot.name, angles)])
 
-    def _feature(self, robot: LoggedRobot, feature: FeatureSignal) -> Samples:
-        rows = _Rows(self._logs, robot, feature, f"feature {feature.name} of {robot.name}")
+    def _feature(self, robot: LoggedRobot, feature: FeatureSignal) -> Iterator[Samples]:
+        what = f"feature {feature.name} of {robot.name}"
         wanted = ANGLE if feature.between == "angle" else None
-        return self._samples(rows, [rows.quantity(feature.column, wanted)])
+        for rows in _Rows(self._logs, robot, feature, what).in_slots(self._logs, feature.slots):
+            yield self._samples(rows, [rows.quantity(feature.column, wanted)])
 
     def _rewards(self, robot: LoggedRobot, reward: RewardSignal) -> Samples:
         rows = _Rows(self._logs, robot, reward, f"reward of {robot.name}")
@@ -210,6 +214,26 @@ class _Rows:
             is_code = isinstance(value, CodeOf)
             text = _look_up(logs, value, what) if isinstance(value, CodeOf) else value
             self._chosen &= self.table.rows_with(column, text, may_lack=is_code)
+
+    def in_slots(self, logs: OpenLogs, slots: Slots | None) -> "Iterator[_Rows]":
+        """The rows of each slot; all rows, if there are none.
+
+        Raises:
+            ConversionError: the table of the slots lists a value twice.
+        """
+        if slots is None:
+            yield self
+            return
+        values = logs.table(slots.log, None, self.what).texts(slots.column)
+        if twice := repeated(values):
+            raise ConversionError(
+                f"{slots.log} lists {', '.join(twice)} several times in column {slots.column!r}, "
+                f"expected one slot each for the {self.what}"
+            )
+        for value in values:
+            slot = copy(self)
+            slot._chosen = self._chosen & self.table.rows_with(slots.of, value, may_lack=True)
+            yield slot
 
     def texts(self, column: str) -> list[str]:
         """A column as text."""

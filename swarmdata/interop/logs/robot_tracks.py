@@ -11,7 +11,6 @@ from swarmdata.interop.logs.resampling import (
     add_up,
     hold,
     interpolate,
-    interpolate_angles,
     nanoseconds,
     wrap,
 )
@@ -42,7 +41,7 @@ class RobotTrack:
     is_commanded: Bool  # [K] whether they are known
     rewards: Float  # [K] of the step from each time on
     goals: Double  # [K, 2] m; NaN where unknown
-    headings: Double  # [K, 2] cosine and sine
+    pose: Double  # [K, 4] x, y (m), cosine and sine of the heading; 0 where unknown
     n_clipped: int  # commands outside their bounds
 
 
@@ -90,9 +89,12 @@ def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
     robot, K = signals.robot, len(grid)
     gap = _gap(robot.pose, log_map)
     positions, is_placed = interpolate(signals.positions, grid, gap)
-    headings, _ = interpolate_angles(signals.headings, grid, gap)
+    headings, _ = interpolate(signals.headings, grid, gap, is_angle=True)
     pose = np.concatenate([positions, np.cos(headings), np.sin(headings)], axis=1)
-    parts: dict[str, tuple[Space, Double]] = {"pose": (POSE_SPACE, pose * is_placed[:, None])}
+    pose *= is_placed[:, None]
+    parts: dict[str, tuple[Space, Double]] = {}
+    if log_map.states == "observations":
+        parts["pose"] = (POSE_SPACE, pose)
     goals = np.full((K, 2), np.nan)
     if signals.goals is not None:
         held, known = hold(signals.goals, grid, None)
@@ -104,7 +106,10 @@ def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
         space = BoxSpace(shape=(n_beams,), dtype="float32", low=0.0, high=farthest)
         parts |= _flagged("scan", space, *hold(signals.scans, grid, _gap(robot.scan, log_map)))
     for feature, samples in zip(robot.features, signals.features, strict=True):
-        values, known = _feature(feature, samples, grid, _gap(feature, log_map))
+        gap = _gap(feature, log_map)
+        slots = [_feature(feature, each, grid, gap) for each in samples]
+        values = np.concatenate([each for each, _ in slots], axis=1)
+        known = np.stack([each for _, each in slots], axis=1)
         space = BoxSpace(shape=(values.shape[1],), dtype="float32")
         parts |= _flagged(feature.name, space, values, known)
     commands, is_commanded = _commands(signals, log_map, grid, positions, headings, is_placed)
@@ -120,7 +125,7 @@ def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
         is_commanded=is_commanded,
         rewards=_rewards(signals, grid),
         goals=goals,
-        headings=pose[:, 2:],
+        pose=pose,
         n_clipped=n_clipped,
     )
 
@@ -132,9 +137,12 @@ def _gap(signal: Signal, log_map: LogMap) -> int:
 def _flagged(
     name: str, space: Space, values: Double, known: Bool
 ) -> dict[str, tuple[Space, Double]]:
-    """A signal that may be unknown, and the column that says where it is."""
-    flags = known[:, None].astype(np.float64)
-    return {name: (space, values * flags), f"{name}_known": (KNOWN_SPACE, flags)}
+    """A signal whose parts may be unknown, [K, S] or [K], and the columns that say where."""
+    flags = known.reshape(len(known), -1).astype(np.float64)
+    n_slots = flags.shape[1]
+    whole = np.repeat(flags, values.shape[1] // n_slots, axis=1)
+    flag_space = KNOWN_SPACE.model_copy(update={"shape": (n_slots,)})
+    return {name: (space, values * whole), f"{name}_known": (flag_space, flags)}
 
 
 def _feature(feature: FeatureSignal, samples: Samples, grid: Int, gap: int) -> tuple[Double, Bool]:
@@ -142,7 +150,7 @@ def _feature(feature: FeatureSignal, samples: Samples, grid: Int, gap: int) -> t
         return hold(samples, grid, gap)
     if feature.between == "linear":
         return interpolate(samples, grid, gap)
-    angles, known = interpolate_angles(samples, grid, gap)
+    angles, known = interpolate(samples, grid, gap, is_angle=True)
     return np.concatenate([np.cos(angles), np.sin(angles)], axis=1), known
 
 

@@ -86,8 +86,11 @@ def _problems(spec: TaskSpec, log_map: LogMap) -> Iterator[str]:
     for robot, kind in zip(log_map.robots, spec.robots, strict=False):
         yield from _robot_problems(robot, kind)
     missing = [robot.name for robot in log_map.robots if robot.goal is None]
-    if missing:
-        yield f"the map has no `goal` of {', '.join(missing)}"
+    if missing and log_map.episodes.goals == "logged":
+        yield (
+            f"the map has no `goal` of {', '.join(missing)}; with `goals: reached` of `episodes`, "
+            "they are where the robots went"
+        )
 
 
 def _robot_problems(robot: LoggedRobot, kind: Robot) -> Iterator[str]:
@@ -177,7 +180,7 @@ def team_motion(
         between.append(interpolate(each.positions, fine, gap)[0].reshape(-1, P, 2))
         is_unicycle = robot.dynamics == "unicycle"
         headings.append(
-            track.headings if is_unicycle else np.broadcast_to([1.0, 0.0], (len(grid), 2))
+            track.pose[:, 2:] if is_unicycle else np.broadcast_to([1.0, 0.0], (len(grid), 2))
         )
     return TeamMotion(
         places=np.stack(places, axis=1),

@@ -52,14 +52,14 @@ class ColumnOf(Extended):
 
     column: Text  # its name
     unit: Unit | None = None  # none: as the format says, else metres, radians, seconds
-    scale: Finite | None = None  # m, of a pixel; negative for the y of images, which points down
+    scale: Finite | None = None  # factor; of a pixel its metres, negative where y points down
 
     @model_validator(mode="after")
     def _check_scale(self) -> Self:
-        if (self.unit == "px") != bool(self.scale):
+        if self.scale == 0 or (self.unit == "px" and self.scale is None):
             raise ValueError(
                 f"unit is {self.unit or 'not given'} and scale {self.scale}: pixels (unit: px) "
-                "need the metres of one as their scale, and nothing else has one"
+                "need the metres of one as their scale, and no scale is 0"
             )
         return self
 
@@ -191,12 +191,23 @@ class ScanSignal(Signal):
     nothing in range."""
 
 
-class FeatureSignal(Signal):
+class Slots(Frozen):
+    """A table that lists the values of a column, such as the barcodes of all landmarks."""
+
+    of: Text  # the column of the feature's log
+    log: Text  # file name of the table
+    column: Text  # of the table, that lists them
+
+
+class FeatureSignal(Signal, Extended):
     """A further column, for observations."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("slots",)
 
     name: Name  # of the entry in observations
     column: ColumnOrName  # that holds it
     between: Literal["linear", "held", "angle"] = "linear"  # samples; angles become cosine and sine
+    slots: Slots | None = None  # one for each of these values, in their order; none: all rows
 
 
 class RewardSignal(LogSource):
@@ -264,14 +275,18 @@ class MarkerSignal(LogSource):
     column: Text  # its name
 
 
-class EpisodeCuts(Frozen):
+class EpisodeCuts(Extended):
     """How a log becomes episodes; it is cut wherever nobody acts, too."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("goals",)
 
     marker: MarkerSignal | None = None  # cut where this column changes
     goal_change: Positive | None = None  # m; cut where a goal moves farther than this
     length: Positive | None = None  # s; most of an episode
     min_steps: Annotated[int, Field(ge=1, le=10**9)] = 2  # shorter ones are left out, and counted
     ends: Literal["truncation", "termination"] = "truncation"  # at markers and changes of goals
+    goals: Literal["logged", "reached"] = "logged"
+    """For a task that scores the logs; reached: where each robot is when its episode is cut."""
 
 
 class LoggedObstacle(Frozen):
@@ -294,7 +309,7 @@ class LoggedObstacle(Frozen):
 class LogMap(Extended):
     """Which topics and columns of logs are the poses, commands and observations of robots."""
 
-    later_fields: ClassVar[tuple[str, ...]] = ("clock_search", "obstacles")
+    later_fields: ClassVar[tuple[str, ...]] = ("clock_search", "obstacles", "states")
 
     dt: Annotated[float, Field(ge=1e-6, le=1e6)]  # s, duration of a step
     robots: Annotated[tuple[LoggedRobot, ...], Field(min_length=1, max_length=1024)]
@@ -310,6 +325,8 @@ class LogMap(Extended):
     ignore_logs: tuple[Text, ...] = ()  # files of a folder that are left out, likewise
     clock_search: Positive = 5.0  # s; offsets to be estimated are no greater
     obstacles: tuple[LoggedObstacle, ...] = ()  # for a task that scores the logs
+    states: Literal["observations", "poses"] = "observations"
+    """All observations; or the poses of all robots, which then do not observe their own."""
 
     @model_validator(mode="before")
     @classmethod
@@ -343,8 +360,11 @@ class LogMap(Extended):
                     f"tables of {name}: pause is {form.windows.pause:g} s, expected more than "
                     f"every `max_gap` ({max(gaps):g} s), or windows would be joined"
                 )
-        if self.episodes.goal_change and not any(robot.goal for robot in self.robots):
+        has_goals = any(robot.goal for robot in self.robots)
+        if self.episodes.goal_change and not has_goals:
             raise ValueError("episodes.goal_change needs the goal of a robot, and there is none")
+        if self.episodes.goals == "reached" and has_goals:
+            raise ValueError("episodes.goals: reached takes the place of `goal` of the robots")
         return self
 
     def _signals(self) -> Iterator[Signal]:

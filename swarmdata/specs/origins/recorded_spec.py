@@ -40,7 +40,8 @@ class RecordedSpec(Extended):
     options: dict[str, Any] = Field(default_factory=dict)  # it was made with; those that are known
     agents: Annotated[tuple[RecordedAgent, ...], Field(min_length=1)]
     state_size: Annotated[int, Field(ge=0, le=MAX_COLUMNS)]
-    state_from: Literal["environment", "observations"]  # observations: all of them, concatenated
+    state_from: Literal["environment", "observations", "poses"]
+    """Observations: all of them, concatenated; poses: those of logged robots."""
     horizon: Annotated[int, Field(ge=1, le=10**9)] | None = None  # None: not known
     time_step: Positive | None = None  # s, of a joint step; None: not known
 
@@ -102,6 +103,7 @@ class RecordedSpec(Extended):
         return {
             "environment": "The environment's own state().",
             "observations": "All observations, one agent's after the other's.",
+            "poses": "x, y (m), cosine and sine of the heading of each agent, one after the other.",
         }[self.state_from]
 
     @property

@@ -82,6 +82,8 @@ def test_the_spec_has_the_fit(twin: Twin) -> None:
         low, high = spec.randomization.ranges["max_speed"]
         assert low <= role.robot.max_speed <= high
     assert_allclose(spec.observation.noise.position, NOISE, rtol=0.2)
+    slowest = min(role.robot.max_speed for role in spec.team)
+    assert spec.horizon * DT * slowest > np.hypot(spec.arena.width, spec.arena.height)
     assert TaskSpec.from_text(twin.to_yaml()) == spec
 
 

@@ -10,6 +10,7 @@ from swarmdata.audit import audit
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs import import_logs
+from swarmdata.interop.logs.fitted_twin import fit_twin
 from swarmdata.interop.logs.map_files import shipped_maps
 from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.spaces import bounds
@@ -34,7 +35,10 @@ def drive(robot: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def write_run(folder: Path) -> Path:
-    """Five robots that turn and stop; robot 1 measures robot 2 and a landmark, and nobody else."""
+    """Five robots that turn and stop.
+
+    Robot 1 measures robot 2, landmark 6 and a barcode that nothing has, the others landmark 7.
+    """
     folder.mkdir()
     for k in range(1, 6):
         t, commands, poses = drive(k)
@@ -49,8 +53,9 @@ def write_run(folder: Path) -> Path:
             "Time [s]  forward v [m/s]  angular v [rad/s]",
             np.column_stack([EPOCH + t - LAG, commands]),
         )
-        measured = [(EPOCH + s, BARCODES[number], 1.0 + number, 0.5) for s in t[seen][40:120:4]
-                    for number in ((2, 6) if k == 1 else (7,))]  # fmt: skip
+        times = np.r_[40:120:4, 240:320:4, 440:480:4]
+        measured = [(EPOCH + s, code, 1.0 + code / 10, 0.5) for s in t[seen][times]
+                    for code in ((14, 72, 99) if k == 1 else (27,))]  # fmt: skip
         write(folder / f"Robot{k}_Measurement.dat", "Time [s]  Subject #  range [m]  bearing [rad]",
               np.array(measured))  # fmt: skip
     write(folder / "Barcodes.dat", "Subject #  Barcode #", np.array(list(BARCODES.items())))
@@ -82,9 +87,6 @@ def test_five_robots_with_commands(dataset: Dataset) -> None:
     _, commands, _ = drive(3)
     same = np.isclose(dataset[0].actions[:, 2], commands[20:220], atol=1e-3).all(axis=1)
     assert same.mean() > 0.8  # the others change within a step of the grid
-    names = dataset.spec.observation_spaces(0)[2].model_dump()["spaces"]
-    assert "range_2" in names
-    assert "range_3" not in names  # itself
 
 
 def test_the_clocks_of_commands_are_found(dataset: Dataset) -> None:
@@ -102,26 +104,49 @@ def test_the_bounds_of_commands_are_those_of_the_logs(dataset: Dataset) -> None:
         assert_allclose(highs, [0.086, 0.57], atol=1e-6)
 
 
-def test_measurements_of_robots_are_found_by_their_barcodes(dataset: Dataset) -> None:
-    columns = sorted(dataset.spec.observation_spaces(0)[0].model_dump()["spaces"])
-    assert "pose" in columns
-    places = {name: k + 3 * (name > "pose") for k, name in enumerate(columns)}
-    rows = dataset[0].observations[:, 0]
-    known = rows[:, places["range_2_known"]] == 1
+def test_robots_observe_what_they_measured_in_slots(dataset: Dataset) -> None:
+    """The same slots for all robots, in the order of Barcodes.dat, with a mask."""
+    spaces = dataset.spec.observation_spaces(0)
+    assert all(space == spaces[0] for space in spaces)
+    names = ["bearing", "bearing_known", "range", "range_known"]
+    assert sorted(spaces[0].model_dump()["spaces"]) == names
+    n = len(BARCODES)
+    assert dataset[0].observations.shape[2] == 4 * n
     time = 0.1 * np.arange(201)
-    assert_allclose(known, (time > 3.95) & (time < 12.15), atol=0)
-    assert_allclose(rows[known, places["range_2"]], 3.0)
-    assert_allclose(rows[known, places["bearing_2"]], 0.5)
-    assert not rows[:, places["range_3_known"]].any()
+    seen = (time > 3.95) & (time < 12.15)
+    for robot in range(5):
+        rows = dataset[0].observations[:, robot].reshape(201, 4, n)
+        codes = (14, 72) if robot == 0 else (27,)
+        for slot, code in enumerate(BARCODES.values()):
+            expected = seen & (code in codes)
+            assert_allclose(rows[:, 3, slot], expected, atol=0)
+            assert_allclose(rows[:, 1, slot], expected, atol=0)
+            assert_allclose(rows[:, 2, slot], expected * (1 + code / 10), rtol=1e-6)
+            assert_allclose(rows[:, 0, slot], expected * 0.5)
 
 
-def test_a_robot_without_a_barcode_is_refused(tmp_path: Path) -> None:
+def test_states_are_the_poses(dataset: Dataset) -> None:
+    states = dataset[1].states.reshape(-1, 5, 4)
+    assert dataset.spec.state_from == "poses"
+    for robot in range(5):
+        _, _, poses = drive(robot + 1)
+        x, y, yaw = poses[20 + 201 : 20 + 402].T
+        expected = np.stack([x, y, np.cos(yaw), np.sin(yaw)], axis=1)
+        assert_allclose(states[:, robot], expected, atol=0.01)
+
+
+def test_a_twin_is_fitted_to_poses_that_are_states(dataset: Dataset) -> None:
+    response = fit_twin(dataset).team.response
+    assert_allclose([response.speed_gain, response.turn_gain], 1.0, atol=0.03)
+
+
+def test_a_barcode_that_is_listed_twice_is_refused(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run")
     text = (run / "Barcodes.dat").read_text()
-    (run / "Barcodes.dat").write_text(text.replace("4\t32\n", ""))
-    with pytest.raises(ConversionError, match=r"Barcodes\.dat: no row has 4 in column 'subject'"):
+    (run / "Barcodes.dat").write_text(text.replace("4\t32\n", "4\t5\n"))
+    with pytest.raises(ConversionError, match=r"Barcodes\.dat lists 5 several times"):
         import_logs(run, tmp_path / "dataset", log_map="mrclam", id="mrclam-run_1-v0")
 
 
 def test_maps_that_are_shipped() -> None:
-    assert list(shipped_maps()) == ["mrclam", "retlo-3", "retlo-5", "turtles"]
+    assert list(shipped_maps()) == ["mrclam-goals", "mrclam", "retlo-3", "retlo-5", "turtles"]

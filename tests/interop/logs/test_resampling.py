@@ -1,5 +1,7 @@
 """Resampling: exact on lines, no jumps of headings, nothing known where samples are far apart."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,7 +15,6 @@ from swarmdata.interop.logs.resampling import (
     add_up,
     hold,
     interpolate,
-    interpolate_angles,
     make_grid,
     wrap,
 )
@@ -51,7 +52,7 @@ def test_linear_motion_stays_exact(
 @given(times, grids)
 def test_gaps_are_unknown_and_nothing_else(when: list[int], grid: list[int]) -> None:
     logged = samples(when, np.ones(len(when)))
-    for resample in (interpolate, interpolate_angles):
+    for resample in (interpolate, partial(interpolate, is_angle=True)):
         values, known = resample(logged, np.array(grid), GAP)
         assert known.tolist() == [near(when, time) for time in grid]
         assert_array_equal(values[:, 0], np.where(known, values[:, 0], 0.0))
@@ -64,7 +65,7 @@ def test_headings_turn_steadily_over_the_seam(
     """Of a robot that turns less than half a turn between samples, on the circle."""
     seconds = np.array(when) / NANOSECONDS
     logged = samples(when, np.angle(np.exp(1j * (start + rate * seconds))))
-    values, known = interpolate_angles(logged, np.array(grid), GAP)
+    values, known = interpolate(logged, np.array(grid), GAP, is_angle=True)
     expected = start + rate * np.array(grid) / NANOSECONDS
     assert_allclose(wrap(values[known, 0] - expected[known] + 1) - 1, 0, atol=1e-8)
     assert (np.abs(values) <= np.pi + 1e-12).all()
@@ -75,7 +76,7 @@ def test_headings_never_jump(when: list[int], angles: list[float]) -> None:
     """Between two samples no heading is farther from both than they are from each other."""
     logged = samples(when, np.array(angles[: len(when)]))
     grid = np.arange(when[0], when[-1], (when[-1] - when[0]) // 50 + 1)
-    values, known = interpolate_angles(logged, grid, GAP)
+    values, known = interpolate(logged, grid, GAP, is_angle=True)
     k = np.searchsorted(logged.times, grid, side="right") - 1
     last = np.minimum(k + 1, len(when) - 1)
     arc = np.abs(wrap(logged.values[last, 0] - logged.values[k, 0]))

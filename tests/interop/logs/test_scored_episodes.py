@@ -163,6 +163,57 @@ def test_an_episode_ends_where_the_task_does(tmp_path: Path) -> None:
     assert "steps_after_the_end" in (dataset.recipe.metadata or {})
 
 
+def test_goals_are_where_robots_went(tmp_path: Path) -> None:
+    """Whatever goals they had: hindsight, in episodes of 3 s."""
+    spec = task()
+    logs = write_logs(tmp_path, spec, recorded(spec, "random", 2))
+    rest = {key: value for key, value in map_of()["each"].items() if key != "goal"}
+    dataset = make(
+        tmp_path, logs, spec, each=rest, ignore=["gx", "gy"],
+        episodes={"length": 3.1, "goals": "reached", "min_steps": 30,
+                  "marker": map_of()["episodes"]["marker"]},
+    )  # fmt: skip
+    assert len(dataset) > 3
+    assert dataset.episodes.success.all()
+    for episode in dataset:
+        states = robots_of(episode.states, N)
+        assert_array_equal(
+            states[:, :, TX:], np.broadcast_to(states[:1, :, TX:], (len(states), N, 2))
+        )
+        if len(episode) == 30:
+            assert_allclose(states[-1, :, :2], states[-1, :, TX:], atol=1e-6)
+        away = np.hypot(*(states[-1, :, :2] - states[-1, :, TX:]).T)
+        assert (away <= 0.15 + 1e-6).all()
+    again = remake_logs(logs, tmp_path / "again", dataset.recipe)
+    assert again.digest == dataset.digest
+
+
+def test_goals_that_were_reached_need_a_task_and_no_goals(tmp_path: Path) -> None:
+    reached = {"goals": "reached"}
+    with pytest.raises(SpecError, match="takes the place of `goal`"):
+        LogMap.parse(map_of(episodes=reached))
+    rest = {key: value for key, value in map_of()["each"].items() if key != "goal"}
+    log_map = LogMap.parse(map_of(each=rest, episodes=reached))
+    spec = task()
+    logs = write_logs(tmp_path, spec, recorded(spec, "idle", 1))
+    with pytest.raises(SpecError, match="give --task"):
+        import_logs(logs, tmp_path / "dataset", log_map=log_map, id="hall-goals-v0")
+
+
+def test_commands_have_the_gain_of_their_robots(tmp_path: Path) -> None:
+    spec = task()
+    logs = write_logs(tmp_path, spec, recorded(spec, "straight", 1))
+    each = map_of()["each"]
+    scaled = [{**part, "scale": 0.5} for part in each["command"]["components"]]
+    plain = make(tmp_path / "plain", logs, spec)
+    half = make(
+        tmp_path / "half", logs, spec,
+        each={**each, "command": {**each["command"], "components": scaled}},
+    )  # fmt: skip
+    assert_allclose(half[0].actions, 0.5 * plain[0].actions, atol=1e-7)
+    assert_array_equal(half[0].states, plain[0].states)
+
+
 def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
     spec = task(rules={"task": "coop_nav"}, obstacles={**NO_OBSTACLES, "circles": 1, "boxes": 1})
     obstacles = [

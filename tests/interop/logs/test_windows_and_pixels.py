@@ -82,8 +82,8 @@ def test_windows_that_would_be_joined_are_refused() -> None:
         shipped(max_gap=8.0)
 
 
-@pytest.mark.parametrize("column", [{"unit": "px"}, {"unit": "m", "scale": 0.1}, {"scale": 0.1}])
-def test_pixels_and_nothing_else_have_a_scale(column: dict[str, Any]) -> None:
+@pytest.mark.parametrize("column", [{"unit": "px"}, {"unit": "px", "scale": 0}, {"scale": 0}])
+def test_pixels_need_a_scale(column: dict[str, Any]) -> None:
     robot = {"name": "a", "pose": {"x": {"column": "x", **column}},
              "command": {"components": ["v"]}}  # fmt: skip
     with pytest.raises(SpecError, match=r"pixels \(unit: px\) need the metres of one"):
