@@ -125,6 +125,7 @@ def plot_lines(
         if base is None:  # all lines are drawn, so the limits of shared axes are final
             for axes, panel in pairs:
                 if panel is not None:
+                    axes.autoscale_view()  # which waits for the drawing otherwise
                     named = [x for x in axes.get_lines() if not x.get_label().startswith("_")]
                     label_ends(axes, named, height)
         else:

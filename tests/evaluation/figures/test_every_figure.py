@@ -156,6 +156,14 @@ def test_labels_are_whole_and_apart_on_one_screen(
     assert drawing.get_figheight() <= 6.0, "1,200 pixels"
 
 
+def test_lines_that_end_early_are_joined_to_their_labels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawing = shown_figure(monkeypatch, line_plot, lambda: curves(tmp_path / "a.png"))
+    leaders = [sum(not text.get_text() for text in axes.texts) for axes in drawing.axes]
+    assert leaders == [3] * len(CONDITIONS)  # of 4 lines
+
+
 def test_a_label_that_is_cut_off_or_covered_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
