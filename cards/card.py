@@ -10,8 +10,7 @@ import numpy as np
 
 from swarmdata.cards.committed_studies import committed_studies
 from swarmdata.cards.recording_card import render_recorded
-from swarmdata.cards.reference_file import reference_bytes
-from swarmdata.cards.references import gap_section
+from swarmdata.cards.references import gap_section, reference_bytes
 from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.measured_content import CardData, card_data_of

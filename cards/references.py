@@ -1,5 +1,11 @@
-"""Turns evaluations of reference policies into the table that cards and scores use."""
+"""The performance of reference policies: the table that cards and scores use, and its file.
 
+`references.json` beside a dataset's card has the numbers of the card at full precision, for
+programs. Like the card it is in no digest, because references may be measured again while the data
+stay the same.
+"""
+
+import json
 import platform
 from collections.abc import Collection, Mapping, Sequence
 from importlib.metadata import version
@@ -8,12 +14,17 @@ import numpy as np
 
 from swarmdata.drawing.markdown import table
 from swarmdata.errors import SchemaError
-from swarmdata.registry.published import GAP_METRICS, Interval, TaskReferences
+from swarmdata.registry.published import GAP_METRICS, Interval, TaskReferences, references_of
 from swarmdata.rollouts.evaluate import check_comparable
+from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.rollouts.score_statistics import bootstrap, mean
+from swarmdata.specs.origins import Spec
 from swarmdata.types import Double, EvalResult
 
 BOOTSTRAP_SEED = 0
+
+SCORE_FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
+"""The score of a mean team return R."""
 
 LESS_COORDINATED = {
     "scripted-alone": "each robot acts as if the others were not there",
@@ -141,3 +152,36 @@ def _points(gaps: Mapping[str, Interval], name: str, scale: float | None) -> str
     gap = gaps["return" if name == "score" else name]
     value, low, high = (scale * each for each in (gap.value, gap.low, gap.high))
     return f"{value:.1f} [{low:.1f}, {high:.1f}]"
+
+
+def reference_bytes(spec: Spec) -> bytes | None:
+    """Returns the file's content: the anchors of the score, and every metric of each policy.
+
+    None where no references were measured on exactly this spec.
+    """
+    known = references_of(spec.hash())
+    if known is None:
+        return None
+    content = {
+        "about": (
+            f"The performance of reference policies in this task: means over {known.n_episodes} "
+            "reserved evaluation episodes, policies without noise, with the low and high ends of "
+            "their 95 % bootstrap intervals over episodes. null: no episode defines the metric."
+        ),
+        "spec_hash": known.spec_hash,
+        "n_episodes": known.n_episodes,
+        "made_with": known.made_with,
+        "score": {
+            "formula": SCORE_FORMULA,
+            "R": "mean over episodes of the team return (episodes/team_return), the undiscounted "
+            "sum over steps of the mean reward over agents",
+            "no_skill": known.no_skill,
+            "expert": known.expert,
+        },
+        "metrics": {
+            name: {"unit": metric.unit, "better": metric.better, "meaning": metric.meaning}
+            for name, metric in metrics_of(spec.task).items()
+        },
+        "policies": known.model_dump(mode="json")["policies"],
+    }
+    return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"

@@ -6,7 +6,7 @@ Neither is in a digest. They are compared with what this version of the package 
 from pathlib import Path
 
 from swarmdata.cards.card import side_files, write_card
-from swarmdata.cards.reference_file import reference_bytes
+from swarmdata.cards.references import reference_bytes
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES

@@ -7,7 +7,7 @@ from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCESS, out_of_band
 from swarmdata.cards.card import card_of
-from swarmdata.cards.reference_file import reference_bytes
+from swarmdata.cards.references import reference_bytes
 from swarmdata.errors import SwarmdataError
 from swarmdata.registry.published import (
     TaskReferences,

@@ -339,7 +339,7 @@ def curves(
     log: Annotated[bool, typer.Option(help="with --by: logarithmic axis of joint steps")] = False,
 ) -> None:
     """Draw learning curves of online runs."""
-    from swarmdata.evaluation.results.curve_plots import draw_learning, draw_training
+    from swarmdata.evaluation.results.learning_curves import draw_learning, draw_training
 
     if by is None:
         refuse(context, ("log",), "without --by")

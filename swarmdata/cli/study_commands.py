@@ -112,7 +112,7 @@ def _check(plan: "Study", name: str, options: "StudyOptions") -> None:
 def _list_cells(plan: "Study", options: "StudyOptions", *, as_json: bool) -> None:
     import json
 
-    from swarmdata.evaluation.study.cells.cell_folder import cell_folder, is_done
+    from swarmdata.evaluation.study.cells.cells import cell_folder, is_done
     from swarmdata.evaluation.study.run_study import list_cells
 
     found = list_cells(plan, options)

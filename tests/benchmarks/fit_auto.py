@@ -175,9 +175,8 @@ def regrets(rows: Sequence[Row], picked: Sequence[str]) -> list[float]:
     return [row.regret(name) for row, name in zip(rows, picked, strict=True)]
 
 
-def report(rows: Sequence[Row]) -> str:
-    """The table of ways, and that of datasets, as Markdown."""
-    found = choices(rows)
+def report(rows: Sequence[Row], found: Mapping[str, Sequence[str]]) -> str:
+    """The table of ways, as `choices` finds them, and that of datasets, as Markdown."""
     ways = []
     for way, picked in found.items():
         lost = regrets(rows, picked)
@@ -207,4 +206,4 @@ if __name__ == "__main__":
     datasets = read_rows()
     for name, (low, high) in ((name, rounded(each)) for name, each in fit(datasets).items()):
         print(f'    "{name}": Threshold({low:.2f}, {high:.2f}),')
-    print(f"\n{report(datasets)}")
+    print(f"\n{report(datasets, choices(datasets))}")

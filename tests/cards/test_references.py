@@ -1,19 +1,24 @@
 """Reference tables and the shipped JSON files."""
 
+import json
+
 import numpy as np
 import pytest
 
-from swarmdata.cards.references import gap_section, interval, summarize
+from swarmdata.cards.references import gap_section, interval, reference_bytes, summarize
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import (
-    Interval,
     TaskReferences,
     references,
     references_of,
 )
+from swarmdata.registry.recipes import FAMILIES, FAMILY_SPECS
 from swarmdata.rollouts.metrics import metrics_of
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import DiscreteSpace
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 
 METRICS = metrics_of("coop_nav")
@@ -102,6 +107,29 @@ def test_shipped_references_are_of_the_shipped_specs() -> None:
     assert references_of("0" * 64) is None
 
 
-def test_interval_is_strict() -> None:
-    with pytest.raises(ValueError, match="extra"):
-        Interval.model_validate({"value": 1, "low": 0, "high": 2, "median": 1})
+@pytest.mark.parametrize("family", FAMILIES)
+def test_an_outsider_computes_the_score(family: str) -> None:
+    """Row 46: the references were in three decimals of Markdown only."""
+    content = reference_bytes(FAMILY_SPECS[family])
+    assert content is not None
+    found, known = json.loads(content), references()[family]
+    score = found["score"]
+    if known.expert is None:  # nobody has trained one yet, so the task has no score
+        assert score["expert"] is None
+    else:
+        names = {"R": -1.25, "no_skill": score["no_skill"], "expert": score["expert"]}
+        assert eval(score["formula"], {"__builtins__": {}}, names) == known.score(-1.25)
+        assert np.isfinite(score["expert"])
+    returns = {name: policy["return"]["value"] for name, policy in found["policies"].items()}
+    assert returns == {name: known.mean_return(name) for name in known.policies}
+    assert score["no_skill"] == max(returns["idle"], returns["random"])
+    assert set(found["metrics"]) == set(metrics_of(FAMILY_SPECS[family].task))
+    assert all(set(policy) == set(found["metrics"]) for policy in found["policies"].values())
+    assert found["n_episodes"] == 1000
+
+
+def test_what_was_not_measured_has_no_file() -> None:
+    assert reference_bytes(TaskSpec(horizon=41)) is None
+    agent = RecordedAgent(name="a", observation=DiscreteSpace(n=2), action=DiscreteSpace(n=2))
+    spec = RecordedSpec(task="x", agents=(agent,), state_size=0, state_from="environment")
+    assert reference_bytes(spec) is None

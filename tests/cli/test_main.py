@@ -304,21 +304,12 @@ def test_task_show_prints_a_spec_that_validates(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("horizn: 3", "unknown key. Did you mean 'horizon'"),
-        ("horizon: 0", "expected at least 1 (got 0)"),
-        ("horizon: [", "neither YAML nor JSON"),
         ("arena: {width: 0.3, height: 0.3}", "8 of 8 layouts could not be drawn"),
         (
             "{horizon: 0, team: [{count: 2, robot: {radius: -1}}], arena: {width: x}}",
             "team.0.robot.radius: expected at least 0.001 (got -1); arena.width: expected a number "
             "(got 'x'); horizon: expected at least 1 (got 0)",
         ),
-        (
-            "{physics_dt: 0.1, team: [{count: 900}, {count: 900}], horizon: 2000000}",
-            "team: 1,800 robots (the sum of each count), at most 1,024 are allowed; horizon: "
-            "2,000,000 steps, at most 1,000,000 are allowed; ",
-        ),
-        ("{physics_dt: 0.1, team: [{}, {}]}", "physics_dt, got 1 (a force"),
-        ("{physics_dt: 0.1, team: [{}, {}]}", "team has several roles named robot"),
         (None, "cannot read a spec from"),
     ],
 )

@@ -1,17 +1,16 @@
 """Options of several commands: models by name modify the task's own, and every command says how."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset
 from swarmdata.specs.recipe import PolicySource
 from tests.catalogue.conftest import little_published
+from tests.cli.test_option_use import COMMANDS, Reached
 from tests.support.tiny import make_tiny
 
 MODELS = ("--observation", "noise-0.02", "--communication", "lossy-30")
@@ -44,20 +43,8 @@ BOUNDARIES = (
 """Functions that do the work which follows, and end the command here."""
 
 
-class Reached(Exception):  # noqa: N818  (it ends a command, and is no error)
-    """A boundary was called."""
-
-
 def reach(*_: Any, **__: Any) -> None:
     raise Reached
-
-
-def commands(group: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, (*words, name))
-        else:
-            yield " ".join((*words, name)), command
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +57,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_command_that_takes_models_is_in_the_table() -> None:
     taking = {
         name
-        for name, command in commands(typer.main.get_command(app))
+        for name, command in COMMANDS.items()
         if {"observation", "communication"} <= {each.name for each in command.params}
     }
     shown = {name for name in taking for line in LINES if f"{line} ".startswith(f"{name} ")}

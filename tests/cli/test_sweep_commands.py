@@ -44,13 +44,6 @@ def test_bodies_are_swept_in_another_simulator(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("expert",), "SpecError: there is nothing to sweep. Pass at least one axis"),
-        (("expert", "--communication", "drop=0..1"), "SpecError: --communication drop=0.0,"),
-        (("expert", "--observation", "nois=0..1"), "Did you mean 'noise'? Known: "),
-        (("expert", "--observation", "noise=0..x"), "SpecError: --observation noise=0..x: 'x' is"),
-        (
-            ("scripted", "--observation", "noise=0..1"),
-            "SpecError: scripted does not use observations",
-        ),
         (("expret", "--observation", "noise=0..1"), "Did you mean 'expert'"),
     ],
 )

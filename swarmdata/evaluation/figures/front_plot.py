@@ -1,14 +1,11 @@
-"""One estimate against another, with names beside the points of the Pareto front."""
+"""One estimate against another: points in panels, which a legend names, and the Pareto fronts."""
 
 import math
 import textwrap
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from swarmdata.drawing.point_labels import label_points
 from swarmdata.drawing.style import (
     COLUMN_WIDTH,
     DATA_LINE,
@@ -23,22 +20,23 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks
 from swarmdata.rollouts.score_statistics import Estimate
 
-MAX_NAMED_POINTS = 6
-"""Of more points in a panel, only those of its front have names and intervals."""
+MAX_WHOLE_POINTS = 6
+"""Of more points in a panel, only those of its front have intervals."""
 
-MAX_COLUMNS = 3
+MAX_LARGE_PANELS = 9
+"""More panels are small ones."""
 
-MAX_LARGE_PANELS, MOST_COLUMNS = 9, 5
-"""More panels are small ones, more side by side, whose points a legend names."""
 
-TITLE_SIZE, TITLE_LENGTH = 7.5, 26
-"""Points, and the letters that a panel's width has room for; longer titles are smaller."""
+class _Layout(NamedTuple):
+    """Panels side by side, inches of a row, and letters of a title's line and its points."""
 
-SMALL_SIZE, SMALL_TITLE = 6.5, 18
-"""Likewise of small panels, whose titles are wrapped."""
+    columns: int
+    row: float
+    letters: int
+    title_size: float
 
-POINTS_ON_A_LINE = 25
-"""Of which each keeps names away from the line."""
+
+LARGE, SMALL = _Layout(3, 2.2, 30, 7.5), _Layout(5, 1.15, 18, 6.5)
 
 
 class FrontPanel(NamedTuple):
@@ -72,7 +70,6 @@ def plot_fronts(
     *,
     xlabel: str,
     ylabel: str,
-    legend: Mapping[str, Mapping[str, Any]],
 ) -> None:
     """Draws a panel for each dataset.
 
@@ -82,7 +79,6 @@ def plot_fronts(
         path: where to save; the suffix is the format.
         xlabel: of the horizontal axes, which start at 0; less is better.
         ylabel: of the vertical axes; more is better.
-        legend: text -> look, such as the colors of families.
 
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
@@ -90,40 +86,32 @@ def plot_fronts(
     """
     if not panels:
         raise SchemaError("there are no points to draw, expected at least one panel.")
-    are_small = len(panels) > MAX_LARGE_PANELS
-    n_columns = 2 if len(panels) == 4 else min(MAX_COLUMNS, len(panels))
-    n_columns = MOST_COLUMNS if are_small else n_columns
+    layout = SMALL if len(panels) > MAX_LARGE_PANELS else LARGE
+    n_columns = 2 if len(panels) == 4 else min(layout.columns, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
-    if are_small:
-        shown = {label for panel in panels.values() for label in panel.points}
-        legend = {words_of(label): looks[label] for label in looks if label in shown}
-    row = 1.15 if are_small else 2.2
-    with figure(path, width=width, height=0.4 + row * n_rows) as drawing:
+    shown = {label for panel in panels.values() for label in panel.points}
+    legend = {words_of(label): looks[label] for label in looks if label in shown}
+    has_line = any(panel.line is not None for panel in panels.values())
+    with figure(path, width=width, height=0.4 + layout.row * n_rows) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, panel) in zip(grid, panels.items(), strict=False):
             _draw_panel(axes, panel, looks)
             xlim, ylim = _limits(panel)
             axes.set(xlim=xlim, ylim=ylim)
-            size = min(TITLE_SIZE, TITLE_SIZE * TITLE_LENGTH / len(title))
-            if are_small:
-                size = SMALL_SIZE
-                axes.locator_params(nbins=3)
-            words = "\n".join(textwrap.wrap(title, SMALL_TITLE)) if are_small else title
-            axes.set_title(words, loc="left", fontweight="bold", fontsize=size)
+            axes.locator_params(nbins=3 if layout is SMALL else 6)
+            words = "\n".join(textwrap.wrap(title, layout.letters))
+            axes.set_title(words, loc="left", fontweight="bold", fontsize=layout.title_size)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
         drawing.supxlabel(xlabel, fontsize=8)
         drawing.supylabel(ylabel, fontsize=8)
-        draw_legend(drawing, _handles(grid[0], panels.values(), legend))
-        drawing.draw_without_rendering()  # lays out the panels, on which names depend
-        for axes, panel in zip(grid, [] if are_small else panels.values(), strict=False):
-            _name_points(axes, panel, looks)
+        draw_legend(drawing, _handles(grid[0], legend, has_line=has_line))
 
 
 def _limits(panel: FrontPanel) -> Limits:
     """Limits that show every point, and the intervals of those that have them."""
-    is_crowded = len(panel.near) > MAX_NAMED_POINTS
+    is_crowded = len(panel.near) > MAX_WHOLE_POINTS
     xs, ys = [0.0], [] if panel.line is None else [panel.line]
     for label, (x, y) in panel.near.items():
         whole = label in panel.front or not is_crowded
@@ -138,7 +126,7 @@ def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks) -> None:
     front = sorted((x.value, y.value) for name, (x, y) in panel.near.items() if name in panel.front)
     if front:
         axes.step(*zip(*front, strict=True), where="post", color=GRAY, lw=0.8, zorder=1)
-    is_crowded = len(panel.near) > MAX_NAMED_POINTS
+    is_crowded = len(panel.near) > MAX_WHOLE_POINTS
     for label, (x, y) in panel.near.items():
         color, is_best = looks[label]["color"], label in panel.front
         if is_best or not is_crowded:
@@ -150,7 +138,6 @@ def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks) -> None:
         )
     if panel.line is not None:
         axes.axhline(panel.line, **DATA_LINE, zorder=0)
-    axes.locator_params(nbins=6)
     draw_grid(axes, width=0.5)
     if panel.far:
         axes.set_xlabel(_words_of_far(panel), fontsize=6, color=GRAY, loc="left")
@@ -164,38 +151,12 @@ def _words_of_far(panel: FrontPanel) -> str:
     return f"not in view: {', '.join(listed)}".replace("-", "−")
 
 
-def _name_points(axes: Any, panel: FrontPanel, looks: Looks) -> None:
-    at = {label: (x.value, y.value) for label, (x, y) in panel.near.items()}
-    named = at if len(at) <= MAX_NAMED_POINTS else {k: v for k, v in at.items() if k in panel.front}
-    others = [place for label, place in at.items() if label not in named]
-    lines = [
-        place
-        for line in axes.get_lines()
-        if len(line.get_xdata()) == 2  # an interval, or the mean of the data
-        for place in _along(line, axes.get_xlim())
-    ]
-    colors = {words_of(label): looks[label]["color"] for label in named}
-    places = {words_of(label): place for label, place in named.items()}
-    label_points(axes, places, colors, others, lines)
-
-
-def _along(line: Any, xlim: tuple[float, float]) -> list[tuple[float, float]]:
-    """Points on a line; that of the data's mean runs from one side to the other."""
-    (x, right), (y, top) = line.get_xdata(), line.get_ydata()
-    if line.get_transform() != line.axes.transData:
-        x, right = xlim
-    places = np.linspace((x, y), (right, top), POINTS_ON_A_LINE)
-    return [(float(a), float(b)) for a, b in places]
-
-
 def _handles(
-    axes: Any, panels: Iterable[FrontPanel], legend: Mapping[str, Mapping[str, Any]]
+    axes: Any, legend: Mapping[str, Mapping[str, Any]], *, has_line: bool
 ) -> Sequence[Any]:
     shown = {**legend, "not Pareto-optimal": HOLLOW_LOOK}
     handles = [
         axes.plot([], [], **{"ls": "none", "ms": 4.5, "mew": 0.9, **look}, label=text)[0]
         for text, look in shown.items()
     ]
-    if any(panel.line is not None for panel in panels):
-        handles += axes.plot([], [], **DATA_LINE, label="mean of the data")
-    return handles
+    return handles + (axes.plot([], [], **DATA_LINE, label="mean of the data") if has_line else [])

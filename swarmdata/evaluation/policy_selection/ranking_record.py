@@ -1,7 +1,5 @@
 """The ranking of trained policies without a simulator, as a file and as tables."""
 
-import csv
-import io
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,6 +7,7 @@ from pydantic import Field
 
 from swarmdata.drawing import markdown
 from swarmdata.drawing.aligned_text import aligned_table
+from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.runtime.output_folder import OutputKind, filled
 from swarmdata.specs.frozen import Frozen
 
@@ -100,15 +99,12 @@ class Ranking(Frozen):
 
     def to_csv(self) -> str:
         """One row per policy at full precision; unknown values are empty."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        ends = ("fqe", "fqe_low", "fqe_high")
-        plain = [name for name in RankedPolicy.model_fields if name not in ("fqe", "fqe_curve")]
-        writer.writerow(["rank", *ends, *plain])
-        for rank, policy in enumerate(self.policies, 1):
-            values = [*policy.fqe, *(getattr(policy, name) for name in plain)]
-            writer.writerow([rank, *("" if value is None else value for value in values)])
-        return out.getvalue()
+        rows = [
+            {"rank": rank, **dict(zip(("fqe", "fqe_low", "fqe_high"), policy.fqe, strict=True))}
+            | {name: value for name, value in policy if name not in ("fqe", "fqe_curve")}
+            for rank, policy in enumerate(self.policies, 1)
+        ]
+        return to_csv(rows, "")
 
     def write(self, folder: Path) -> None:
         """Writes `ranking.md`, `ranking.csv` and `ranking.json`; creates the folder.

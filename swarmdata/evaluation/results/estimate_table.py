@@ -66,15 +66,13 @@ class Table:
 
     def to_csv(self) -> str:
         """All values and intervals at full precision, in stored units; undefined ones are empty."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        ends = ("", "_low", "_high")
-        writer.writerow(["policy", "runs", *(c.key + end for c in self.columns for end in ends)])
-        for row in self.rows:
-            values = [v for estimate in row.estimates for v in estimate]
-            cells = ["" if math.isnan(value) else repr(value) for value in values]
-            writer.writerow([row.label, row.n_runs, *cells])
-        return out.getvalue()
+        names = [c.key + end for c in self.columns for end in ("", "_low", "_high")]
+        rows = [
+            {"policy": row.label, "runs": row.n_runs}
+            | dict(zip(names, (end for each in row.estimates for end in each), strict=True))
+            for row in self.rows
+        ]
+        return to_csv(rows, "")
 
     def to_latex(self) -> str:
         """A table in the style of the LaTeX package `booktabs`, its text escaped."""
@@ -166,17 +164,24 @@ def _latex(text: str) -> str:
     return f"{{{escaped}}}" if escaped.startswith("[") else escaped
 
 
-def to_csv(rows: Sequence[Mapping[str, object]]) -> str:
-    """The rows as CSV, with numbers rounded alike on every machine; undefined values are empty."""
+def to_csv(rows: Sequence[Mapping[str, object]], digits: str = ".8g") -> str:
+    """The rows as CSV, in the order of their keys; undefined values are empty.
+
+    Args:
+        rows: by column; a row may lack some.
+        digits: format of floats, by default the same on every machine; empty: every bit.
+    """
     names = list(dict.fromkeys(name for row in rows for name in row))
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(names)
-    writer.writerows([[_format_cell(row.get(name)) for name in names] for row in rows])
+    writer.writerows([[_format_cell(row.get(name), digits) for name in names] for row in rows])
     return out.getvalue()
 
 
-def _format_cell(value: object) -> str:
+def _format_cell(value: object, digits: str) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
-    return format(value, ".8g") if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return format(value, digits) if digits else repr(float(value))
+    return str(value)

@@ -1,22 +1,19 @@
 """Evaluations of named policies as jobs: each one leaves a result file, wherever it is done."""
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
-
-from tqdm import tqdm
+from typing import Any, Self, Unpack
 
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.policy_names import Target, find_target
 from swarmdata.evaluation.results.result_files import Result, check_results_folder
 from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
+from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
-from swarmdata.runtime.engines.open_engine import LOCAL, do_jobs
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, ranges_of
 from swarmdata.specs.randomization import Randomization
@@ -156,21 +153,16 @@ def run_evaluations(
     evaluations: Sequence[Evaluation],
     *,
     again: bool = False,
-    engine: str | Executor = LOCAL,
-    workers: int = 1,
     n_threads: int = 1,
-    progress: bool = True,
+    **options: Unpack[JobOptions],
 ) -> int:
     """Makes the results that are not there yet; after a kill, the same call resumes.
 
     Args:
         evaluations: at least one.
         again: whether results that are there are replaced.
-        engine: where policies are evaluated, as `build` takes it; all processes see the folders of
-            results and of runs.
-        workers: processes of the engine `local`; 1: this one.
         n_threads: threads of each process that step its worlds.
-        progress: whether to show a bar in episodes (on standard error, if that is a terminal).
+        options: where policies are evaluated.
 
     Returns:
         How many results were there already and stay.
@@ -188,17 +180,8 @@ def run_evaluations(
     waiting = evaluations if again else absent
     jobs = [each.job(again=again, n_threads=n_threads) for each in waiting]
     total = sum(each.n_episodes for each in waiting)
-    hidden = None if progress and waiting else True  # None: hidden where there is no terminal
-    with tqdm(total=total, desc="evaluations", unit="episode", disable=hidden) as bar:
-
-        def report(episodes: int) -> None:
-            bar.update(episodes)
-
-        folder = evaluations[0].folder
-        do_jobs(
-            jobs, EVALUATOR, "evaluations",
-            engine=engine, workers=workers, folder=folder, report=report,
-        )  # fmt: skip
+    folder = evaluations[0].folder
+    do_with_bar(jobs, EVALUATOR, "evaluations", folder, total=total, unit="episode", **options)
     return len(evaluations) - len(waiting)
 
 

@@ -1,20 +1,31 @@
-"""Learning curves: reading them, grouping their files, and the interval of their mean."""
+"""Learning curves: reading them, grouping their files, and drawing them."""
 
 import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from swarmdata.drawing.style import line_looks, line_style
 from swarmdata.errors import SchemaError
+from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.figures.line_plot import Line, LinePanel, plot_lines
 from swarmdata.learn.training.run_files import CURVE, run_folders
-from swarmdata.rollouts.score_intervals import UNBOUNDED, Bounds, seed_interval
+from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, Bounds, seed_interval
+from swarmdata.specs.plain_names import repeated
 from swarmdata.types import Double
 
 LAST_PART = 0.2
 """Share of training whose gain tells whether a curve has leveled off."""
+
+CURVE_HEIGHT = 1.8
+"""Inches of a panel of curves."""
+
+METRIC_ROWS = (("success", "team success (%)", 100.0), ("return", "team return", 1.0))
+"""Rows of the figure of online learning: column, label with unit, factor to that unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,3 +158,131 @@ def interval_of(curve: Curve, bounds: Bounds = UNBOUNDED) -> tuple[Double, Doubl
     """
     found = [seed_interval(point, bounds=bounds) for point in curve.values.T]
     return np.array([each.low for each in found]), np.array([each.high for each in found])
+
+
+def curve_line(label: str, curve: Curve, look: Mapping[str, Any], factor: float = 1.0) -> Line:
+    """The mean over runs in a band from the lowest to the highest, `factor` times as large."""
+    values = factor * curve.values
+    ends = np.stack([values.mean(0), values.min(0), values.max(0)])
+    return Line(label, curve.progress, ends, look)
+
+
+def plot_curves(
+    curves: Mapping[str, Curve],
+    path: Path,
+    *,
+    ylabel: str,
+    xlabel: str = "gradient updates",
+    references: Mapping[str, float] | None = None,
+    factor: float = 1.0,
+    looks: Looks | None = None,
+) -> None:
+    """Draws one mean line per label in a band from the lowest to the highest run.
+
+    Args:
+        curves: label -> its runs.
+        path: where to save; the suffix is the format.
+        ylabel: of the metric, with unit.
+        xlabel: of the progress.
+        references: label -> height of a dashed line, such as the mean of the dataset.
+        factor: from values and references to the unit of the axis: 100 for percentages.
+        looks: color and marker of each label; None, or if one is absent: colors in their order.
+
+    Raises:
+        SchemaError: there is nothing to draw, or the suffix is unknown.
+        MissingExtraError: matplotlib is not installed.
+    """
+    styles = {label: line_style(k) for k, label in enumerate(curves)}
+    if looks is not None and set(curves) <= set(looks):
+        styles = line_looks({label: looks[label] for label in curves})
+    names = {
+        label: f"{label} ({len(curve.values)} seeds)" if len(curve.values) > 1 else label
+        for label, curve in curves.items()
+    }
+    lines = [curve_line(names[k], curve, styles[k], factor) for k, curve in curves.items()]
+    levels = {label: factor * height for label, height in (references or {}).items()}
+    panel = LinePanel("", lines, xlabel, ylabel, levels)
+    plot_lines([[panel]], path, height=CURVE_HEIGHT)
+
+
+def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
+    """Draws the learning curves of online runs, one line for each run.
+
+    Args:
+        files: run folders, or copies of `curve.csv`; labels are their names.
+        metric: column to draw; a share in [0, 1] unless it is `return`.
+        out: where to save; the suffix is the format.
+
+    Raises:
+        SchemaError: a folder is no run with a curve, a file is malformed, or two have one name.
+    """
+    labels = [file.name if file.is_dir() else file.stem for file in files]
+    if twice := repeated(labels):
+        raise SchemaError(
+            f"several curves are called {', '.join(twice)}, expected names of their own for the "
+            "lines; rename the folders or files, or group them with --by"
+        )
+    curves = {
+        label: read_curve(curve_files(file), metric, progress="frames")
+        for label, file in zip(labels, files, strict=True)
+    }
+    is_return = metric == "return"
+    plot_curves(
+        curves,
+        out,
+        ylabel="team return" if is_return else f"{metric.replace('_', ' ')} (%)",
+        xlabel="joint steps of training",
+        factor=1.0 if is_return else 100.0,
+    )
+
+
+def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = False) -> None:
+    """Draws success above and return below, with a column per task and a line per algorithm.
+
+    A line is the mean over runs, its band the 95 % interval for new training seeds on the same
+    episodes; its label with the number of runs stands at its end.
+
+    Args:
+        files: run folders, or CSV files with the columns `frames`, `success`, `return` and, if a
+            file has several runs, `seed`.
+        by: how the files are named, as `group_files` takes it.
+        out: where to save; the suffix is the format.
+        log: whether the axis of joint steps is logarithmic.
+
+    Raises:
+        SchemaError: there is nothing to draw, a file is malformed, runs of a line were measured at
+            different points, or the suffix is unknown.
+        MissingExtraError: matplotlib is not installed.
+    """
+    grouped = group_files(files, by)
+    algorithms = dict.fromkeys(name for lines in grouped.values() for name in lines)
+    styles = {name: line_style(k) for k, name in enumerate(algorithms)}
+    rows: list[list[LinePanel]] = []
+    for column, ylabel, factor in METRIC_ROWS:
+        is_share = factor != 1.0
+        rows.append([])
+        for k, (task, files_of) in enumerate(grouped.items()):
+            lines = [
+                _interval_line(name, read_curve(paths, column, progress="frames"), styles[name],
+                               factor, SHARE if is_share else UNBOUNDED)
+                for name, paths in files_of.items()
+            ]  # fmt: skip
+            panel = LinePanel(
+                title=task if len(rows) == 1 else "",
+                lines=lines,
+                xlabel="joint steps of training" if len(rows) == len(METRIC_ROWS) else "",
+                ylabel=ylabel if k == 0 else "",
+                limits=(-2.0, 102.0) if is_share else None,
+                xscale="log" if log else "linear",
+            )
+            rows[-1].append(panel)
+    plot_lines(rows, out, height=CURVE_HEIGHT, shares_x=True)
+
+
+def _interval_line(
+    name: str, curve: Curve, look: Mapping[str, Any], factor: float, bounds: Bounds
+) -> Line:
+    n_runs = len(curve.values)
+    ends = np.stack([curve.values.mean(axis=0), *interval_of(curve, bounds)])
+    label = f"{name} ({n_runs} {'run' if n_runs == 1 else 'runs'})"
+    return Line(label, curve.progress, factor * ends, look)

@@ -1,7 +1,5 @@
 """The results and the cost of online training: learning curves, a table and a figure."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +9,8 @@ import numpy as np
 
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import plot_learning
-from swarmdata.evaluation.results.learning_curves import group_files
+from swarmdata.evaluation.results.estimate_table import to_csv
+from swarmdata.evaluation.results.learning_curves import draw_learning
 from swarmdata.learn.training.run_files import CURVE, SPEED, read_table, seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
@@ -93,7 +91,7 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
             files.append(folder / f"{training.task}-{training.algorithm}.csv")
             files[-1].write_bytes(_curve(training))
         (folder / "table.md").write_text(table, encoding="utf-8")
-        plot_learning(group_files(files, "task-algorithm"), folder / "learning.png")
+        draw_learning(files, "task-algorithm", folder / "learning.png")
     return table
 
 
@@ -103,12 +101,7 @@ def _curve(training: Training) -> bytes:
         (row for curve in training.curves for row in curve),
         key=lambda row: (row["frames"], row["seed"]),
     )
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
-    return text.getvalue().encode()
+    return to_csv(rows, ".6g").encode()
 
 
 def _cells(training: Training) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """Finds the policies that a name on the command line means."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from swarmdata.errors import SpecError, UnknownNameError
@@ -58,37 +59,27 @@ class Target:
         return replace(self, provenances=parsed)
 
 
-@dataclass(frozen=True)
-class Models:
-    """Models, simulator and ranges to evaluate with; None keeps those of the policy's spec."""
+Choose = Callable[..., TaskSpec]
+"""`chosen_models` with the models, simulator and ranges to evaluate with."""
 
-    observation: Source | None = None
-    communication: Source | None = None
-    backend: str | None = None
-    randomization: Ranges | None = None
 
-    def of(self, spec: TaskSpec, own: TaskSpec | None = None) -> TaskSpec:
-        """Returns the spec with them; names modify the models of `own`, by default the spec's."""
-        return chosen_models(
-            spec, self.observation, self.communication, self.backend, self.randomization, own
-        )
+def _evaluation_spec(policy: str, trained: TaskSpec, choose: Choose, *, is_fixed: bool) -> TaskSpec:
+    """Returns the spec to evaluate a policy in.
 
-    def evaluation_spec(self, policy: str, trained: TaskSpec, *, is_fixed: bool) -> TaskSpec:
-        """Returns the spec to evaluate a policy in.
+    Args:
+        policy: name for messages.
+        trained: spec that it was made for.
+        choose: returns it with the models that were asked for.
+        is_fixed: whether it reads observations and so needs the features of its training.
 
-        Args:
-            policy: name for messages.
-            trained: spec that it was made for.
-            is_fixed: whether it reads observations and so needs the features of its training.
-
-        Raises:
-            PolicyFitError: the models do not provide the features that it needs.
-        """
-        spec = self.of(trained)
-        if is_fixed and spec != trained:
-            features = (features_of(make_task(each)) for each in (trained, spec))
-            check_senses(policy, trained, spec, *features)
-        return spec
+    Raises:
+        PolicyFitError: the models do not provide the features that it needs.
+    """
+    spec = choose(trained)
+    if is_fixed and spec != trained:
+        features = (features_of(make_task(each)) for each in (trained, spec))
+        check_senses(policy, trained, spec, *features)
+    return spec
 
 
 def find_target(
@@ -120,24 +111,27 @@ def find_target(
             a dataset; or the dataset's policies were not recorded with it.
         MissingExtraError: a run folder needs torch.
     """
-    models = Models(observation, communication, backend, randomization)
+    choose = partial(
+        chosen_models, observation=observation, communication=communication, backend=backend,
+        randomization=randomization,
+    )  # fmt: skip
     if is_folder(name) and run_folders(Path(name)):
-        return _run_target(Path(name), task, models)
+        return _run_target(Path(name), task, choose)
     if is_dataset(name):
         check_no_task(name, task)
     elif (own := own_dataset(name)) is not None:
         check_no_task(name, task)
-        return _own_target(own, models)
+        return _own_target(own, choose)
     task = DEFAULT_TASK if task is None else task
     if name in POLICIES and name not in CHECKPOINT_POLICIES:
-        spec = models.evaluation_spec(name, find_spec(task), is_fixed=False)
+        spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=False)
         return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
     if name in TRAINED_TIERS and (found := sources(task, name, 0.0)):
-        spec = models.evaluation_spec(name, find_spec(task), is_fixed=True)
+        spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
         contents = [source.sha256 for source in found]
         return Target(spec, policies, _numbered(name, contents))
-    return _dataset_target(name, task, models)
+    return _dataset_target(name, task, choose)
 
 
 def own_dataset(name: str) -> Path | None:
@@ -178,7 +172,7 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
     )
 
 
-def _dataset_target(name: str, task: str, models: Models) -> Target:
+def _dataset_target(name: str, task: str, choose: Choose) -> Target:
     if looks_like_path(name):
         is_there = "holds neither a training run nor a dataset"
         raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
@@ -186,10 +180,10 @@ def _dataset_target(name: str, task: str, models: Models) -> Target:
         trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
         known = {*POLICIES, *trained, *shipped_recipes()} - {*CHECKPOINT_POLICIES}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
-    return _recorded_target(name, find_recipe(name), models)
+    return _recorded_target(name, find_recipe(name), choose)
 
 
-def _own_target(folder: Path, models: Models) -> Target:
+def _own_target(folder: Path, choose: Choose) -> Target:
     """The behavior policies of a dataset of one's own, whose networks are in its folder."""
     stored = open_store(folder, "none")
     origin, packages = stored.recipe, stored.manifest.provenance
@@ -205,19 +199,19 @@ def _own_target(folder: Path, models: Models) -> Target:
             f"{origin.id} was recorded without its policies {labels}, which therefore "
             "cannot act again; `swarmdata render` draws its episodes, and a report has their mean."
         )
-    return _recorded_target(origin.id, origin, models, folder)
+    return _recorded_target(origin.id, origin, choose, folder)
 
 
 def _recorded_target(
-    name: str, origin: Origin, models: Models, folder: Path | None = None
+    name: str, origin: Origin, choose: Choose, folder: Path | None = None
 ) -> Target:
     is_fixed = any(source.name in CHECKPOINT_POLICIES for source in origin.policies)
-    spec = models.evaluation_spec(name, task_of(origin, "acting again"), is_fixed=is_fixed)
+    spec = _evaluation_spec(name, task_of(origin, "acting again"), choose, is_fixed=is_fixed)
     policies = tuple(make_source_policy(source, spec, folder) for source in origin.policies)
     return Target(spec, policies, _numbered(name, [origin.hash()] * len(policies)))
 
 
-def _run_target(folder: Path, task: str | None, models: Models) -> Target:
+def _run_target(folder: Path, task: str | None, choose: Choose) -> Target:
     require_extra("torch", "torch", f"loading the run {folder}")
     from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
         fit_policies,
@@ -230,6 +224,6 @@ def _run_target(folder: Path, task: str | None, models: Models) -> Target:
     world = trained
     if task is not None:
         world = with_models(find_spec(task), trained.observation, trained.communication)
-    spec = models.of(world, TaskSpec.parse(found.own_spec, str(folder)))
+    spec = choose(world, own=TaskSpec.parse(found.own_spec, str(folder)))
     policies = fit_policies(str(folder), load_policies(found), trained, spec)
     return Target(spec, policies, found.provenances)

@@ -8,9 +8,8 @@ from pathlib import Path
 from swarmdata.drawing.style import SUFFIXES
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.aggregates import comparable_scores
-from swarmdata.evaluation.results.curve_plots import plot_curves
 from swarmdata.evaluation.results.estimate_table import Table
-from swarmdata.evaluation.results.learning_curves import read_curve
+from swarmdata.evaluation.results.learning_curves import plot_curves, read_curve
 from swarmdata.evaluation.results.result_exports import marl_eval, runs_csv
 from swarmdata.evaluation.results.result_plots import (
     plot_differences,

@@ -5,30 +5,17 @@ et al., NeurIPS 2022): environment -> task -> algorithm -> run -> steps and abso
 metric a list over episodes. Our environment is the task, our task the dataset.
 """
 
-import csv
-import io
 from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, ResultSet
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts import metrics
 from swarmdata.types import Double
-
-_RUN_COLUMNS = (
-    "label",
-    "dataset",
-    "task",
-    "index",
-    "seed",
-    "algorithm",
-    "updates",
-    "frames",
-    "episodes",
-)
 
 
 def runs_csv(results: ResultSet) -> str:
@@ -43,12 +30,7 @@ def runs_csv(results: ResultSet) -> str:
                 values = episode_values(case, result)
                 means = {name: value.mean() for name, value in values.items()}
                 rows.append(_run_fields(case, label, result) | means)
-    names = list(dict.fromkeys([*_RUN_COLUMNS, *(name for row in rows for name in row)]))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
-    return text.getvalue()
+    return to_csv(rows, "")
 
 
 def _run_fields(case: Case, label: str, result: Result) -> dict[str, Any]:
@@ -64,12 +46,6 @@ def _run_fields(case: Case, label: str, result: Result) -> dict[str, Any]:
         "frames": provenance.frames,
         "episodes": len(result.evaluation.seeds),
     }
-
-
-def _cell(value: object) -> object:
-    if value is None or (isinstance(value, float) and np.isnan(value)):
-        return ""
-    return repr(float(value)) if isinstance(value, float) else value
 
 
 def episode_values(case: Case, result: Result) -> dict[str, Double]:

@@ -28,7 +28,6 @@ from swarmdata.evaluation.figures.dot_plot import (
     Looks,
     Panel,
     PanelLine,
-    family_legend,
     plot_by_dataset,
     plot_dots,
 )
@@ -193,19 +192,13 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
         axes.tick_params(length=0)
 
 
-def plot_pareto(
-    cases: Collection[Case],
-    path: Path,
-    looks: Looks | None = None,
-    families: Mapping[str, str] | None = None,
-) -> None:
+def plot_pareto(cases: Collection[Case], path: Path, looks: Looks | None = None) -> None:
     """Draws return against collisions, a panel per case; a line joins the Pareto-optimal labels.
 
     Args:
         cases: of tasks of this library.
         path: where to save; the suffix is the format.
         looks: color and marker of each label; None: by algorithm.
-        families: label -> family, for the legend; None: there are none.
 
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
@@ -213,14 +206,7 @@ def plot_pareto(
     """
     panels = {without_version(case.name): _front_of(case) for case in cases}
     known = _looks_in(cases) if looks is None else looks
-    plot_fronts(
-        panels,
-        known,
-        path,
-        xlabel="collisions per episode",
-        ylabel="team return",
-        legend=family_legend(families or {}, known),
-    )
+    plot_fronts(panels, known, path, xlabel="collisions per episode", ylabel="team return")
 
 
 def _front_of(case: Case) -> FrontPanel:

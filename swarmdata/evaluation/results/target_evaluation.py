@@ -107,6 +107,22 @@ def kept_result(spec: TaskSpec, provenance: Provenance, seeds: Seeds, out: Path)
     return found if is_same else None
 
 
+def reference_teams(task: str, spec: TaskSpec) -> list[str]:
+    """`REFERENCE_POLICIES` and naive teams that a task has: tiers need checkpoints.
+
+    Args:
+        task: the preset's name, or a spec file.
+        spec: of the task.
+    """
+    is_silent = spec.communication.kind == "none"
+    return [
+        name
+        for name in (*REFERENCE_POLICIES, *spec.rules.naive_teams)
+        if (name not in TIERS or sources(task, name))
+        and not (name == "scripted-deaf" and is_silent)
+    ]
+
+
 def measure_references(
     task: str,
     n_episodes: int,
@@ -115,12 +131,12 @@ def measure_references(
     backend: str | None = None,
     progress: bool = True,
 ) -> TaskReferences:
-    """Evaluates the reference policies of a task; tiers without checkpoints are left out.
+    """Evaluates the reference policies of a task.
 
     Args:
         task: a preset's name, or a spec file.
         n_episodes: number of reserved seeds, from the first.
-        names: of the policies and tiers; None: `REFERENCE_POLICIES` and the task's naive teams.
+        names: of the policies and tiers; None: the `reference_teams`.
         backend: simulator; None: that of the task.
         progress: whether to show progress bars.
 
@@ -129,13 +145,7 @@ def measure_references(
         SpecError: the file is not a spec.
     """
     spec = find_spec(task)
-    is_silent, naive_teams = spec.communication.kind == "none", tuple(spec.rules.naive_teams)
-    available = [
-        name
-        for name in (names if names is not None else (*REFERENCE_POLICIES, *naive_teams))
-        if (name not in TIERS or sources(task, name))
-        and not (name == "scripted-deaf" and is_silent)
-    ]
+    available = reference_teams(task, spec) if names is None else names
     results: dict[str, list[EvalResult]] = {}
     for target in (find_target(name, task, backend=backend) for name in available):
         measured = evaluate_target(target, n_episodes, progress=progress)
@@ -143,4 +153,5 @@ def measure_references(
         results[target.label] = found
         if len(found) > 1:  # besides the mean of the tier, list each policy
             results |= {f"{target.label}-{index}": [each] for index, each in enumerate(found)}
+    naive_teams = tuple(spec.rules.naive_teams)
     return summarize(results, with_models(spec, backend=backend).backend, naive_teams)

@@ -11,10 +11,9 @@ any order, and `collect_sweep` writes the rest.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -33,13 +32,14 @@ from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.robustness.sweep_axes import Axis, AxisSpecs, specs_along_axis
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import (
+    SWEEP_FILE,
     Degradation,
-    Line,
     Point,
+    TeamLine,
     estimates_of,
-    to_csv,
+    write_csv,
 )
-from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import OutputKind, check_output, filled
@@ -48,7 +48,6 @@ from swarmdata.specs.task_spec import TaskSpec
 
 SWEEP = OutputKind("sweep")
 
-SUMMARY_FILE = "sweep.csv"
 RESULTS_FOLDER = "results"
 
 TRAINED_FOLDER = "trained"
@@ -169,9 +168,7 @@ def sweep(
     task: str | None = None,
     backend: str | None = None,
     randomization: Ranges | None = None,
-    engine: str | Executor = LOCAL,
-    workers: int = 1,
-    progress: bool = True,
+    **options: Unpack[JobOptions],
 ) -> list[Degradation]:
     """Evaluates teams along axes, one parameter at a time, and writes tables and figures.
 
@@ -184,10 +181,7 @@ def sweep(
         task: of tiers and runs, as `find_target` takes it.
         backend: simulator of all points; None: that of the training.
         randomization: ranges from which episodes draw at all points; None: those of the training.
-        engine: where policies are evaluated, as `build` takes it; all processes see `out` and the
-            runs.
-        workers: processes of the engine `local`; 1: this one.
-        progress: whether to show a progress bar.
+        options: where policies are evaluated.
 
     Raises:
         SwarmdataError: as `plan_sweep` and `run_evaluations` say.
@@ -199,8 +193,8 @@ def sweep(
         randomization=randomization,
     )  # fmt: skip
     every = [each for found in planned.points().values() for each in found]
-    with locked(out, progress):
-        run_evaluations(every, engine=engine, workers=workers, progress=progress)
+    with locked(out, options.get("progress", True)):
+        run_evaluations(every, **options)
         return _collect(planned)
 
 
@@ -318,7 +312,7 @@ def _degradation(
 ) -> Degradation:
     """The estimates of all teams along axis k."""
     axis = axes[k]
-    lines: list[Line] = []
+    lines: list[TeamLine] = []
     columns: tuple[Column, ...] = ()
     for team, found in zip(teams, results, strict=True):
         points = []
@@ -326,7 +320,7 @@ def _degradation(
         for value, folder, spec in _points_along(axis, team.axis_specs[k], trained):
             columns, estimates = estimates_of(found[folder], found[TRAINED_FOLDER], spec, trained)
             points.append(Point(value, folder == TRAINED_FOLDER, estimates))
-        lines.append(Line(team.label, len(team.target.policies), tuple(points)))
+        lines.append(TeamLine(team.label, len(team.target.policies), tuple(points)))
     as_trained = not any(team.source.changes_the_world for team in teams)
     return Degradation(
         axis.part, axis.name, columns, tuple(lines), n_episodes, axis.falls, as_trained
@@ -348,7 +342,7 @@ def _points_along(axis: Axis, axis_specs: AxisSpecs, trained: TaskSpec) -> list[
 def _write(found: Sequence[Degradation], out: Path) -> None:
     text = "# Robustness\n\n" + "\n".join(each.to_markdown() for each in found)
     with filled(out, SWEEP, besides=RESULTS_FOLDER) as folder:
-        (folder / SUMMARY_FILE).write_text(to_csv(found), encoding="utf-8")
+        (folder / SWEEP_FILE).write_text(write_csv(found), encoding="utf-8")
         (folder / "sweep.md").write_text(text, encoding="utf-8")
         for each in found:
             plot_degradation(each, folder / f"{each.part}-{each.name}.png")

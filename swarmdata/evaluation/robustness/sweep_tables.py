@@ -1,37 +1,24 @@
 """The estimates of a robustness sweep along its axes, as Markdown and as CSV."""
 
 import csv
-import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.evaluation.results.estimate_table import Column, Row, Table
+from swarmdata.evaluation.results.estimate_table import Column, Row, Table, to_csv
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, reference_of
-from swarmdata.evaluation.results.result_tables import case_table
+from swarmdata.evaluation.results.result_tables import QUANTITIES, case_table
 from swarmdata.registry.published import Reference, normalized_score
 from swarmdata.rollouts.score_intervals import mean_interval, target_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import TaskSpec
 
-CSV_COLUMNS = (
-    "part",
-    "parameter",
-    "value",
-    "as_trained",
-    "policy",
-    "runs",
-    "episodes",
-    "metric",
-    "estimate",
-    "low",
-    "high",
-)
-"""Values are in stored units, and empty if undefined or unlimited."""
+SWEEP_FILE = "sweep.csv"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +31,7 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class TeamLine:
     """One team along an axis."""
 
     label: str
@@ -69,7 +56,7 @@ class Degradation:
     part: str
     name: str  # of the parameter
     columns: tuple[Column, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[TeamLine, ...]
     n_episodes: int
     falls: bool  # whether the values of the axis fall from left to right
     as_trained: bool = True  # whether the teams' worlds are those of their training
@@ -132,10 +119,14 @@ def estimates_of(
     scale = reference_of(trained)
     label = runs[0].provenance.label
     table = case_table(Case(None, spec, scale, None, {label: tuple(runs)}))
-    key = "return" if scale is None else "score"
-    column = Column(f"{key}_change", f"change of {key}", "", 1 if scale else 2)
+    change = change_column("return" if scale is None else "score")
     estimates = (*table.rows[0].estimates, change_of(runs, before, scale))
-    return (*table.columns, column), estimates
+    return (*table.columns, change), estimates
+
+
+def change_column(key: str) -> Column:
+    """The column of the change of a quantity since training."""
+    return Column(f"{key}_change", f"change of {key}", "", QUANTITIES[key].column.decimals)
 
 
 def change_of(
@@ -158,22 +149,58 @@ def change_of(
     return mean_interval(after - then)  # [runs, episodes]
 
 
-def to_csv(found: Sequence[Degradation]) -> str:
-    """Writes all estimates of all axes at full precision, one per row."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
-    for each in found:
-        writer.writerows(_rows(each))
-    return out.getvalue()
+def write_csv(found: Sequence[Degradation]) -> str:
+    """Writes all estimates of all axes at full precision and in stored units, one per row.
+
+    Values are empty where they are undefined or unlimited.
+    """
+    return to_csv([row for each in found for row in _rows(each)], "")
 
 
-def _rows(found: Degradation) -> Iterator[list[str]]:
+def _rows(found: Degradation) -> Iterator[dict[str, object]]:
     for line in found.lines:
         for point in line.points:
-            value = "" if point.value is None else repr(point.value)
-            where = [found.part, found.name, value, str(int(point.is_trained)), line.label]
-            where += [str(line.n_runs), str(found.n_episodes)]
             for column, estimate in zip(found.columns, point.estimates, strict=True):
-                cells = ("" if math.isnan(number) else repr(number) for number in estimate)
-                yield [*where, column.key, *cells]
+                yield {
+                    "part": found.part,
+                    "parameter": found.name,
+                    "value": point.value,
+                    "as_trained": int(point.is_trained),
+                    "policy": line.label,
+                    "runs": line.n_runs,
+                    "episodes": found.n_episodes,
+                    "metric": column.key,
+                    **dict(zip(("estimate", "low", "high"), estimate, strict=True)),
+                }
+
+
+def read_csv(file: Path) -> Degradation:
+    """Reads the table of one axis that `write_csv` wrote."""
+    with file.open(encoding="utf-8", newline="") as text:
+        rows = list(csv.DictReader(text))
+    estimates: dict[tuple[str, str, str], dict[str, Estimate]] = {}
+    for row in rows:
+        ends = (float(row[name] or math.nan) for name in ("estimate", "low", "high"))
+        place = row["policy"], row["value"], row["as_trained"]
+        estimates.setdefault(place, {})[row["metric"]] = Estimate(*ends)
+    runs = {row["policy"]: int(row["runs"]) for row in rows}
+    lines = tuple(
+        TeamLine(
+            policy,
+            n_runs,
+            tuple(
+                Point(float(value) if value else None, is_trained == "1", tuple(found.values()))
+                for (label, value, is_trained), found in estimates.items()
+                if label == policy
+            ),
+        )
+        for policy, n_runs in runs.items()
+    )
+    changes = {each.key: each for each in map(change_column, ("score", "return"))}
+    known = {**{key: each.column for key, each in QUANTITIES.items()}, **changes}
+    columns = tuple(known[key] for key in dict.fromkeys(row["metric"] for row in rows))
+    first, *_, last = lines[0].on_axis
+    return Degradation(
+        rows[0]["part"], rows[0]["parameter"], columns, lines, int(rows[0]["episodes"]),
+        falls=float(last.value or 0.0) < float(first.value or 0.0),
+    )  # fmt: skip

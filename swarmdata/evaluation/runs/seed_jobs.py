@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from tqdm import tqdm
 
 from swarmdata.errors import BuildError
+from swarmdata.evaluation.runs.job_options import do_with_bar
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.runtime.engines.jobs import Job
-from swarmdata.runtime.engines.open_engine import LOCAL, do_jobs
+from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.output_folder import check_marked
 
 Group = tuple[int, ...]
@@ -82,18 +82,10 @@ class Where:
             folder = group_folder(self.out, group).resolve()
             payload = {"training": training, "seeds": list(group), "folder": str(folder)}
             jobs.append(Job(f"{folder.name} of {self.out.name}", payload))
-        hidden = None if self.progress else True  # None: hidden, if no terminal
-        with tqdm(
-            total=length * len(jobs), desc=self.out.name, unit_scale=True, disable=hidden
-        ) as bar:
-
-            def report(amount: int) -> None:
-                bar.update(amount)
-
-            do_jobs(
-                jobs, entry, "groups of seeds",
-                engine=self.engine, workers=self.workers, folder=self.out, report=report,
-            )  # fmt: skip
+        do_with_bar(
+            jobs, entry, "groups of seeds", self.out, total=length * len(jobs),
+            engine=self.engine, workers=self.workers, progress=self.progress,
+        )  # fmt: skip
 
 
 def groups_of(seeds: Sequence[int], engine: str | Executor, workers: int) -> list[Group]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.result_files import load_result
-from swarmdata.evaluation.study.cells.cell_folder import (
+from swarmdata.evaluation.study.cells.cells import (
     DONE_FILE,
     RESULTS_FOLDER,
     cell_folder,

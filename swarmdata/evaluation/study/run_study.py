@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from swarmdata.errors import StudyError, UnknownNameError
-from swarmdata.evaluation.study.cells.cell_folder import DONE_FILE, cell_folder, is_done
-from swarmdata.evaluation.study.cells.cells import Cell, cells_of
+from swarmdata.evaluation.runs.job_options import JobOptions
+from swarmdata.evaluation.study.cells.cells import DONE_FILE, Cell, cell_folder, cells_of, is_done
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
@@ -50,6 +50,11 @@ class StudyOptions:
     shifts_only: bool = False
     again: bool = False
     progress: bool = True
+
+    @property
+    def jobs(self) -> JobOptions:
+        """Where jobs are done."""
+        return {"engine": self.engine, "workers": self.workers, "progress": self.progress}
 
     def work_of(self, study: Study) -> Path:
         """Where the study keeps its cells."""
@@ -148,10 +153,7 @@ def _write_pages(
         ]
         remove_sweeps(options.out, found.study.sweeps.keys() - {sweep.label for sweep in ready})
         with filled(options.out, STUDY) as folder:
-            run_sweeps(
-                ready, found.work, folder, engine=options.engine,
-                workers=options.workers, progress=options.progress,
-            )  # fmt: skip
+            run_sweeps(ready, found.work, folder, **options.jobs)
     shifts = _used_elsewhere(found, options, measure=measure)
     return write_pages(found, options.out, command, shifts)
 
@@ -170,20 +172,14 @@ def _used_elsewhere(
 
     shifts = {TRANSFER_FILE: plan_transfers(found), TASKS_FILE: plan_other_tasks(found)}
     if measure:
-        run_shifts(
-            [shift for each in shifts.values() for shift in each], engine=options.engine,
-            workers=options.workers, progress=options.progress,
-        )  # fmt: skip
+        run_shifts([shift for each in shifts.values() for shift in each], **options.jobs)
     rows = {name: estimate_shifts(found, each) for name, each in shifts.items()}
     # where nothing was evaluated yet, it says nothing that some policies do not fit
     return {name: each if any(row.estimates for row in each) else [] for name, each in rows.items()}
 
 
 def _run(cells: Sequence[Cell], work: Path, options: StudyOptions) -> dict[str, str]:
-    return run_cells(
-        cells, work, workers=options.workers, engine=options.engine, again=options.again,
-        progress=options.progress,
-    )  # fmt: skip
+    return run_cells(cells, work, again=options.again, **options.jobs)
 
 
 def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:

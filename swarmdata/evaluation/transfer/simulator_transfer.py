@@ -6,9 +6,9 @@ Scores of both are on the scale of the first, so that a loss is visible.
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
@@ -24,10 +24,10 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 )
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import reference_of
+from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
-from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.types import Double
 
 LEAST_RANKED = 3
@@ -129,17 +129,15 @@ def plan_transfer(
     return Transfer(backend, tuple(teams))
 
 
-def run_transfer(
-    planned: Transfer, *, engine: str | Executor = LOCAL, workers: int = 1, progress: bool = True
-) -> list[TeamTransfer]:
-    """Evaluates what is not there yet; takes `engine` and `workers` as `run_evaluations` does.
+def run_transfer(planned: Transfer, **options: Unpack[JobOptions]) -> list[TeamTransfer]:
+    """Evaluates what is not there yet.
 
     Raises:
         SwarmdataError: as `run_evaluations` says.
         MissingExtraError: a simulator is not installed.
     """
     every = [each for _, known, new in planned.teams for each in (*known, *new)]
-    run_evaluations(every, engine=engine, workers=workers, progress=progress)
+    run_evaluations(every, **options)
     return [
         TeamTransfer(
             task,

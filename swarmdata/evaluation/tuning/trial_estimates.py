@@ -1,24 +1,21 @@
 """What the data alone say about a trained trial, as jobs that leave a ranking in its folder."""
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
-from tqdm import tqdm
 
 from swarmdata.evaluation.policy_selection.rank import rank
 from swarmdata.evaluation.policy_selection.ranking_record import Ranking
-from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder, read_cell
-from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
+from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, cell_run_folder, read_cell
 from swarmdata.evaluation.study.cells.study_data import open_dataset
 from swarmdata.evaluation.tuning.tuning_record import ESTIMATES
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.evaluation.transitions import Actor
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
-from swarmdata.runtime.engines.open_engine import LOCAL, do_jobs
 
 ESTIMATOR = f"{__name__}:estimator"
 
@@ -49,22 +46,13 @@ def why_without(cells: Sequence[Cell], work: Path) -> str | None:
     return None
 
 
-def run_estimates(
-    cells: Sequence[Cell],
-    work: Path,
-    *,
-    engine: str | Executor = LOCAL,
-    workers: int = 1,
-    progress: bool = True,
-) -> None:
+def run_estimates(cells: Sequence[Cell], work: Path, **options: Unpack[JobOptions]) -> None:
     """Ranks the policies of trained cells that have no ranking yet.
 
     Args:
         cells: whose policies tell their actions.
         work: folder of the cells.
-        engine: as `build` takes it; all processes see `work` and the datasets.
-        workers: processes of the engine `local`.
-        progress: whether to show a progress bar (on standard error, if that is a terminal).
+        options: where they are ranked.
 
     Raises:
         BatchError: some failed; the others are done.
@@ -75,16 +63,7 @@ def run_estimates(
         Job(f"estimates of {cell.name}", {"folder": str(cell_folder(work, cell).resolve())})
         for cell in waiting
     ]
-    hidden = None if progress and jobs else True  # None: hidden where there is no terminal
-    with tqdm(total=len(jobs), desc="estimates", disable=hidden) as bar:
-
-        def report(amount: int) -> None:
-            bar.update(amount)
-
-        do_jobs(
-            jobs, ESTIMATOR, "estimates",
-            engine=engine, workers=workers, folder=work, report=report,
-        )  # fmt: skip
+    do_with_bar(jobs, ESTIMATOR, "estimates", work, total=len(jobs), **options)
 
 
 def read_estimates(cell: Cell, work: Path) -> dict[str, float]:

@@ -1,7 +1,5 @@
 """The trials of a tuning: which one each rule chooses, what k trials can be expected to find."""
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +13,8 @@ from swarmdata.drawing import markdown
 from swarmdata.drawing.aligned_text import aligned_table
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.policy_selection.rank_statistics import ranks
-from swarmdata.evaluation.results.curve_plots import plot_curves
-from swarmdata.evaluation.results.learning_curves import Curve
+from swarmdata.evaluation.results.estimate_table import to_csv
+from swarmdata.evaluation.results.learning_curves import Curve, plot_curves
 from swarmdata.runtime.output_folder import OutputKind, filled
 from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double
@@ -129,21 +127,19 @@ class Tuning(Frozen):
 
     def to_csv(self) -> str:
         """One row for each trial; what is unknown is empty."""
-        names = list(dict.fromkeys(name for each in self.trials for name in each.settings))
-        columns = [(name, key) for name in self.datasets for key in ESTIMATES]
-        head = ["trial", *names, self.unit, *(f"{self.unit}:{name}" for name in self.datasets)]
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        chosen = [f"chosen by {RULES[rule]}" for rule in self.rules]
-        writer.writerow([*head, *(f"{key}:{name}" for name, key in columns), *chosen, "failure"])
-        for number, (each, score) in enumerate(zip(self.trials, self.scores, strict=True)):
-            estimates = [each.estimates.get(name, {}).get(key, "") for name, key in columns]
-            drawn = [each.settings.get(name, "") for name in names]
-            scores = [each.scores.get(name, "") for name in self.datasets]
-            ends = [*(int(number == self.choice(rule)) for rule in self.rules), each.failure or ""]
-            mean = score if each.scores else ""
-            writer.writerow([number, *drawn, mean, *scores, *estimates, *ends])
-        return out.getvalue()
+        rows = []
+        drawn = dict.fromkeys(name for each in self.trials for name in each.settings)
+        for number, (each, score) in enumerate(zip(self.trials, self.scores.tolist(), strict=True)):
+            row = {"trial": number, **drawn, **each.settings}
+            row[self.unit] = score if each.scores else None
+            row |= {f"{self.unit}:{name}": each.scores.get(name) for name in self.datasets}
+            for name in self.datasets:
+                found = each.estimates.get(name, {})
+                row |= {f"{key}:{name}": found.get(key) for key in ESTIMATES}
+            for rule in self.rules:
+                row[f"chosen by {RULES[rule]}"] = int(number == self.choice(rule))
+            rows.append({**row, "failure": each.failure})
+        return to_csv(rows, "")
 
     def to_text(self) -> str:
         """Both choices with their scores, aligned with spaces, for a terminal."""
@@ -192,11 +188,13 @@ class Tuning(Frozen):
         return text
 
     def _curve_csv(self) -> str:
-        curves = [self.curve(rule) for rule in self.rules]
-        rows = [",".join(["trials", *self.rules])]
-        for k, values in enumerate(zip(*curves, strict=True), 1):
-            rows.append(",".join([str(k), *(f"{value:.8g}" for value in values)]))
-        return "\n".join([*rows, ""])
+        curves = {rule: self.curve(rule).tolist() for rule in self.rules}
+        return to_csv(
+            [
+                {"trials": k + 1, **{rule: values[k] for rule, values in curves.items()}}
+                for k in range(len(self.trials))
+            ]
+        )
 
     def _draw(self, path: Path) -> None:
         progress = np.arange(1.0, len(self.trials) + 1)

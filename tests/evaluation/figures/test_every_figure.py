@@ -1,6 +1,5 @@
 """Each kind of figure, filled as large studies fill it: no label is cut off or covers another."""
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -11,7 +10,7 @@ import pytest
 pytest.importorskip("matplotlib", reason="figures need the plots extra")
 
 from swarmdata.drawing.style import FAMILY_OF, family_colors, family_looks
-from swarmdata.evaluation.figures import dot_plot, front_plot, matrix_plot
+from swarmdata.evaluation.figures import dot_plot, front_plot, line_plot, matrix_plot
 from swarmdata.evaluation.figures.dot_plot import plot_by_dataset
 from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
@@ -19,13 +18,12 @@ from swarmdata.evaluation.results import result_plots
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
-from swarmdata.evaluation.study.pages import study_figures
-from swarmdata.evaluation.study.pages.difference_figure import plot_row_differences
+from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
+from swarmdata.evaluation.robustness.sweep_tables import read_csv
+from swarmdata.evaluation.study.pages.differences_section import plot_row_differences
 from swarmdata.evaluation.study.pages.row_differences import RowDifference
-from swarmdata.evaluation.study.pages.study_figures import plot_training_curves
-from swarmdata.evaluation.study.shifts import sweep_figure
-from swarmdata.evaluation.study.shifts.sweep_figure import plot_sweeps
-from swarmdata.evaluation.study.shifts.sweep_files import SweptAxis
+from swarmdata.evaluation.study.pages.training_curves import plot_training_curves
+from swarmdata.evaluation.study.shifts.sweep_sections import plot_sweeps
 from swarmdata.rollouts.score_statistics import Estimate
 from tests.support.drawn import label_faults, shown_figure
 
@@ -75,13 +73,13 @@ def matrix(path: Path) -> None:
 def small_fronts(path: Path) -> None:
     points = {label: (at(0.1 * k, 0.05), at(9.0 - k)) for k, label in enumerate(LABELS)}
     panels = {name: FrontPanel(points, LABELS[:2], 4.0) for name in DATASETS}
-    plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return", legend={})
+    plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return")
 
 
 def large_fronts(path: Path) -> None:
     points = {label: (at(0.4 * k, 0.05), at(9.0 - 2 * k)) for k, label in enumerate(LABELS[:4])}
     panels = {name: FrontPanel(points, LABELS[:2]) for name in DATASETS[:4]}
-    plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return", legend={})
+    plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return")
 
 
 def curves(path: Path) -> None:
@@ -91,7 +89,7 @@ def curves(path: Path) -> None:
         name: Curve(np.linspace(0, end, 9), np.linspace(0, 0.9 + 0.01 * k, 9)[None].repeat(2, 0))
         for k, (name, end) in enumerate(lengths.items())
     }
-    plot_training_curves(dict.fromkeys(CONDITIONS, lines), LOOKS, path, ylabel="success (%)",
+    plot_training_curves(dict.fromkeys(CONDITIONS, lines), LOOKS, path, "success (%)",
                          factor=100.0, n_columns=2, xlabel="joint steps")  # fmt: skip
 
 
@@ -121,11 +119,12 @@ def differences(n_datasets: int, n_pairs: int) -> Callable[[Path], None]:
 
 
 def sweeps(path: Path) -> None:
-    found = []
-    for file in SWEEPS:
-        with file.open(newline="") as text:
-            found.append(SweptAxis(file.parent.name, list(csv.DictReader(text))))
+    found = list(map(read_csv, SWEEPS))
     plot_sweeps(found, family_looks({**FAMILY_OF, "bc-gru": "recurrent cloning"}), path)
+
+
+def one_sweep(path: Path) -> None:
+    plot_degradation(read_csv(SWEEPS[0]), path)
 
 
 @pytest.mark.parametrize(
@@ -136,13 +135,14 @@ def sweeps(path: Path) -> None:
         (matrix_plot, matrix),
         (front_plot, small_fronts),
         (front_plot, large_fronts),
-        (study_figures, curves),
+        (line_plot, curves),
         (result_plots, profiles),
         (result_plots, pairs),
         (dot_plot, differences(1, 9)),
         (dot_plot, differences(4, 9)),
         (matrix_plot, differences(12, 9)),
-        (sweep_figure, sweeps),
+        (line_plot, sweeps),
+        (line_plot, one_sweep),
     ],
 )
 def test_labels_are_whole_and_apart_on_one_screen(
@@ -154,6 +154,14 @@ def test_labels_are_whole_and_apart_on_one_screen(
     drawing = shown_figure(monkeypatch, module, lambda: draw(tmp_path / "a.png"))
     assert label_faults(drawing) == []
     assert drawing.get_figheight() <= 6.0, "1,200 pixels"
+
+
+def test_lines_that_end_early_are_joined_to_their_labels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawing = shown_figure(monkeypatch, line_plot, lambda: curves(tmp_path / "a.png"))
+    leaders = [sum(not text.get_text() for text in axes.texts) for axes in drawing.axes]
+    assert leaders == [3] * len(CONDITIONS)  # of 4 lines
 
 
 def test_a_label_that_is_cut_off_or_covered_is_found(

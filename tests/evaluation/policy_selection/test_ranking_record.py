@@ -77,30 +77,6 @@ def test_a_row_says_who_and_every_criterion() -> None:
     assert second.split()[-2:] == ["0.2500", "41.2"]
 
 
-def test_quality_is_a_second_table_where_scores_are_known() -> None:
-    text = scored().to_text()
-    assert "rank correlation  regret@1" in text
-    assert "1.00 [0.50, 1.00]" in text
-    plain = ranking().to_text()
-    assert "rank correlation" not in plain
-    assert " score" not in plain.splitlines()[0]
-
-
-def test_the_caption_says_where_values_are_not_to_be_trusted() -> None:
-    assert "The bound [-10, 5] clipped no target" in ranking().caption
-    assert "clipped up to 12.5 % of a policy's" in ranking(policy(fqe_clipped=0.125)).caption
-    assert "18 validation episodes" in ranking().caption
-    assert "200 simulated episodes" in scored().caption
-    assert "simulated" not in ranking().caption
-
-
-def test_markdown_has_cells_that_end_where_they_should() -> None:
-    text = ranking(policy(run="a|b")).to_markdown()
-    lines = [line for line in text.splitlines() if line.startswith("|")]
-    assert len({line.replace("\\|", "").count("|") for line in lines}) == 1
-    assert "a\\|b/seed-0@100" in text
-
-
 def test_csv_has_every_value_at_full_precision() -> None:
     rows = list(csv.DictReader(io.StringIO(scored().to_csv())))
     assert [row["rank"] for row in rows] == ["1", "2"]

@@ -111,13 +111,6 @@ def test_a_failure_elsewhere_names_the_policy(
         run_evaluations(there, engine=elsewhere, progress=False)
 
 
-@pytest.mark.parametrize("option", [("--workers", "2"), ("--engine", "dask://host:1")])
-def test_other_processes_need_a_folder(option: tuple[str, str]) -> None:
-    result = CliRunner().invoke(app, ["evaluate", "scripted", *option])
-    assert result.exit_code == 2
-    assert "needs --out FOLDER" in result.output
-
-
 def test_a_file_is_found_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()

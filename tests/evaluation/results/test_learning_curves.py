@@ -1,5 +1,6 @@
-"""The figure of online learning: files become lines, lines become a picture."""
+"""Learning curves: files become lines, lines become pictures in every format."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,15 +8,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.errors import SchemaError
-from swarmdata.evaluation.results.curve_plots import draw_training, plot_learning
+from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.evaluation.results.learning_curves import (
     Curve,
     curve_files,
+    draw_learning,
+    draw_training,
     group_files,
     interval_of,
+    plot_curves,
+    read_curve,
 )
 from swarmdata.rollouts.score_intervals import SHARE
+
+MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+CURVE = Curve(np.arange(0.0, 5000.0, 1000.0), np.random.default_rng(0).random((3, 5)))
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
 
 
 def paths(*names: str) -> list[Path]:
@@ -101,8 +113,8 @@ def test_the_band_of_a_share_ends_at_none_and_all() -> None:
     assert high.max() == 1.0
 
 
-def write_runs(folder: Path, seeds: int = 2) -> dict[str, dict[str, list[Path]]]:
-    curves: dict[str, dict[str, list[Path]]] = {}
+def write_runs(folder: Path, seeds: int = 2) -> list[Path]:
+    files = []
     for task in ("coop_nav", "formation"):
         for algorithm in ("mappo", "vdn"):
             file = folder / f"{task}-{algorithm}.csv"
@@ -111,16 +123,15 @@ def write_runs(folder: Path, seeds: int = 2) -> dict[str, dict[str, list[Path]]]
                 for seed in range(seeds)
                 for frames in (100_000, 500_000, 900_000)
             ]
-            file.write_text("frames,seed,success,return\n" + "\n".join(rows) + "\n")
-            curves.setdefault(task, {})[algorithm] = [file]
-    return curves
+            files.append(write(file, "frames,seed,success,return\n" + "\n".join(rows) + "\n"))
+    return files
 
 
 @pytest.mark.parametrize("log", [False, True])
 def test_figure_names_tasks_algorithms_and_runs(tmp_path: Path, log: bool) -> None:
     pytest.importorskip("matplotlib")
     out = tmp_path / "learning.svg"
-    plot_learning(write_runs(tmp_path), out, log=log)
+    draw_learning(write_runs(tmp_path), "task-algorithm", out, log=log)
     text = out.read_text()
     for label in ("coop_nav", "formation", "team success (%)", "team return"):
         assert f"<!-- {label} -->" in text
@@ -130,12 +141,70 @@ def test_figure_names_tasks_algorithms_and_runs(tmp_path: Path, log: bool) -> No
 
 def test_malformed_files_leave_no_figure(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    curves = write_runs(tmp_path)
-    curves["coop_nav"]["vdn"][0].write_text("frames,success\n1,0.5\n")
+    files = write_runs(tmp_path)
+    files[1].write_text("frames,success\n1,0.5\n")
     with pytest.raises(SchemaError, match="column 'return' is None"):
-        plot_learning(curves, tmp_path / "x.png")
+        draw_learning(files, "task-algorithm", tmp_path / "x.png")
     with pytest.raises(SchemaError, match="no curves to draw"):
-        plot_learning({}, tmp_path / "x.png")
-    with pytest.raises(SchemaError, match="no curves to draw"):
-        plot_learning({"coop_nav": {}}, tmp_path / "x.png")
+        draw_learning([], "task-algorithm", tmp_path / "x.png")
     assert not (tmp_path / "x.png").exists()
+
+
+def test_seeds_of_one_file_become_runs(tmp_path: Path) -> None:
+    text = "updates,seed,success\n0,1,0.1\n0,2,0.2\n10,2,0.4\n10,1,0.3\n"
+    curve = read_curve([write(tmp_path / "curve.csv", text)], "success")
+    assert curve.progress.tolist() == [0, 10]
+    assert curve.values.tolist() == [[0.1, 0.3], [0.2, 0.4]]
+
+
+def test_files_without_seeds_are_one_run_each(tmp_path: Path) -> None:
+    paths = [write(tmp_path / f"{k}.csv", f"frames,r\n5,{k}\n9,{k + 1}\n") for k in range(3)]
+    curve = read_curve(paths, "r", progress="frames")
+    assert curve.values.tolist() == [[0, 1], [1, 2], [2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("updates,success\n0,high\n", r"line 2: column 'success' is 'high', expected a number"),
+        ("updates,score\n0,1\n", "column 'success' is None.*Columns: updates, score"),
+        ("updates,seed,success\n0,1,1\n0,2,1\n9,2,1\n", "differ from the 1 of the first run"),
+        ("updates,success\n5,1\n5,2\n", "do not increase"),
+        ("updates,success\n", "no rows"),
+    ],
+)
+def test_malformed_curves_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(SchemaError, match=message):
+        read_curve([write(tmp_path / "curve.csv", text)], "success")
+
+
+@pytest.mark.parametrize("suffix", MAGIC)
+def test_figures_are_saved_by_suffix(tmp_path: Path, suffix: str) -> None:
+    pytest.importorskip("matplotlib")
+    plot_curves({"bc": CURVE}, tmp_path / f"a{suffix}", ylabel="success (%)", factor=100)
+    assert (tmp_path / f"a{suffix}").read_bytes().startswith(MAGIC[suffix])
+
+
+def test_labels_units_and_references_are_in_the_picture(tmp_path: Path) -> None:
+    """An SVG whose letters are outlines still names them in comments."""
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "curves.svg"
+    plot_curves({"BC": CURVE}, path, ylabel="success (%)", references={"dataset": 0.4})
+    for label in ("BC (3 seeds)", "success (%)", "gradient updates", "dataset", "2k"):
+        assert f"<!-- {label} -->" in path.read_text()
+
+
+def test_other_suffixes_and_empty_figures_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match=r"suffix '.jpg', expected one of"):
+        plot_curves({"bc": CURVE}, tmp_path / "a.jpg", ylabel="y")
+    with pytest.raises(SchemaError, match="no curves to draw"):
+        plot_curves({}, tmp_path / "a.png", ylabel="y")
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_matplotlib_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'swarmdata\[plots\]'"):
+        plot_curves({"bc": CURVE}, tmp_path / "a.png", ylabel="y")

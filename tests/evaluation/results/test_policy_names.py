@@ -53,8 +53,10 @@ TINY = Recipe(
 )
 
 
-@pytest.mark.parametrize("name", ["idle", "random", "straight", "scripted"])
-@pytest.mark.parametrize("communication", ["none", "lossy-30", "learned-3"])
+@pytest.mark.parametrize(
+    ("name", "communication"),
+    [("idle", "none"), ("random", "lossy-30"), ("straight", "learned-3"), ("scripted", "lossy-30")],
+)
 def test_scripted_policies_act_under_any_models(name: str, communication: str) -> None:
     target = find_target(name, "coop_nav", "lidar", communication)
     plain = find_target(name)
@@ -212,13 +214,6 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     (provenance,) = target.provenances  # as if both specs' hashes began alike
     path.rename(tmp_path / file_name(provenance, longer.hash()))
     assert kept_result(longer, provenance, evaluation_seeds(3), tmp_path) is None
-
-
-def test_a_target_may_have_another_label() -> None:
-    ours = find_target("expert").labelled("ours")
-    assert ours.label == "ours"
-    assert {each.label for each in ours.provenances} == {"ours"}
-    assert len({each.content for each in ours.provenances}) == len(ours.policies)
 
 
 def test_a_name_of_both_kinds_trains_offline_on_a_dataset(

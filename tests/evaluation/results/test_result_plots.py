@@ -12,12 +12,14 @@ from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import (
     looks_of,
     plot_differences,
+    plot_estimates,
     plot_pareto,
     plot_result_scores,
     plot_score_profiles,
     result_looks,
 )
 from swarmdata.evaluation.results.result_set import group_results
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.drawn import shown_figure
 from tests.support.measured import EXPERT, MEDIUM, grid, result
@@ -99,3 +101,18 @@ def test_pareto_names_what_is_out_of_view(tmp_path: Path) -> None:
     assert "not in view" not in words(tmp_path / "alone.svg")
     with pytest.raises(SchemaError, match="no points to draw"):
         plot_pareto([], tmp_path / "no.svg")
+
+
+def test_estimates_have_a_panel_for_each_quantity_with_the_same_rows(tmp_path: Path) -> None:
+    rows = {"scripted": Estimate(90.0, 88.0, 92.0), "bc": Estimate(60.0, 50.0, 66.0)}
+    panels = {"score": rows, "success (%)": rows}
+    plot_estimates(panels, tmp_path / "table.svg")
+    for label in (*panels, *rows):
+        assert f"<!-- {label} -->" in words(tmp_path / "table.svg")
+    wrong: list[dict[str, dict[str, Estimate]]] = [
+        {}, {"score": {}}, {**panels, "time (s)": {"scripted": Estimate(6.0, 5.0, 7.0)}}
+    ]  # fmt: skip
+    for each in wrong:
+        with pytest.raises(SchemaError, match="the same rows in every panel"):
+            plot_estimates(each, tmp_path / "none.png")
+    assert not (tmp_path / "none.png").exists()

@@ -8,21 +8,20 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="figures need matplotlib")
 
-from swarmdata.drawing.style import family_looks
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.robustness.sweep_plots import PANEL_COLUMNS, plot_degradation
-from swarmdata.evaluation.robustness.sweep_tables import Degradation, Line, Point
+from swarmdata.evaluation.robustness.sweep_tables import Degradation, Point, TeamLine
 from swarmdata.rollouts.score_statistics import Estimate
 
 RATES = ("success", "clean_success")
 
 
-def line(label: str, n_runs: int, trained: float | None, *values: float) -> Line:
+def line(label: str, n_runs: int, trained: float | None, *values: float) -> TeamLine:
     """A team whose metrics fall along the axis; its time to goal is not defined."""
     points = [(trained, True), *((value, False) for value in values)]
     size = len(PANEL_COLUMNS) + 1
-    return Line(
+    return TeamLine(
         label,
         n_runs,
         tuple(
@@ -32,19 +31,13 @@ def line(label: str, n_runs: int, trained: float | None, *values: float) -> Line
     )
 
 
-def draw(
-    out: Path,
-    *lines: Line,
-    first: str = "score",
-    name: str = "drop",
-    looks: dict[str, dict[str, str]] | None = None,
-) -> str:
+def draw(out: Path, *lines: TeamLine, first: str = "score", name: str = "drop") -> str:
     columns = tuple(
         Column(key, key.replace("_", " "), "", 1, 100.0 if key in RATES else 1.0, key in RATES)
         for key in (first, *PANEL_COLUMNS)
     )
     found = Degradation("communication", name, columns, lines, 9, falls=False)
-    plot_degradation(found, out, looks)
+    plot_degradation(found, out)
     return out.read_text(encoding="utf-8")
 
 
@@ -77,20 +70,13 @@ def test_no_skill_is_seen_however_low_the_scores_are(tmp_path: Path) -> None:
     )
     texts = said(draw(tmp_path / "x.svg", replace(team, points=low)))
     assert "\N{MINUS SIGN}40" in texts
-    assert texts.count("0") == 1 + len(RATES)
-
-
-def test_rows_of_a_study_keep_their_colors(tmp_path: Path) -> None:
-    looks = family_looks({"bc": "cloning", "vdn": "value decomposition"})
-    svg = draw(tmp_path / "x.svg", line("vdn", 2, 0.0, 0.5), looks=looks).lower()
-    assert looks["vdn"]["color"].lower() in svg
-    assert looks["bc"]["color"].lower() not in svg
+    assert texts.count("0") == 1 + len(RATES) + 3  # the score, rates, and each column's axis
 
 
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SchemaError, match="no points"):
+    with pytest.raises(SchemaError, match="no curves"):
         draw(tmp_path / "x.svg")
-    with pytest.raises(SchemaError, match="no points"):
+    with pytest.raises(SchemaError, match="no curves"):
         draw(tmp_path / "x.svg", line("bc", 1, None))
     with pytest.raises(SchemaError, match="Sweep fewer"):
         draw(tmp_path / "x.svg", *(line(str(k), 1, 0.0, 1.0) for k in range(19)))

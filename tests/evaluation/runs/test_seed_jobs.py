@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="runs need the torch extra")
 
-from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, CheckpointError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
@@ -136,11 +134,3 @@ def test_groups_are_in_the_order_of_seeds(tmp_path: Path) -> None:
         (group_folder(tmp_path, group) / "config.json").write_text("{}")
     names = [folder.name for folder in run_folders(tmp_path)]
     assert names == ["seeds-2-3", "seeds-9", "seeds-10"]
-
-
-def test_a_part_is_trained_here(dataset: Path) -> None:
-    line = ["train", "bc", str(dataset), "--part", "1/2"]
-    for option in (("--workers", "2"), ("--engine", "ray")):
-        result = CliRunner().invoke(app, [*line, *option])
-        assert result.exit_code == 2
-        assert "has no effect" in result.output

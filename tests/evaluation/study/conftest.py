@@ -70,7 +70,7 @@ def other_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_tiny(folder, id="coop_nav-other-v0", seed=6)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_study(data: Path) -> Callable[..., Study]:
     """A study of the tiny dataset; arguments replace its fields."""
 

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from swarmdata.errors import StudyError
-from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER, cell_folder
-from swarmdata.evaluation.study.cells.cells import cells_of
+from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cell_folder, cells_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.pages.cell_archive import Notes, read_archive, write_archive
 from swarmdata.evaluation.study.pages.collect_results import collect_findings
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.reproduction import reproduce_cell
+from tests.evaluation.study.conftest import BC
 
 Make = Callable[..., Study]
 
@@ -57,7 +57,7 @@ def test_a_cell_from_an_archive_is_compared_with_the_digits_that_it_has(
     make_study: Make, data: Path, cache_folder: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(data, cache_folder / "datasets" / data.name)  # an archive names no folder
-    study = make_study()
+    study = make_study(algorithms={"bc": BC})
     found, archive = cells_of(study, digest_of), tmp_path / "cells.tar.xz"
     run_cells(found, tmp_path / "work", progress=False)
     notes = Notes(command="x", missing={})

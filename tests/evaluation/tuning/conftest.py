@@ -1,14 +1,14 @@
-"""Tiny datasets, and cells that are done in the test's own process."""
+"""Tiny datasets."""
 
 from pathlib import Path
 
 import pytest
 
 from swarmdata.specs.recipe import Splits
-from tests.evaluation.study.conftest import data, here
+from tests.evaluation.study.conftest import data
 from tests.support.tiny import make_tiny
 
-__all__ = ["data", "here", "other_data"]
+__all__ = ["data", "other_data"]
 
 
 @pytest.fixture(scope="session")

@@ -2,9 +2,9 @@
 
 import csv
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from swarmdata.cli.main import app
 from swarmdata.errors import OutputError, ResultsError, SpecError, StaleCellError, UnknownNameError
 from swarmdata.evaluation.results import result_set
 from swarmdata.evaluation.runs.train import read_settings
-from swarmdata.evaluation.study.cells import cell_worker
+from swarmdata.evaluation.study.cells import cell_worker, run_cells
 from swarmdata.evaluation.tuning import trial_estimates
 from swarmdata.evaluation.tuning import tune as tune_module
 from swarmdata.evaluation.tuning.tune import tune
@@ -27,38 +27,52 @@ from swarmdata.learn.training.overrides import override
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.registry.published import Reference
+from tests.evaluation.study.conftest import Here
+from tests.support.drawn import save_empty_figures
 from tests.support.tiny import make_tiny
 
 SMALL = {"hidden": "8", "batch_size": 16}
 Tune = Callable[..., Tuning]
 
 
-@pytest.fixture
-def small_tune(
-    here: None, empty_figures: None, data: Path, monkeypatch: pytest.MonkeyPatch
-) -> Tune:
+@pytest.fixture(scope="module")
+def small_tune(data: Path) -> Iterator[Tune]:
     """Tunes `bc` on a tiny dataset, with small fits; arguments replace those of `tune`."""
-    fits = FQEConfig(n_updates=20, hidden=(8,), n_fits=2, batch_size=16)
-    monkeypatch.setattr(trial_estimates, "FITS", fits)
 
     def call(out: Path, *, algorithm: str = "bc", datasets: Any = None, **changes: Any) -> Tuning:
         options = {
-            "n_trials": 3, "n_updates": 10, "n_seeds": 2, "n_steps": None, "n_episodes": 4,
+            "n_trials": 3, "n_updates": 10, "n_seeds": 1, "n_steps": None, "n_episodes": 4,
             "changes": SMALL, "progress": False, **changes,
         }  # fmt: skip
         return tune(algorithm, [data] if datasets is None else datasets, out, **options)
 
-    return call
+    fits = FQEConfig(n_updates=20, hidden=(8,), n_fits=2, batch_size=16)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_cells, "open_engine", Here)
+        patch.setattr(trial_estimates, "FITS", fits)
+        save_empty_figures(patch)
+        yield call
+
+
+class Tuned(NamedTuple):
+    """A tuning that is done."""
+
+    out: Path
+    made: Tuning
+
+
+@pytest.fixture(scope="module")
+def tuned(small_tune: Tune, tmp_path_factory: pytest.TempPathFactory) -> Tuned:
+    out = tmp_path_factory.mktemp("tuned") / "out"
+    return Tuned(out, small_tune(out, n_seeds=2))
 
 
 def rows_of(file: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(file.read_text().splitlines()))
 
 
-def test_the_default_and_drawn_trials_are_trained_scored_and_estimated(
-    small_tune: Tune, tmp_path: Path
-) -> None:
-    made = small_tune(tmp_path / "out")
+def test_the_default_and_drawn_trials_are_trained_scored_and_estimated(tuned: Tuned) -> None:
+    made = tuned.made
     first, *others = made.trials
     assert first.settings == {}
     assert first.config == {"n_updates": 10, "batch_size": 16, "hidden": [8]}
@@ -71,31 +85,31 @@ def test_the_default_and_drawn_trials_are_trained_scored_and_estimated(
     assert made.choice("validation") == int(np.argmax(scores))
     values = [each.estimates[name]["fqe_pessimistic"] for each in made.trials]
     assert made.choice("offline") == int(np.argmax(values))
-    cell = tmp_path / "out/cells/trial-00" / name
+    cell = tuned.out / "cells/trial-00" / name
     document = yaml.safe_load((cell / "cell.json").read_text())
     assert (document["block"], document["seeds"]) == ("validation", [0, 1])
 
 
-def test_the_chosen_settings_are_a_config_of_train(small_tune: Tune, tmp_path: Path) -> None:
-    made = small_tune(tmp_path / "out")
+def test_the_chosen_settings_are_a_config_of_train(tuned: Tuned) -> None:
+    made = tuned.made
     for rule in ("validation", "offline"):
         chosen = made.trials[made.choice(rule)]
-        read = read_settings(str(tmp_path / "out" / f"{rule}.yaml"))
+        read = read_settings(str(tuned.out / f"{rule}.yaml"))
         config = override(BCConfig(), read)
         rate = chosen.settings.get("learning_rate", BCConfig().learning_rate)
         assert config == BCConfig(n_updates=10, batch_size=16, hidden=(8,), learning_rate=rate)
-    rows = rows_of(tmp_path / "out/trials.csv")
+    rows = rows_of(tuned.out / "trials.csv")
     assert [row["chosen by validation episodes"] for row in rows].count("1") == 1
     assert [row["trial"] for row in rows] == ["0", "1", "2"]
-    curve = rows_of(tmp_path / "out/curve.csv")
+    curve = rows_of(tuned.out / "curve.csv")
     ends = float(curve[0]["validation"]), float(curve[-1]["validation"])
     assert ends == pytest.approx((made.scores[0], made.scores.max()), rel=1e-6)
 
 
 def test_a_second_call_trains_nothing_and_more_trials_train_only_these(
-    small_tune: Tune, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    small_tune: Tune, tuned: Tuned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = small_tune(tmp_path)
+    out = shutil.copytree(tuned.out, tmp_path / "out")
     trained: list[str] = []
 
     def count(algorithm: str, data: Any, run: Path, **options: Any) -> Any:
@@ -103,15 +117,12 @@ def test_a_second_call_trains_nothing_and_more_trials_train_only_these(
         return train_seeds(algorithm, data, run, **options)
 
     monkeypatch.setattr(cell_worker, "train_seeds", count)
-    monkeypatch.setattr(trial_estimates, "rank", lambda *_, **__: pytest.fail("ranked again"))
-    assert small_tune(tmp_path) == made
+    with monkeypatch.context() as patch:
+        patch.setattr(trial_estimates, "rank", lambda *_, **__: pytest.fail("ranked again"))
+        assert small_tune(out, n_seeds=2) == tuned.made
     assert trained == []
-    monkeypatch.undo()
-
-
-def test_more_trials_begin_with_the_same(small_tune: Tune, tmp_path: Path) -> None:
-    made = small_tune(tmp_path, n_trials=2)
-    assert small_tune(tmp_path, n_trials=3).trials[:2] == made.trials
+    assert small_tune(out, n_trials=4, n_seeds=2).trials[:3] == tuned.made.trials
+    assert trained == ["trial-03"]
 
 
 def test_two_datasets_and_their_first_steps(
@@ -183,7 +194,7 @@ def test_a_trial_that_fails_is_not_chosen(
 
 
 def test_mistakes_are_refused_before_any_training(
-    small_tune: Tune, tmp_path: Path, data: Path
+    small_tune: Tune, tuned: Tuned, tmp_path: Path, data: Path
 ) -> None:
     with pytest.raises(SpecError, match="n_trials is 1"):
         small_tune(tmp_path / "a", n_trials=1)
@@ -199,9 +210,9 @@ def test_mistakes_are_refused_before_any_training(
     (tmp_path / "mine" / "notes.txt").write_text("mine")
     with pytest.raises(OutputError, match=r"notes\.txt"):
         small_tune(tmp_path / "mine")
-    small_tune(tmp_path / "c", n_trials=2)
+    out = shutil.copytree(tuned.out, tmp_path / "c")
     with pytest.raises(StaleCellError, match="n_episodes is 4"):
-        small_tune(tmp_path / "c", n_trials=2, n_episodes=5)
+        small_tune(out, n_seeds=2, n_episodes=5)
 
 
 @pytest.mark.usefixtures("small_tune")

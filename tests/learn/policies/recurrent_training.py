@@ -11,6 +11,7 @@ from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.mac_flow import MACFlow, MACFlowConfig
+from swarmdata.offline_algos.oryx import Oryx, OryxConfig
 from swarmdata.perception.frames import Frame
 from swarmdata.types import Float, Step
 
@@ -18,6 +19,9 @@ MEMORY: dict[str, Any] = {"memory": "gru", "memory_size": 6, "burn_in": 2, "wind
 FLOW: dict[str, Any] = {
     **MEMORY, "actor_hidden": (8,), "critic_hidden": (8,), "flow_hidden": (8,), "n_flow_steps": 2,
     "n_updates": 6,
+}  # fmt: skip
+ORDER: dict[str, Any] = {
+    "width": 16, "value_hidden": (8,), "burn_in": 2, "window": 4, "n_components": 2,
 }  # fmt: skip
 
 
@@ -48,6 +52,19 @@ def mac_flow(data: Dataset, frame: Frame | None = None, **changes: Any) -> MACFl
     config = MACFlowConfig(**{**FLOW, **changes})
     algorithm: MACFlow = trained(MACFlow, config, data, frame, config.n_updates)
     return algorithm
+
+
+def oryx(data: Dataset, frame: Frame | None = None, **changes: Any) -> Oryx:
+    """Robots that decide in order: its policy is a `SequencePolicy`."""
+    config = OryxConfig(**{**ORDER, "learning_rate": 0.03, **changes})
+    algorithm: Oryx = trained(Oryx, config, data, frame)
+    return algorithm
+
+
+def played(policy: Any, steps: list[Step]) -> Float:
+    """Actions of an episode, [T, N, A]."""
+    policy.reset(steps[0], np.arange(1))
+    return np.concatenate([policy.act(step) for step in steps])
 
 
 def steps_of(observations: Float, like: Step) -> list[Step]:

@@ -20,25 +20,29 @@ from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.types import Float, Step  # noqa: E402
-from tests.learn.policies.recurrent_training import FLOW, MEMORY, bc, mac_flow, steps_of, trained  # noqa: E402
+from swarmdata.types import Step  # noqa: E402
+from tests.learn.policies.recurrent_training import (  # noqa: E402
+    FLOW,
+    MEMORY,
+    bc,
+    mac_flow,
+    oryx,
+    played,
+    steps_of,
+    trained,
+)
 
 Train = Callable[..., Any]
 
 KINDS = pytest.mark.parametrize(
-    "train", [bc, partial(mac_flow, redraw="episode")], ids=["policy", "flow policy"]
+    "train",
+    [bc, partial(mac_flow, redraw="episode"), oryx],
+    ids=["policy", "flow policy", "in order"],
 )
 """Of the flow, one noise for an episode: what changes its actions is the memory."""
 
 
-def played(policy: Any, steps: list[Step]) -> Float:
-    """Actions of an episode, [T, N, A]."""
-    policy.reset(steps[0], np.arange(1))
-    return np.concatenate([policy.act(step) for step in steps])
-
-
-@pytest.mark.parametrize("in_frame", [False, True])
-@pytest.mark.parametrize("output", ["tanh", "clip"])
+@pytest.mark.parametrize(("in_frame", "output"), [(False, "tanh"), (True, "clip")])
 def test_acting_step_by_step_is_the_window_from_the_start(
     data: Dataset, frame: Frame, in_frame: bool, output: Any
 ) -> None:
@@ -60,8 +64,7 @@ def test_acting_step_by_step_is_the_window_from_the_start(
     np.testing.assert_allclose(actions, wanted, atol=1e-5)
 
 
-@pytest.mark.parametrize("regulariser", ["bc", "bcq"])
-@pytest.mark.parametrize("parameters", ["shared", "separate"])
+@pytest.mark.parametrize(("regulariser", "parameters"), [("bc", "separate"), ("bcq", "shared")])
 def test_choices_step_by_step_are_those_of_training(
     data: Dataset, regulariser: Any, parameters: Any
 ) -> None:
@@ -126,8 +129,9 @@ def test_what_needs_a_function_of_the_present_refuses_it(data: Dataset, tmp_path
         export(tmp_path / "policy.safetensors", tmp_path / "actor.safetensors", 4)
 
 
-@pytest.mark.parametrize("in_frame", [False, True])
-@pytest.mark.parametrize("settings", [{}, {"noise": "own", "redraw": "episode"}])
+@pytest.mark.parametrize(
+    ("in_frame", "settings"), [(True, {}), (False, {"noise": "own", "redraw": "episode"})]
+)
 def test_students_of_a_flow_act_step_by_step_as_trained(
     data: Dataset, frame: Frame, in_frame: bool, settings: dict[str, Any]
 ) -> None:

@@ -1,7 +1,6 @@
 """Policies that decide in order act as they were trained, in any frame, and are kept apart."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,27 +14,9 @@ from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
 from swarmdata.learn.memory.sequence_actor import told_actions  # noqa: E402
 from swarmdata.learn.networks.mixtures import Mixture  # noqa: E402
 from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
-from swarmdata.offline_algos.oryx import Oryx, OryxConfig  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.types import Float, Step  # noqa: E402
-from tests.learn.policies.recurrent_training import steps_of, trained  # noqa: E402
-
-SMALL: dict[str, Any] = {
-    "width": 16, "value_hidden": (8,), "burn_in": 2, "window": 4, "n_components": 2,
-}  # fmt: skip
-
-
-def oryx(data: Dataset, frame: Frame | None = None, **changes: Any) -> Oryx:
-    config = OryxConfig(**{**SMALL, "learning_rate": 0.03, **changes})
-    algorithm: Oryx = trained(Oryx, config, data, frame)
-    return algorithm
-
-
-def played(policy: Any, steps: list[Step]) -> Float:
-    """Actions of an episode, [T, N, A]."""
-    policy.reset(steps[0], np.arange(1))
-    return np.concatenate([policy.act(step) for step in steps])
+from tests.learn.policies.recurrent_training import oryx, played, steps_of  # noqa: E402
 
 
 @pytest.mark.parametrize("in_frame", [False, True])
@@ -96,20 +77,6 @@ def test_told_actions_are_turned_into_the_hearers_frame(data: Dataset, frame: Fr
     assert torch.equal(unturned, local[:, None].expand_as(unturned))
 
 
-def test_it_remembers_until_it_is_reset(data: Dataset) -> None:
-    policy = oryx(data).policy(0)
-    step = make_env(data.task, 3).reset(np.arange(3, dtype=np.uint64))
-    policy.reset(step, np.arange(3))
-    first, second = policy.act(step), policy.act(step)
-    assert (first != second).any((1, 2)).all()
-    policy.reset(step, np.array([1]))
-    third = policy.act(step)
-    np.testing.assert_array_equal(third[1], first[1])
-    assert (third[[0, 2]] != first[[0, 2]]).any((1, 2)).all()
-    with pytest.raises(SchemaError, match="remembers \\(3, 4\\)"):
-        policy.act(Step._make(field[:2] for field in step))
-
-
 def test_what_needs_robots_that_act_alone_refuses_it(data: Dataset) -> None:
     policy = oryx(data).policy(0)
     with pytest.raises(PolicyFitError, match="acts for the whole team"):
@@ -118,8 +85,3 @@ def test_what_needs_robots_that_act_alone_refuses_it(data: Dataset) -> None:
         robot_step(oryx(data, joint=False).policy(0), 4)
     with pytest.raises(SchemaError, match="SequencePolicy has no `actions"):
         actions_of([policy], data)
-    step = make_env(data.task, 2).reset(np.arange(2, dtype=np.uint64))
-    other = step._replace(observations=step.observations[..., :-1])
-    policy.reset(other, np.arange(2))
-    with pytest.raises(SchemaError, match="features of 4 agents"):
-        policy.act(other)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -101,6 +102,20 @@ def run(algorithm: str, folder: Path, **options: Any) -> list[Policy]:
     return train_seeds(algorithm, dataset(), folder, **{**settings, **options})
 
 
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished run of `bc`, which no test changes."""
+    folder = tmp_path_factory.mktemp("done") / "bc"
+    run("bc", folder)
+    return folder
+
+
+@pytest.fixture
+def finished(done: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(done, tmp_path / "finished"))
+
+
 def assert_same_files(one: Path, two: Path) -> None:
     for name in (CONFIG, LOSSES, CURVE, CHECKPOINT):
         assert (one / name).read_bytes() == (two / name).read_bytes(), name
@@ -176,13 +191,12 @@ def test_a_finished_run_is_loaded_not_trained(
             assert size_of_first_layer(one) == size_of_first_layer(two)
 
 
-def test_checkpoints_of_other_statistics_are_refused_in_one_sentence(tmp_path: Path) -> None:
-    run("bc", tmp_path)
-    tensors, metadata = load_checkpoint(tmp_path / CHECKPOINT)
+def test_checkpoints_of_other_statistics_are_refused_in_one_sentence(finished: Path) -> None:
+    tensors, metadata = load_checkpoint(finished / CHECKPOINT)
     del tensors["statistics.own_return_std"]
-    save_checkpoint(tmp_path / CHECKPOINT, tensors, metadata)
+    save_checkpoint(finished / CHECKPOINT, tensors, metadata)
     with pytest.raises(CheckpointError, match=r"lacks the statistics own_return_std: an older"):
-        load_run(tmp_path)
+        load_run(finished)
 
 
 @pytest.mark.parametrize("algorithm", ["bc", "iql", "omiga", "maddpg_bc"])
@@ -240,19 +254,17 @@ def test_files_hold_the_run_its_losses_and_its_curve(tmp_path: Path) -> None:
     ],
 )
 def test_a_folder_of_another_run_is_refused(
-    options: dict[str, Any], difference: str, tmp_path: Path
+    options: dict[str, Any], difference: str, done: Path
 ) -> None:
-    run("bc", tmp_path)
     with pytest.raises(CheckpointError, match=difference):
-        run("bc", tmp_path, **options)
+        run("bc", done, **options)
 
 
-def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
-    run("bc", tmp_path / "one")
+def test_a_checkpoint_of_another_run_is_refused(finished: Path, tmp_path: Path) -> None:
     run("bc", tmp_path / "two", seeds=(1, 2))
-    (tmp_path / "two" / CHECKPOINT).replace(tmp_path / "one" / CHECKPOINT)
+    (tmp_path / "two" / CHECKPOINT).replace(finished / CHECKPOINT)
     with pytest.raises(CheckpointError, match="does not belong"):
-        run("bc", tmp_path / "one")
+        run("bc", finished)
 
 
 def test_a_folder_without_a_run_and_an_unknown_algorithm_are_refused(tmp_path: Path) -> None:

@@ -15,18 +15,18 @@ from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.evaluation.runs.train import measure_curve_point
 from swarmdata.evaluation.study.cells.cell_costs import CostMeter
-from swarmdata.evaluation.study.cells.cell_folder import (
+from swarmdata.evaluation.study.cells.cells import (
     CELL_FILE,
     COST_FILE,
     DATA_FILE,
     DONE_FILE,
     ERROR_FILE,
     RESULTS_FOLDER,
+    Cell,
     cell_run_folder,
     find_conflict,
     is_done,
 )
-from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import (
     DatasetFacts,
     joint_digest,

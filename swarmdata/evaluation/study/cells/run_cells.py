@@ -13,15 +13,15 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError, StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Cost
-from swarmdata.evaluation.study.cells.cell_folder import (
+from swarmdata.evaluation.study.cells.cells import (
     COST_FILE,
     ERROR_FILE,
+    Cell,
     cell_folder,
     cell_run_folder,
     find_conflict,
     is_done,
 )
-from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.learn.training.run_files import LOSSES
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.jobs import Job

@@ -17,17 +17,17 @@ from pydantic import Field
 
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.runs.portable_names import without_places
-from swarmdata.evaluation.study.cells.cell_folder import (
+from swarmdata.evaluation.study.cells.cells import (
     CELL_FILE,
     COST_FILE,
     DATA_FILE,
     DONE_FILE,
     RESULTS_FOLDER,
+    Cell,
     cell_folder,
     cell_run_folder,
     read_cell,
 )
-from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
 from swarmdata.evaluation.study.pages.csv_tables import RUN_METRICS
 from swarmdata.evaluation.study.plan import Study

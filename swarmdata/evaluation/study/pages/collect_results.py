@@ -12,15 +12,16 @@ from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.evaluation.results.result_set import Case, ResultSet, group_results
 from swarmdata.evaluation.study.cells.cell_costs import Cost
-from swarmdata.evaluation.study.cells.cell_folder import (
+from swarmdata.evaluation.study.cells.cells import (
     COST_FILE,
     DATA_FILE,
+    ONLINE_FAMILY,
     RESULTS_FOLDER,
+    Cell,
     cell_folder,
     cell_run_folder,
     is_done,
 )
-from swarmdata.evaluation.study.cells.cells import ONLINE_FAMILY, Cell
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table

@@ -9,8 +9,7 @@ import numpy as np
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
-from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER, cell_folder
-from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, Cell, cell_folder
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
 from swarmdata.learn.training.run_files import CURVE_METRICS
 from swarmdata.registry.published import normalized_score

@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from swarmdata.drawing import markdown
-from swarmdata.drawing.line_labels import label_ends
-from swarmdata.drawing.style import COLUMN_WIDTH, DATA_LINE, PAGE_WIDTH, figure, thousands
+from swarmdata.drawing.style import DATA_LINE, thousands
 from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.figures.line_plot import Line, LinePanel, plot_lines
 from swarmdata.evaluation.results.estimate_table import format_estimate
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_data_efficiency_cell
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
-from swarmdata.evaluation.study.pages.study_figures import set_up_panel
 
 PANEL_HEIGHT = 2.0  # inches
 
@@ -51,41 +51,35 @@ def _sizes_of(dataset: str, found: Findings) -> list[DatasetFacts]:
 
 def _plot(board: Scoreboard, parts: Parts, looks: Looks, path: Path) -> None:
     """Draws the estimates over the number of joint steps, a panel for each dataset."""
-    width = COLUMN_WIDTH if len(parts) == 1 else max(PAGE_WIDTH, 2.3 * len(parts))
-    with figure(path, width=width, height=PANEL_HEIGHT + 0.6) as drawing:
-        grid = drawing.subplots(1, len(parts), squeeze=False, sharey=True)[0]
-        for axes, (dataset, sizes) in zip(grid, parts.items(), strict=True):
-            _draw_panel(axes, board, sizes, looks)
-            set_up_panel(axes, dataset)
-        for axes in grid:  # all lines are drawn, so the limits of the shared axis are final
-            label_ends(axes, axes.get_lines(), PANEL_HEIGHT)
-        drawing.supxlabel("joint steps of data", fontsize=8)
-        grid[0].set_ylabel(board.column.label)
+    row = [_panel(board, dataset, sizes, looks) for dataset, sizes in parts.items()]
+    row[0] = row[0]._replace(ylabel=board.column.label)
+    plot_lines([row], path, height=PANEL_HEIGHT, xlabel="joint steps of data", shares_y="row")
 
 
-def _draw_panel(axes: Any, board: Scoreboard, sizes: Sequence[DatasetFacts], looks: Looks) -> None:
+def _panel(
+    board: Scoreboard, dataset: str, sizes: Sequence[DatasetFacts], looks: Looks
+) -> LinePanel:
     shown = {facts.figures.n_steps: board.in_shown_units(facts.id) for facts in sizes}
+    lines = []
     for label in dict.fromkeys(label for found in shown.values() for label in found):
         steps = [n for n, found in shown.items() if label in found]
-        value, low, high = zip(*(shown[n][label] for n in steps), strict=True)
-        axes.plot(steps, value, ms=4, lw=1.4, label=label, **looks[label])
-        axes.fill_between(steps, low, high, color=looks[label]["color"], alpha=0.13, lw=0)
+        ends = np.array([shown[n][label] for n in steps]).T
+        lines.append(Line(label, np.array(steps, np.float64), ends, looks[label]))
     means = {
         facts.figures.n_steps: board.column.factor * board.data[facts.id]
         for facts in sizes
         if facts.id in board.data
     }
     if means:
-        axes.plot(list(means), list(means.values()), **DATA_LINE, label="mean of the data")
-    axes.set_xscale("log")
-    axes.set_xticks(list(means or shown))
-    axes.set_xticks([], minor=True)
-    axes.xaxis.set_major_formatter(_rounded_thousands)
+        ends = np.array([list(means.values())] * 3)
+        lines.append(Line("mean of the data", np.array(list(means), np.float64), ends, DATA_LINE))
+    ticks = {float(n): _rounded_thousands(n) for n in means or shown}
+    return LinePanel(dataset, lines, xscale="log", ticks=ticks)
 
 
-def _rounded_thousands(steps: float, position: int = 0) -> str:
+def _rounded_thousands(steps: int) -> str:
     """Formats 200037 as 200k: a size has whole episodes, so a few more steps than asked for."""
-    return thousands(round(steps, 1 - len(str(int(steps)))) if steps >= 10_000 else steps, position)
+    return thousands(round(steps, 1 - len(str(steps))) if steps >= 10_000 else steps)
 
 
 def _table(board: Scoreboard, parts: Parts) -> str:

@@ -1,6 +1,6 @@
 """The sections on safety: success, success without a collision, and collisions of every row."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,24 +63,6 @@ def _front(points: Pairs, sign: float) -> tuple[str, ...]:
     return tuple(label for label, is_best in zip(points, found.tolist(), strict=True) if is_best)
 
 
-def fronts_of(found: Findings) -> dict[str, Fronts]:
-    """The fronts of each dataset, by its name without version."""
-    success, clean, crashes = _boards(found).values()
-    return {
-        without_version(dataset): Fronts(
-            _in_both(clean, success, dataset), _in_both(crashes, success, dataset)
-        )
-        for dataset in success.estimates
-    }
-
-
-def _boards(found: Findings) -> dict[str, Scoreboard]:
-    """Success, clean success and collisions of all rows, by key."""
-    keys = ("success", "clean_success")
-    boards = {key: make_scoreboard(found.results, found.families, key) for key in keys}
-    return {**boards, COLLISIONS.key: _collision_board(found)}
-
-
 def _collision_board(found: Findings) -> Scoreboard:
     """Collisions with robots and obstacles together; fewer are better, so its ranks mean little."""
     values = {
@@ -101,15 +83,19 @@ def _in_both(x: Scoreboard, y: Scoreboard, dataset: str) -> Pairs:
     return {label: (first[label], second[label]) for label in first if label in second}
 
 
-def plot_safety(found: Findings, fronts: Mapping[str, Fronts], path: Path) -> None:
+def plot_safety(
+    found: Findings, boards: Sequence[Scoreboard], fronts: Mapping[str, Fronts], path: Path
+) -> None:
     """Draws success, clean success and collisions: a line for each dataset, a row for each label.
 
     Rows are sorted by success. Markers of clean success and of collisions are filled where the row
     is Pareto-optimal in this and success.
     """
     tasks = {without_version(case.name): case.spec.task for case in found.results.cases}
-    means = _data_means(found)
-    lines = [_safety_line(each, dataset, tasks[dataset], means) for dataset, each in fronts.items()]
+    lines = [
+        _safety_line(each, dataset, tasks[dataset], [b.shown_data.get(dataset) for b in boards])
+        for dataset, each in fronts.items()
+    ]
     shown = {label for each in fronts.values() for label in each.clean}
     families = {label: family for label, family in found.families.items() if label in shown}
     legend = {
@@ -119,29 +105,21 @@ def plot_safety(found: Findings, fronts: Mapping[str, Fronts], path: Path) -> No
     plot_dots(lines, found.looks, path, legend=legend)
 
 
-def _data_means(found: Findings) -> dict[str, dict[str, float]]:
-    """Quantity -> dataset -> mean of its own episodes, in shown units."""
-    return {
-        key: {without_version(name): board.column.factor * v for name, v in board.data.items()}
-        for key, board in _boards(found).items()
-    }
-
-
 def _safety_line(
-    fronts: Fronts, dataset: str, task: str, means: Mapping[str, Mapping[str, float]]
+    fronts: Fronts, dataset: str, task: str, means: Sequence[float | None]
 ) -> PanelLine:
-    """The panels of a dataset; collisions are compared within a task."""
+    """The panels of a dataset with the means of its data; collisions are compared in a task."""
     success = {label: y for label, (_, y) in fronts.clean.items()}
     clean = {label: x for label, (x, _) in fronts.clean.items()}
     crashes = {label: x for label, (x, _) in fronts.collisions.items()}
     rows = sorted(success, key=lambda label: (-success[label].value, label))
     rate = (0.0, 100.0)
     panels = (
-        Panel(success, "success (%)", dataset, means["success"].get(dataset), "rate", rate),
+        Panel(success, "success (%)", dataset, means[0], "rate", rate),
         Panel(
             clean,
             "clean success (%)",
-            line=means["clean_success"].get(dataset),
+            line=means[1],
             scale="rate",
             limits=rate,
             hollow={*rows} - {*fronts.cleanest},
@@ -149,7 +127,7 @@ def _safety_line(
         Panel(
             crashes,
             COLLISIONS.label,
-            line=means["collisions"].get(dataset),
+            line=means[2],
             scale=f"collisions in {task}",
             limits=(0.0, None),
             hollow={*rows} - {*fronts.safest},
@@ -175,10 +153,18 @@ def safety_sections(found: Findings, out: Path) -> dict[str, str]:
         found: what was measured.
         out: folder for the figures.
     """
-    success, clean, crashes = _boards(found).values()
-    fronts = fronts_of(found)
+    success, clean = (
+        make_scoreboard(found.results, found.families, key) for key in ("success", "clean_success")
+    )
+    crashes = _collision_board(found)
+    fronts = {
+        without_version(dataset): Fronts(
+            _in_both(clean, success, dataset), _in_both(crashes, success, dataset)
+        )
+        for dataset in success.estimates
+    }
     if fits_on_a_screen(max(len(each.clean) for each in fronts.values()), len(fronts)):
-        plot_safety(found, fronts, out / "safety.png")
+        plot_safety(found, (success, clean, crashes), fronts, out / "safety.png")
     else:
         solved = {
             dataset: {label: each.value for label, each in success.in_shown_units(dataset).items()}
@@ -194,13 +180,9 @@ def safety_sections(found: Findings, out: Path) -> dict[str, str]:
         f"{front_table(fronts)}\n"
         "![success, clean success and collisions](safety.png)\n"
     )
-    return {"Success and collisions": body, **_return_section(found, out)}
-
-
-def _return_section(found: Findings, out: Path) -> dict[str, str]:
-    plot_pareto(found.results.cases, out / "collisions.png", found.looks, found.families)
-    body = (
+    plot_pareto(found.results.cases, out / "collisions.png", found.looks)
+    returns = (
         "A line joins the Pareto-optimal rows of a dataset, which are filled; the dashed line is "
         "the mean return of the data.\n\n![team return against collisions](collisions.png)\n"
     )
-    return {"Return and collisions": body}
+    return {"Success and collisions": body, "Return and collisions": returns}

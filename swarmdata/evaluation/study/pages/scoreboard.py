@@ -18,6 +18,7 @@ from swarmdata.evaluation.results.result_tables import (
 )
 from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
 
 Estimates = Mapping[str, Estimate]
@@ -47,6 +48,11 @@ class Scoreboard:
             dataset: {label: estimate_values(each, self.column) for label, each in found.items()}
             for dataset, found in self.values.items()
         }
+
+    @property
+    def shown_data(self) -> dict[str, float]:
+        """Dataset, without version -> mean of its own episodes in the units of figures."""
+        return {without_version(name): self.column.factor * v for name, v in self.data.items()}
 
     def lead(self, dataset: str, label: str, other: str) -> Estimate:
         """Mean of a label minus that of another, paired by episode."""

@@ -17,6 +17,7 @@ from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
+from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.cell_archive import (
@@ -66,13 +67,11 @@ from swarmdata.evaluation.study.shifts.shift_table import (
     transfer_section,
     write_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweep_figure import plot_sweeps
-from swarmdata.evaluation.study.shifts.sweep_files import (
-    SWEEP_FILE,
+from swarmdata.evaluation.study.shifts.sweep_sections import (
     SWEEPS_FOLDER,
-    SweptAxis,
+    StudySweep,
     read_sweeps,
-    sweep_table,
+    sweep_sections,
 )
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
@@ -198,7 +197,7 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
     return [out / REPORT_FILE, *(out / file for file in files if file != Path(REPORT_FILE))]
 
 
-def _made(found: Findings, out: Path, command: str, sweeps: Sequence[SweptAxis]) -> str:
+def _made(found: Findings, out: Path, command: str, sweeps: Sequence[StudySweep]) -> str:
     """The sections of the page, whose figures are drawn in a folder."""
     key = quantity_of(found.results).column.key
     board = make_scoreboard(found.results, found.families, key)
@@ -216,37 +215,13 @@ def _made(found: Findings, out: Path, command: str, sweeps: Sequence[SweptAxis])
         *curve_section(found, out).items(),
         *online_curve_section(found, out).items(),
         *loss_sections(found, out),
-        *_sweep_sections(found, sweeps, out),
+        *sweep_sections(found.study, sweeps, found.looks, out),
         *transfer_section(found, read_shifts(out / TRANSFER_FILE)).items(),
         *task_section(found, read_shifts(out / TASKS_FILE), out).items(),
         ("Without results", markdown.table(("cell", "reason"), missing) if missing else ""),
         ("Cost", cost_table(found)),
     ]
     return "\n".join(f"## {title}\n\n{body.rstrip()}\n" for title, body in sections if body)
-
-
-def _sweep_sections(
-    found: Findings, sweeps: Sequence[SweptAxis], out: Path
-) -> list[tuple[str, str]]:
-    """A figure of all sweeps, and what is left of each row at the worst value of each."""
-    if not sweeps:
-        return []
-    plot_sweeps(sweeps, found.looks, out / "robustness.png")
-    whole = "Robustness", "![success in worse conditions](robustness.png)"
-    return [whole, *(_sweep_section(found.study, sweep) for sweep in sweeps)]
-
-
-def _sweep_section(study: Study, sweep: SweptAxis) -> tuple[str, str]:
-    """What is left of the best row of each family at the worst value of a sweep."""
-    plan, folder = study.sweeps[sweep.label], f"{SWEEPS_FOLDER}/{sweep.label}"
-    models = {"observation": plan.observation, "communication": plan.communication}
-    seen = ", ".join(f"{kind} `{model}`" for kind, model in models.items() if model)
-    return f"Robustness: {sweep.name}", (
-        f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
-        f"{sweep.n_episodes:,} seeds at each value; changes are paired by training seed and "
-        f"episode. [All values]({folder}/{SWEEP_FILE}).\n\n"
-        f"{sweep_table(sweep)}"
-    )
 
 
 def _protocol(found: Findings, command: str) -> str:
@@ -321,14 +296,11 @@ def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
         "return": "Team return; this world has no measured expert.",
     }[key]
     shown = {without_version(name): board.in_shown_units(name) for name in board.estimates}
-    data_means = {
-        without_version(name): board.column.factor * value for name, value in board.data.items()
-    }
     n_lines = math.ceil(len(shown) / MAX_PANELS_IN_A_LINE)
     if fits_on_a_screen(len(board.families), n_lines):
         plot_by_dataset(
             shown,
-            data_means,
+            board.shown_data,
             found.looks,
             out / "scores.png",
             label=board.column.label,
@@ -337,7 +309,7 @@ def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
         )
     else:
         means = {
-            name: dict.fromkeys(each, board.column.factor * board.data[name])
+            name: dict.fromkeys(each, board.shown_data[without_version(name)])
             for name, each in board.estimates.items()
         }
         scale = f"{board.column.label} minus the mean of the data"

@@ -53,8 +53,7 @@ def plot_board(
     notes = Notes(limit, scale, FRAMES, family_colors(tuple(labels)))
     if is_wide:
         if has_side:
-            data = {without_version(d): board.column.factor * v for d, v in board.data.items()}
-            notes = notes._replace(side=data, side_title="data")
+            notes = notes._replace(side=board.shown_data, side_title="data")
         plot_matrix(cells, datasets, labels, path, notes)
     else:
         turned = {(label, dataset): cell for (dataset, label), cell in cells.items()}

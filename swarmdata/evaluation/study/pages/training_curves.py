@@ -5,14 +5,18 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from swarmdata.drawing import markdown
-from swarmdata.drawing.style import family_looks
+from swarmdata.drawing.style import family_looks, line_looks
+from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.figures.line_plot import LinePanel, plot_lines
 from swarmdata.evaluation.results.estimate_table import UNDEFINED
-from swarmdata.evaluation.results.learning_curves import Curve, last_gain
+from swarmdata.evaluation.results.learning_curves import Curve, curve_line, last_gain
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
-from swarmdata.evaluation.study.pages.study_figures import plot_training_curves
 from swarmdata.evaluation.study.plan import LossesPlan
+
+PANEL_HEIGHT = 1.45
+"""Inches."""
 
 MAX_ON_LINEAR_AXIS = 50.0
 """Values beyond this one get a logarithmic axis, so that small ones beside them stay visible."""
@@ -41,13 +45,9 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
     }
     n_families = len({found.family(label) for curves in panels.values() for label in curves})
     plot_training_curves(
-        drawn,
-        found.looks,
-        out / "curves.png",
-        ylabel="team success (%)",
-        factor=100.0,
+        drawn, found.looks, out / "curves.png", "team success (%)", factor=100.0,
         n_columns=n_families,
-    )
+    )  # fmt: skip
     return {
         "Convergence of training": "![team success during training](curves.png)\n\n"
         f"{CURVES_CAPTION} updates:\n\n{_gain_table(panels)}\n"
@@ -66,13 +66,48 @@ def online_curve_section(found: Findings, out: Path) -> dict[str, str]:
     drawn = {task: _by_algorithm(found, curves) for task, curves in panels.items()}
     looks = family_looks({name: name for curves in drawn.values() for name in curves})
     plot_training_curves(
-        drawn, looks, out / "online-curves.png", ylabel="success (%)", factor=100.0, n_columns=2,
+        drawn, looks, out / "online-curves.png", "success (%)", factor=100.0, n_columns=2,
         xlabel="joint steps",
     )  # fmt: skip
     return {
         "Convergence of online training": "![success on validation episodes](online-curves.png)"
         f"\n\n{CURVES_CAPTION} steps:\n\n{_gain_table(panels)}\n"
     }
+
+
+def plot_training_curves(
+    panels: Panels,
+    looks: Looks,
+    path: Path,
+    ylabel: str,
+    *,
+    factor: float = 1.0,
+    yscale: str = "linear",
+    n_columns: int = 3,
+    xlabel: str = "gradient updates",
+) -> None:
+    """Draws values over training: the mean over seeds in a band from lowest to highest.
+
+    Args:
+        panels: title -> algorithm -> curve.
+        looks: color and marker of each algorithm.
+        path: where to save.
+        ylabel: of the values, with unit.
+        factor: from values to that unit.
+        yscale: of the vertical axis, which the panels share.
+        n_columns: panels in a row, at most.
+        xlabel: of the progress of training.
+    """
+    styles = {name: {**looks[name], **look} for name, look in line_looks(looks).items()}
+    drawn = [
+        LinePanel(
+            title, [curve_line(k, curve, styles[k], factor) for k, curve in curves.items()],
+            yscale=yscale,
+        )
+        for title, curves in panels.items()
+    ]  # fmt: skip
+    rows = [drawn[k : k + n_columns] for k in range(0, len(drawn), n_columns)]
+    plot_lines(rows, path, height=PANEL_HEIGHT, xlabel=xlabel, ylabel=ylabel, shares_y="all")
 
 
 def _by_algorithm(found: Findings, curves: Mapping[str, Curve]) -> dict[str, Curve]:
@@ -116,9 +151,8 @@ def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
             file = f"losses-{name}.png"
             curves = [curve for each in panels.values() for curve in each.values()]
             is_log = any(abs(curve.values).max() > MAX_ON_LINEAR_AXIS for curve in curves)
-            plot_training_curves(
-                panels, found.looks, out / file, ylabel=wanted.label, is_log=is_log
-            )
+            scale = "symlog" if is_log else "linear"  # linear from -2 to 2
+            plot_training_curves(panels, found.looks, out / file, wanted.label, yscale=scale)
             title = wanted.label[:1].upper() + wanted.label[1:]
             parts.append((title, f"![{wanted.label}]({file})\n\n{_ends_table(panels)}"))
     return parts

@@ -2,9 +2,9 @@
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Unpack
 
 from swarmdata.errors import PolicyFitError
 from swarmdata.evaluation.results.evaluation_jobs import (
@@ -15,14 +15,13 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 )
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
-from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder
-from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.runs.job_options import JobOptions
+from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, cell_run_folder
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, results_of
 from swarmdata.evaluation.study.pages.data_views import label_of, view_cells
 from swarmdata.evaluation.study.pages.scoreboard import quantity_of
 from swarmdata.evaluation.study.shifts.shift_table import Shifted
-from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Source
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -71,20 +70,12 @@ def plan_shift(
     return Shift(place, tuple(evaluations))
 
 
-def run_shifts(
-    shifts: Sequence[Shift],
-    *,
-    engine: str | Executor = LOCAL,
-    workers: int = 1,
-    progress: bool = True,
-) -> None:
+def run_shifts(shifts: Sequence[Shift], **options: Unpack[JobOptions]) -> None:
     """Evaluates what is not kept yet; a warning names cells without policies.
 
     Args:
         shifts: may be none.
-        engine: where policies are evaluated, as `build` takes it.
-        workers: processes of the engine `local`; 1: this one.
-        progress: whether to show a progress bar.
+        options: where policies are evaluated.
 
     Raises:
         SwarmdataError: as `run_evaluations` says.
@@ -96,7 +87,7 @@ def run_shifts(
         )  # fmt: skip
     every = [each for shift in shifts for each in shift.evaluations or ()]
     if every:
-        run_evaluations(every, engine=engine, workers=workers, progress=progress)
+        run_evaluations(every, **options)
 
 
 def estimate_shifts(found: Findings, shifts: Sequence[Shift]) -> list[Shifted]:

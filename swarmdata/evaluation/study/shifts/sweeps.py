@@ -4,20 +4,26 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Unpack
 
 from swarmdata.evaluation.robustness.sweep import sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
-from swarmdata.evaluation.study.cells.cell_folder import cell_folder, cell_run_folder, is_done
-from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
+from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
+from swarmdata.evaluation.runs.job_options import JobOptions
+from swarmdata.evaluation.study.cells.cells import (
+    Cell,
+    cell_folder,
+    cell_run_folder,
+    is_done,
+    offline_cell,
+)
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan, View
-from swarmdata.evaluation.study.shifts.sweep_files import SWEEP_FILE, SWEEPS_FOLDER
-from swarmdata.runtime.engines.open_engine import LOCAL
+from swarmdata.evaluation.study.shifts.sweep_sections import SWEEPS_FOLDER
 
 
 @dataclass(frozen=True)
@@ -86,13 +92,7 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
 
 
 def run_sweeps(
-    planned: Sequence[PlannedSweep],
-    work: Path,
-    out: Path,
-    *,
-    engine: str | Executor = LOCAL,
-    workers: int = 1,
-    progress: bool = True,
+    planned: Sequence[PlannedSweep], work: Path, out: Path, **options: Unpack[JobOptions]
 ) -> None:
     """Runs the sweeps and puts their tables beside the page.
 
@@ -100,19 +100,14 @@ def run_sweeps(
         planned: sweeps whose cells are done.
         work: folder of the cells; an interrupted sweep resumes there.
         out: folder of the page.
-        engine: where policies are evaluated, as `build` takes it.
-        workers: processes of the engine `local`; 1: this one.
-        progress: whether to show a progress bar for each.
+        options: where policies are evaluated.
     """
     for each in planned:
         plan = each.plan
         folder = each.folder(work)
         names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
-        sweep(
-            names, [axis], folder, n_episodes=each.n_episodes, engine=engine, workers=workers,
-            progress=progress,
-        )  # fmt: skip
+        sweep(names, [axis], folder, n_episodes=each.n_episodes, **options)
         page_folder = out / SWEEPS_FOLDER / each.label
         page_folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)

@@ -7,8 +7,14 @@ import pytest
 
 from swarmdata.errors import StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, CostMeter
-from swarmdata.evaluation.study.cells.cell_folder import COST_FILE, DONE_FILE, cell_folder, is_done
-from swarmdata.evaluation.study.cells.cells import Cell, cells_of
+from swarmdata.evaluation.study.cells.cells import (
+    COST_FILE,
+    DONE_FILE,
+    Cell,
+    cell_folder,
+    cells_of,
+    is_done,
+)
 from swarmdata.evaluation.study.cells.run_cells import longest_first, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.plan import Study

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.evaluation.study.cells import run_cells
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
-from tests.evaluation.study.conftest import BC
+from tests.evaluation.study.conftest import BC, Here
+from tests.support.drawn import save_empty_figures
 
 pytestmark = pytest.mark.usefixtures("here", "empty_figures")
 
@@ -21,7 +23,7 @@ VIEWS = {
 }
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def study(data: Path, make_study: Callable[..., Study]) -> Study:
     plan = {
         "datasets": [str(data)],
@@ -33,6 +35,25 @@ def study(data: Path, make_study: Callable[..., Study]) -> Study:
     return make_study(algorithms={"bc": BC}, seeds=[0], information=plan)
 
 
+@pytest.fixture(scope="module")
+def trained(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `out` and `work` of the study's cells; none was tried in other views."""
+    folder = tmp_path_factory.mktemp("trained")
+    options = StudyOptions(folder / "out", folder / "work", only="bc/*", workers=1, progress=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_cells, "open_engine", Here)
+        save_empty_figures(patch)
+        assert run_study(study, options, "x")[0] == {}
+    return folder
+
+
+@pytest.fixture
+def options(trained: Path, tmp_path: Path) -> StudyOptions:
+    """Of a copy of that folder."""
+    shutil.copytree(trained, tmp_path, dirs_exist_ok=True)
+    return StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
+
+
 def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
     """Cells of the rows of the table that begins with a cell, below a title, by their first."""
     table = page.partition(f"## {title}")[2].partition(f"\n| {first}")[2].partition("\n\n")[0]
@@ -40,8 +61,9 @@ def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in rows}
 
 
-def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Path) -> None:
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
+def test_each_view_is_a_column_and_transfer_a_matrix(
+    study: Study, options: StudyOptions, tmp_path: Path
+) -> None:
     failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
@@ -65,17 +87,12 @@ def test_each_view_is_a_column_and_transfer_a_matrix(study: Study, tmp_path: Pat
 
 
 def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
-    study: Study, tmp_path: Path
+    study: Study, options: StudyOptions, tmp_path: Path
 ) -> None:
-    options = StudyOptions(
-        tmp_path / "out", tmp_path / "work", only="bc/*", workers=1, progress=False
-    )
-    title = "## Information: learned with one, used with another"
-    _, (page, *_) = run_study(study, options, "x")
+    title, page = "## Information: learned with one, used with another", options.out / "report.md"
     assert title not in page.read_text()
     shutil.rmtree(tmp_path / "work/cells/bc/coop_nav-tiny-v0~lidar")  # not finished
-    measured = replace(options, only=None, shifts_only=True)
-    run_study(study, measured, "x")
+    run_study(study, replace(options, shifts_only=True), "x")
     section = page.read_text().partition(title)[2].partition("\n## ")[0]
     assert "`noisy`" in section
     assert "lidar" not in section

@@ -17,19 +17,20 @@ from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.errors import DiskFullError, StudyError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.runs.portable_names import without_places
-from swarmdata.evaluation.study.cells import cell_worker
-from swarmdata.evaluation.study.cells.cell_folder import RESULTS_FOLDER
+from swarmdata.evaluation.study.cells import cell_worker, run_cells
+from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
-from tests.evaluation.study.conftest import BC, MADDPG
+from tests.evaluation.study.conftest import BC, MADDPG, Here
+from tests.support.drawn import save_empty_figures
 
 pytestmark = pytest.mark.usefixtures("here")
 
 WHOLE = {"algorithms": {"bc": BC, "maddpg": MADDPG}, "curves": {"points": 2, "episodes": 2}}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def study(data: Path, make_study: Callable[..., Study]) -> Study:
     return make_study(
         **WHOLE,
@@ -41,16 +42,29 @@ def study(data: Path, make_study: Callable[..., Study]) -> Study:
     )  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def finished(study: Study, tmp_path_factory: pytest.TempPathFactory) -> StudyOptions:
+    """Where the study was run, once."""
+    folder = tmp_path_factory.mktemp("finished")
+    options = StudyOptions(folder / "out", folder / "work", 1, progress=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_cells, "open_engine", Here)
+        save_empty_figures(patch)
+        failures, _ = run_study(study, options, "swarmdata study tiny.yaml")
+    assert failures == {}
+    return options
+
+
 def rows(file: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(file.read_text())))
 
 
 @pytest.mark.usefixtures("empty_figures")
-def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) -> None:
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False)
-    failures, files = run_study(study, options, "swarmdata study tiny.yaml")
+def test_everything_is_written_and_again_the_same(study: Study, finished: StudyOptions) -> None:
+    before = (finished.out / "report.md").read_text()
+    failures, files = run_study(study, finished, "swarmdata study tiny.yaml")
     assert failures == {}
-    assert files[0] == tmp_path / "out" / "report.md"
+    assert files[0] == finished.out / "report.md"
     assert sorted(file.name for file in files) == [
         "cells.tar.xz", "collisions.pdf", "collisions.png", "costs.csv", "curves.csv",
         "curves.pdf", "curves.png", "data.csv", "estimates.csv", "losses-q.pdf", "losses-q.png",
@@ -65,11 +79,10 @@ def test_everything_is_written_and_again_the_same(study: Study, tmp_path: Path) 
     )  # updates, batch, width, epochs
     for title in ("Protocol", "Return", "Success", "Data efficiency", "Mean Q", "Cost"):
         assert f"\n## {title}" in page
-    _check_tables(tmp_path)
-    _, again = run_study(study, options, "swarmdata study tiny.yaml")
-    assert again[0].read_text() == page
+    assert page == before
+    _check_tables(finished.out.parent)
     public = without_places(study.model_dump(mode="json"))
-    assert Study.from_file(tmp_path / "out" / "study.yaml") == Study.parse(public)
+    assert Study.from_file(finished.out / "study.yaml") == Study.parse(public)
 
 
 @pytest.mark.usefixtures("empty_figures")
@@ -82,6 +95,7 @@ def test_a_mixture_is_a_dataset_of_its_own(
         datasets=[str(data), "both"],
         mixtures={"both": parts},
         algorithms={"bc": BC},
+        seeds=[0],
         information={"datasets": ["both"], "algorithms": ["bc"], "views": views},
     )
     failures, files = run_study(
@@ -126,22 +140,9 @@ def _check_tables(folder: Path) -> None:
     assert {row["attempts"] for row in rows(folder / "out" / "costs.csv")} == {"1"}
 
 
-def test_pages_are_made_again_from_the_folder_alone(
-    make_study: Callable[..., Study], data: Path, tmp_path: Path
-) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
-    study = make_study(
-        algorithms={"maddpg": MADDPG},
-        seeds=[0],
-        losses={"q": {"column": "q", "label": "mean Q", "datasets": [str(data)],
-                      "algorithms": ["maddpg"]}},
-    )  # fmt: skip
-    out, work = tmp_path / "out", tmp_path / "work"
-    options = StudyOptions(out, work, 1, progress=False)
-    run_study(study, options, "swarmdata study tiny.yaml")
-    moved = tmp_path / "elsewhere"
-    out.rename(moved)
-    shutil.rmtree(work)
+@pytest.mark.usefixtures("empty_figures")
+def test_pages_are_made_again_from_the_folder_alone(finished: StudyOptions, tmp_path: Path) -> None:
+    moved = Path(shutil.copytree(finished.out, tmp_path / "elsewhere"))
     before = {path.name: path.read_bytes() for path in moved.iterdir()}
     for name in ("report.md", "scores.png", "losses-q.png", "estimates.csv"):
         (moved / name).unlink()
@@ -182,7 +183,8 @@ def _run_out_of_space(*_: object) -> None:
 def test_a_row_with_other_rewards_stands_beside_the_one_without(
     make_study: Callable[..., Study], data: Path, tmp_path: Path
 ) -> None:
-    study = make_study(algorithms={"m": MADDPG, "strict": {**MADDPG, "rewards": {"time": 9.0}}})
+    strict = {**MADDPG, "rewards": {"time": 9.0}}
+    study = make_study(algorithms={"m": MADDPG, "strict": strict}, seeds=[0])
     options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False)
     failures, (page, *_) = run_study(study, options, "x")
     assert failures == {}
@@ -209,7 +211,8 @@ def test_pairs_and_online_rows_have_sections(
     twice = {**BC, "updates": 40}
     study = make_study(
         algorithms={"bc": BC, "bc-2x": twice, "later": BC},
-        online={"learned": online, "also": online},
+        seeds=[0],
+        online={"learned": online},
         information={"datasets": [str(data)], "algorithms": ["bc"], "online": ["learned"],
                      "views": {"recorded": {}, "near": {"observation": "state-1"}}},
         differences={
@@ -229,7 +232,7 @@ def test_pairs_and_online_rows_have_sections(
     assert re.search(r"\| cloning \| (20|–) \| ", sections["Doubling"])
     assert "- `bc-2x` − `later` on coop_nav-tiny-v0 (no results of `later`)" in sections["More"]
     assert "| later/coop_nav-tiny-v0 | not run yet |" in sections["Without results"]
-    assert "\n| `learned` | 2 | 64 | " in sections["Online algorithms"]
+    assert "\n| `learned` | 1 | 64 | " in sections["Online algorithms"]
     curves = sections["Convergence of online training"]
     assert "\n| `learned` | " in curves
     seen = sections["Information: trained and evaluated with it"]

@@ -27,7 +27,7 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
 ) -> None:
     tasks = ["coop_nav-easy", "coop_nav-n8"]
     plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
-    study = make_study(algorithms={"bc": BC, "sets": SETS}, tasks=plan)
+    study = make_study(algorithms={"bc": BC, "sets": SETS}, seeds=[0], tasks=plan)
     options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     failures, files = run_study(study, options, "x")
     assert failures == {}

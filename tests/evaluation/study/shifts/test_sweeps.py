@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.evaluation.study.cells.cell_folder import cell_folder, is_done
+from swarmdata.evaluation.study.cells.cells import cell_folder, is_done
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import (
     StudyOptions,
@@ -27,6 +27,7 @@ def test_the_best_of_each_family_is_swept(
     shared = {"dataset": str(data), "points": 2}
     study = make_study(
         algorithms={"bc": BC, "clipped": {**BC, "updates": 1}, "maddpg": MADDPG},
+        seeds=[0],
         sweeps={
             "loss": {**shared, "vary": "communication", "axis": "drop=0,0.5",
                      "communication": "perfect"},

@@ -1,0 +1,179 @@
+"""Line plots: means in bands, in a grid of panels, named at the lines' ends or in a legend."""
+
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from swarmdata.drawing.line_labels import label_ends
+from swarmdata.drawing.style import (
+    COLUMN_WIDTH,
+    DATA_LINE,
+    GRAY,
+    PAGE_WIDTH,
+    draw_grid,
+    draw_legend,
+    figure,
+    thousands,
+    words_of,
+)
+from swarmdata.errors import SchemaError
+from swarmdata.types import Double
+
+MARKED_POINTS = 6
+"""Markers on a line, at most about."""
+
+LINE: Mapping[str, Any] = {"lw": 1.4, "ms": 3}
+RING: Mapping[str, Any] = {"marker": "o", "mfc": "white", "mew": 1.2, "ms": 5, "ls": ""}
+OFF_AXIS: Mapping[str, Any] = {"lw": 1.1, "ls": (0, (1, 2))}
+
+
+class Line(NamedTuple):
+    """A line in its band.
+
+    Attributes:
+        label: its name.
+        x: places on the horizontal axis, [P].
+        ends: mean, low and high there, in shown units, [3, P]; NaN: no band.
+        look: color, dashes and marker, in matplotlib's words.
+        base: (x, y) of the ring around the value that others are compared with; a dotted line at
+            this height if x is None; None: there is no such value.
+    """
+
+    label: str
+    x: Double
+    ends: Double
+    look: Mapping[str, Any]
+    base: tuple[float | None, float] | None = None
+
+
+class LinePanel(NamedTuple):
+    """Lines with the same axes.
+
+    Attributes:
+        title: the models of a condition, behind `~`, are lines below its task.
+        lines: in the order of the legend.
+        xlabel: of the horizontal axis.
+        ylabel: of the vertical axis.
+        levels: label -> height of a dashed line, such as the mean of the data.
+        limits: of the vertical axis; None: as far as lines reach.
+        xscale: such as `log`.
+        yscale: such as `symlog`.
+        ticks: place on the horizontal axis -> its text; empty: chosen by matplotlib.
+        falls: whether the horizontal axis falls from left to right.
+    """
+
+    title: str
+    lines: Sequence[Line]
+    xlabel: str = ""
+    ylabel: str = ""
+    levels: Mapping[str, float] = {}
+    limits: tuple[float, float] | None = None
+    xscale: str = "linear"
+    yscale: str = "linear"
+    ticks: Mapping[float, str] = {}
+    falls: bool = False
+
+
+def plot_lines(
+    rows: Sequence[Sequence[LinePanel]],
+    path: Path,
+    *,
+    height: float,
+    xlabel: str = "",
+    ylabel: str = "",
+    shares_x: bool = False,
+    shares_y: Literal["all", "row", "none"] = "none",
+    base: str | None = None,
+) -> None:
+    """Draws panels in rows.
+
+    Args:
+        rows: from the top; they may differ in length.
+        path: where to save; the suffix is the format.
+        height: of a panel, inches.
+        xlabel: of all panels.
+        ylabel: of all panels.
+        shares_x: whether the panels of a column have the same horizontal axis.
+        shares_y: which panels have the same vertical axis.
+        base: what rings are, for a legend above the panels; None: lines have their names at their
+            ends, and there is no legend.
+
+    Raises:
+        SchemaError: there is nothing to draw, or the suffix is unknown.
+        MissingExtraError: matplotlib is not installed.
+    """
+    lines = [line for row in rows for panel in row for line in panel.lines]
+    if not lines or not all(len(line.x) for line in lines):
+        raise SchemaError("there are no curves to draw, expected at least one with a point.")
+    n_columns = max(map(len, rows))
+    width = COLUMN_WIDTH if n_columns == 1 else max(PAGE_WIDTH, 2.1 * n_columns)
+    with figure(path, width=width, height=0.5 + (height + 0.35) * len(rows)) as drawing:
+        grid = drawing.subplots(
+            len(rows),
+            n_columns,
+            squeeze=False,
+            sharey=shares_y,
+            sharex="col" if shares_x else False,
+        )
+        pairs = [pair for each in zip(grid, rows, strict=True) for pair in zip_longest(*each)]
+        for axes, panel in pairs:
+            if panel is None:
+                axes.set_visible(False)
+            else:
+                _draw_panel(axes, panel)
+        if base is None:  # all lines are drawn, so the limits of shared axes are final
+            for axes, panel in pairs:
+                if panel is not None:
+                    axes.autoscale_view()  # which waits for the drawing otherwise
+                    named = [x for x in axes.get_lines() if not x.get_label().startswith("_")]
+                    label_ends(axes, named, height)
+        else:
+            draw_legend(drawing, _handles(grid[0, 0], lines, base))
+        drawing.supxlabel(xlabel, fontsize=8)
+        drawing.supylabel(ylabel, fontsize=8)
+
+
+def _draw_panel(axes: Any, panel: LinePanel) -> None:
+    for line in panel.lines:
+        color, (mean, low, high) = line.look["color"], line.ends
+        point = {"marker": "o"} if len(line.x) == 1 else {}  # a line of one point is invisible
+        every = max(1, len(line.x) // MARKED_POINTS)
+        look = {**LINE, **point, **line.look}
+        axes.fill_between(line.x, low, high, color=color, alpha=0.16, lw=0)
+        axes.plot(line.x, mean, markevery=every, label=line.label, **look)
+        if line.base is not None and line.base[0] is not None:
+            axes.plot(*([at] for at in line.base), mec=color, zorder=4, **RING)
+        elif line.base is not None:
+            axes.axhline(line.base[1], color=color, zorder=1, **OFF_AXIS)
+    for label, level in panel.levels.items():
+        axes.axhline(level, **DATA_LINE, zorder=1, label=label)
+    title = panel.title.replace("~", "\n")
+    axes.set_title(title, loc="left", fontsize=7.5, fontweight="bold")
+    axes.set(xlabel=panel.xlabel, ylabel=panel.ylabel, xscale=panel.xscale, yscale=panel.yscale)
+    if panel.limits is not None:
+        axes.set_ylim(*panel.limits)
+    axes.margins(x=0.02)
+    axes.xaxis.set_major_formatter(thousands)
+    if panel.ticks:
+        axes.set_xticks(list(panel.ticks), list(panel.ticks.values()))
+    if panel.xscale == "log":
+        axes.minorticks_off()
+    if panel.falls and not axes.xaxis_inverted():  # panels of a column share their axis
+        axes.invert_xaxis()
+    draw_grid(axes, "y", width=0.5)
+
+
+def _handles(axes: Any, lines: Sequence[Line], base: str) -> list[Any]:
+    """A line of the legend for each label, and what rings and dotted lines are."""
+    looks = {line.label: line.look for line in lines}
+    handles = [
+        axes.plot([], [], label=words_of(label), **{**LINE, **look})[0]
+        for label, look in looks.items()
+    ]
+    places = {line.base[0] is None for line in lines if line.base is not None}
+    if False in places:
+        handles += axes.plot([], [], mec=GRAY, label=base, **RING)
+    if True in places:
+        handles += axes.plot([], [], color=GRAY, label=f"{base}, not on the axis", **OFF_AXIS)
+    return handles
