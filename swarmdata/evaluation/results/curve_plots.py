@@ -19,14 +19,10 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.results.learning_curves import (
     Curve,
-    GroupedFiles,
-    curve_files,
-    group_files,
     interval_of,
     read_curve,
 )
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED
-from swarmdata.specs.plain_names import repeated
 
 
 def plot_curves(
@@ -91,7 +87,7 @@ METRIC_ROWS = (("success", "team success (%)", 100.0), ("return", "team return",
 """Rows of the figure of online learning: column, label with unit, factor to that unit."""
 
 
-def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
+def plot_learning(files: Mapping[str, Mapping[str, Sequence[Path]]], out: Path) -> None:
     """Draws success above and return below, with a column per task and a line per algorithm.
 
     A line is the mean over runs, its band the 95 % interval for new training seeds on the same
@@ -101,7 +97,6 @@ def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
         files: task -> algorithm -> files with the columns `frames`, `success`, `return` and, if
             a file has several runs, `seed`.
         out: where to save; the suffix is the format.
-        log: whether the axis of joint steps is logarithmic.
 
     Raises:
         SchemaError: there is nothing to draw, a file is malformed, runs of a line were measured at
@@ -127,9 +122,6 @@ def plot_learning(files: GroupedFiles, out: Path, *, log: bool = False) -> None:
         for row, (column, ylabel, factor) in zip(grid, METRIC_ROWS, strict=True):
             for axes, task in zip(row, files, strict=True):
                 _draw_panel(axes, curves[task, column], styles, factor, is_share=factor != 1.0)
-                if log:
-                    axes.set_xscale("log")
-                    axes.minorticks_off()
                 axes.xaxis.set_major_formatter(thousands)
             row[0].set_ylabel(ylabel)
         for axes in grid[-1]:
@@ -165,46 +157,3 @@ def _draw_panel(
     if is_share:
         axes.set_ylim(-2.0, 102.0)
     draw_grid(axes, "y", width=0.5)
-
-
-def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
-    """Draws the learning curves of online runs, one line for each run.
-
-    Args:
-        files: run folders, or copies of `curve.csv`; labels are their names.
-        metric: column to draw; a share in [0, 1] unless it is `return`.
-        out: where to save; the suffix is the format.
-
-    Raises:
-        SchemaError: a folder is no run with a curve, a file is malformed, or two have one name.
-    """
-    labels = [file.name if file.is_dir() else file.stem for file in files]
-    if twice := repeated(labels):
-        raise SchemaError(
-            f"several curves are called {', '.join(twice)}, expected names of their own for the "
-            "lines; rename the folders or files, or group them with --by"
-        )
-    curves = {
-        label: read_curve(curve_files(file), metric, progress="frames")
-        for label, file in zip(labels, files, strict=True)
-    }
-    is_return = metric == "return"
-    plot_curves(
-        curves,
-        out,
-        ylabel="team return" if is_return else f"{metric.replace('_', ' ')} (%)",
-        xlabel="joint steps of training",
-        factor=1.0 if is_return else 100.0,
-    )
-
-
-def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = False) -> None:
-    """Draws success and return of online runs by task and algorithm.
-
-    Args:
-        files: run folders, or CSV files as `plot_learning` takes them.
-        by: how the files are named, as `group_files` takes it.
-        out: where to save; the suffix is the format.
-        log: whether the axis of joint steps is logarithmic.
-    """
-    plot_learning(group_files(files, by), out, log=log)

@@ -1,7 +1,6 @@
-"""Learning curves: reading them, grouping their files, and the interval of their mean."""
+"""Learning curves: reading them, and the interval of their mean."""
 
 import csv
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.run_files import CURVE, run_folders
 from swarmdata.rollouts.score_intervals import UNBOUNDED, Bounds, seed_interval
 from swarmdata.types import Double
 
@@ -67,69 +65,6 @@ def _number(row: Mapping[str, str | None], column: str, path: Path, line: int) -
             f"{path}, line {line}: column {column!r} is {text!r}, expected a number. "
             f"Columns: {', '.join(map(str, row))}."
         ) from error
-
-
-def curve_files(path: Path) -> list[Path]:
-    """Returns the learning curves at a path: of a run folder, those of all its processes.
-
-    Args:
-        path: a CSV file, or the folder of a training run.
-
-    Raises:
-        SchemaError: the folder has none.
-    """
-    if not path.is_dir():
-        return [path]
-    found = [folder / CURVE for folder in run_folders(path)]
-    if not found or not all(file.exists() for file in found):
-        raise SchemaError(
-            f"{path} is no training run with a learning curve; expected the folder of a run in "
-            f"which policies were evaluated, or a copy of its {CURVE}."
-        )
-    return found
-
-
-_GROUP_PATTERNS = {"algorithm": "(?P<algorithm>[^/-]+)", "task": "(?P<task>[^/]+)", "*": "[^/]*"}
-
-GroupedFiles = Mapping[str, Mapping[str, Sequence[Path]]]
-"""Task -> algorithm -> files of its runs."""
-
-
-def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list[Path]]]:
-    """Groups files of runs by the task and the algorithm in their names.
-
-    Args:
-        files: such as `runs/mappo/coop_nav/curve.csv`, and run folders such as
-            `runs/mappo/coop_nav`.
-        pattern: how paths end, without the suffix, with `algorithm` and `task` once each and `*`
-            for anything; in this example `algorithm/task/*`. Names of tasks may have hyphens,
-            names of algorithms may not.
-
-    Returns:
-        task -> algorithm -> files, in the order of their first file.
-
-    Raises:
-        SchemaError: the pattern lacks a word, or a file does not match it.
-    """
-    parts = re.split(r"(algorithm|task|\*)", pattern)
-    if sorted(part for part in parts if part in ("algorithm", "task")) != ["algorithm", "task"]:
-        raise SchemaError(
-            f"pattern {pattern!r} does not have 'algorithm' and 'task' once each. For "
-            "mappo/coop_nav.csv it is 'algorithm/task'."
-        )
-    expression = "".join(_GROUP_PATTERNS.get(part, re.escape(part)) for part in parts)
-    found: dict[str, dict[str, list[Path]]] = {}
-    for file in files:
-        name = file if file.is_dir() else file.with_suffix("")
-        match = re.search(f"(?:^|/){expression}$", name.as_posix())
-        if match is None:
-            raise SchemaError(
-                f"{file} does not match the pattern {pattern!r}, so its algorithm and task are "
-                "unknown. Rename the files, or pass another --by."
-            )
-        task, algorithm = match["task"], match["algorithm"]
-        found.setdefault(task, {}).setdefault(algorithm, []).extend(curve_files(file))
-    return found
 
 
 def last_gain(curve: Curve) -> float:
