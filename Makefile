@@ -87,7 +87,7 @@ quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata generate $(QUICK_DATA)
 	$(MAKE) -j 2 quickstart-bc quickstart-maddpg_bc
 	$(BIN)/swarmdata evaluate random expert quickstart/bc quickstart/maddpg_bc --workers 2 --out quickstart/results
-	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart/report
+	$(BIN)/swarmdata report quickstart/results quickstart/bc quickstart/maddpg_bc --out quickstart/report
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 
 # one core each
