@@ -75,6 +75,7 @@ def plot_curves(
             axes.axhline(factor * height, **DATA_LINE, zorder=1, label=label)
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.xaxis.set_major_formatter(thousands)
+        axes.xaxis.get_major_locator().set_params(integer=True)
         axes.margins(x=0)
         draw_grid(axes, "y", width=0.5)
         label_ends(axes, axes.get_lines(), CURVE_HEIGHT)
