@@ -14,6 +14,7 @@ from tests.support.package_sources import ROOT
 
 PLACEHOLDERS = {
     ".ci/conda/recipe.yaml", ".zenodo.json", "CITATION.cff", "codemeta.json", "pyproject.toml",
+    "README.md", "docs/citing.md",
     *(f"docs/tutorials/{path.name}" for path in (ROOT / "docs/tutorials").glob("*.ipynb")),
 }  # fmt: skip
 """Files that name the repository's owner or the archive's checksum, which nobody knows yet."""
