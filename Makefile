@@ -87,7 +87,7 @@ quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata generate $(QUICK_DATA)
 	$(MAKE) -j 2 quickstart-bc quickstart-maddpg_bc
 	$(BIN)/swarmdata evaluate random expert quickstart/bc quickstart/maddpg_bc --workers 2 --out quickstart/results
-	$(BIN)/swarmdata report quickstart/results --runs quickstart/bc --runs quickstart/maddpg_bc --out quickstart/report
+	$(BIN)/swarmdata report quickstart/results quickstart/bc quickstart/maddpg_bc --out quickstart/report
 	$(BIN)/swarmdata render quickstart/maddpg_bc --out quickstart/episode.gif
 
 # one core each
@@ -153,14 +153,18 @@ wheel: $(STAMPS)/test
 	$(BIN)/python -m hatchling build --target wheel --target sdist --directory dist
 	rm -rf $(PACK) build
 
-# Built in a cache of its own, so that cards are those of this version; CONTRIBUTING.md says what comes then.
+# Built anew, so that cards are those of this version; CONTRIBUTING.md says what comes then.
 MINIS = $(patsubst cards/published/%.md,%,$(wildcard cards/published/*-mini-v*.md))
+HUB = $(CURDIR)/dist/hub
 
-release: wheel
-	mkdir -p dist/hub
-	set -e; export SWARMDATA_CACHE=$(CURDIR)/dist/cache; for id in $(MINIS); do \
-	  test -e dist/hub/$$id/manifest.json || { $(BIN)/swarmdata generate $$id; $(BIN)/swarmdata push $$id file://$(CURDIR)/dist/hub; }; done
+release: wheel $(MINIS:%=$(HUB)/%/manifest.json)
 	cd dist && sha256sum *.whl *.tar.gz > SHA256SUMS
+
+$(HUB)/%/manifest.json:
+	mkdir -p $(HUB)
+	$(BIN)/swarmdata generate $* --out dist/minis/$*
+	$(BIN)/swarmdata push dist/minis/$* file://$(HUB)
+	rm -r dist/minis/$*
 
 clean:
 	rm -rf .venv .venv-* dist quickstart .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

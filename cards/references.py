@@ -107,7 +107,7 @@ def interval(values: Double) -> Interval | None:
     return Interval(value=estimate.value, low=estimate.low, high=estimate.high)
 
 
-def gap_section(known: TaskReferences, naive_teams: Mapping[str, str]) -> str:
+def gap_section(known: TaskReferences, naive_teams: Collection[str]) -> str:
     """The coordination gaps of a task as Markdown; empty where they were not measured.
 
     Args:
@@ -116,20 +116,15 @@ def gap_section(known: TaskReferences, naive_teams: Mapping[str, str]) -> str:
     """
     if not known.gaps:
         return ""
-    reference = known.reference
-    span = None if reference is None else reference.expert - reference.no_skill
-    scales = {"success": 100.0, "clean_success": 100.0, "score": span and 100.0 / span}
-    meanings = {**LESS_COORDINATED, **naive_teams}
+    scales = {"success": 100.0, "clean success": 100.0}
+    if known.reference is not None:
+        scales["score"] = 100.0 / (known.reference.expert - known.reference.no_skill)
     rows = [
-        (name, meanings[name], *(_points(gaps, each, scales[each]) for each in scales))
+        (name, *(_points(gaps, each, scale) for each, scale in scales.items()))
         for name, gaps in known.gaps.items()
     ]
-    head = ("team", "in which", "success", "clean success", "score")
-    return (
-        "\nCoordination gap: by how many points the scripted team is better than the same "
-        "controllers with less coordination, with 95 % bootstrap intervals over the same "
-        "episodes.\n\n" + table(head, rows) + _best_naive(known, naive_teams)
-    )
+    head = ("gap to", *scales)
+    return f"\n{table(head, rows, is_numeric=True)}{_best_naive(known, naive_teams)}"
 
 
 def _best_naive(known: TaskReferences, naive_teams: Collection[str]) -> str:
@@ -146,10 +141,8 @@ def _best_naive(known: TaskReferences, naive_teams: Collection[str]) -> str:
     )
 
 
-def _points(gaps: Mapping[str, Interval], name: str, scale: float | None) -> str:
-    if scale is None:
-        return "no expert"
-    gap = gaps["return" if name == "score" else name]
+def _points(gaps: Mapping[str, Interval], name: str, scale: float) -> str:
+    gap = gaps["return" if name == "score" else name.replace(" ", "_")]
     value, low, high = (scale * each for each in (gap.value, gap.low, gap.high))
     return f"{value:.1f} [{low:.1f}, {high:.1f}]"
 

@@ -27,8 +27,11 @@ action noise; in presets that need a convention, `expert` is the mean of the two
 TASK_HEAD = """# Worlds of {task}
 
 How reference teams perform in every preset of `{task}`, on the [reserved
-episodes](../glossary.md#results). Collisions are means per episode.
-"""
+episodes](../glossary.md#results). Collisions are means per episode. The second table is the
+[coordination gap](../coordination.md): by how many points the scripted team is better than the same
+controllers with less coordination, with 95 % bootstrap intervals over the same episodes.
+
+{teams}"""
 
 POLICY_ORDER = ("idle", "random", "straight", "scripted", "medium", "expert")
 """Rows of a table; the gaps of teams that coordinate less are below it."""
@@ -56,7 +59,9 @@ def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
         ]
         index += f"\n## {task}\n\n{table(['preset', *teams], rows, is_numeric=True)}"
         sections = (f"\n## `{name}`\n\n{preset_figures(name, known.get(name))}" for name in names)
-        pages[f"{task}.md"] = TASK_HEAD.format(task=task) + "".join(sections)
+        meanings = {**LESS_COORDINATED, **rules_model(task).naive_teams}
+        listed = "".join(f"- `{name}`: {meaning}\n" for name, meaning in meanings.items())
+        pages[f"{task}.md"] = TASK_HEAD.format(task=task, teams=listed) + "".join(sections)
     return {"README.md": index, **pages}
 
 

@@ -27,6 +27,9 @@ PALETTE_SIZES = (256, 192, 128, 96, 64, 48)
 N_SAMPLED_STEPS = 20_000
 """Joint steps whose commands are counted."""
 
+PATH_KEY = "○ start   ·   robot: end   ·   its color: its path and target"
+"""Of the episodes below."""
+
 PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leaves it out)"
 
 
@@ -61,6 +64,7 @@ def draw_card(dataset: Dataset, path: Path) -> None:
         sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
         head, above, below = sheet.subfigures(3, 1, height_ratios=(0.5, 2.95, 2.8))
         _write_head(head, dataset)
+        head.text(0.988, 0.12, PATH_KEY, fontsize=8, color=GRAY, ha="right", va="center")
         axes = above.subplots(1, 4, width_ratios=(1.15, 0.95, 1.15, 1.0))
         draw_returns(axes[0], table, recipe)
         draw_lengths(axes[1], table, spec)

@@ -35,7 +35,10 @@ def baselines_section(dataset_id: str, digest: str, studies: Sequence[CommittedS
     same = {name: _where(rows, "digest", digest) for name, rows in named.items()}
     if not any(same.values()):
         stale = " The runs of the study used other data with this id." * any(named.values())
-        return f"{BASELINES_TITLE}\nNo study has been run on this dataset yet.{stale}\n"
+        whole = dataset_id.replace("-mini-", "-")
+        if whole != dataset_id and any(_where(s.estimates, "dataset", whole) for s in studies):
+            stale += f" Those on the whole dataset: the card of `{whole}`."
+        return f"{BASELINES_TITLE}\nNo results on this dataset yet.{stale}\n"
     names = [name for name, rows in same.items() if rows]
     found = [(study, _by_algorithm(same[study.name])) for study in studies]
     found = sorted((each for each in found if each[1]), key=lambda each: -len(each[1]))

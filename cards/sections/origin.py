@@ -51,8 +51,8 @@ def splits_section(table: EpisodeTable, origin: Origin) -> str:
     else:
         splits = origin.split_rule.splits
         rule = (
-            f"Episodes are split by policy: of every {splits.block} consecutive episodes of a "
-            f"policy, validation gets {splits.validation} and test {splits.test}, at random."
+            f"Splits are stratified by policy: of every {splits.block} consecutive episodes of a "
+            f"policy, validation gets {splits.validation} and test {splits.test}, chosen at random."
         )
     rule += " The normalization statistics are those of the train split."
     if origin.recipe is not None:

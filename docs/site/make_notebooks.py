@@ -12,15 +12,18 @@ import re
 import sys
 import tempfile
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
 
 from platformdirs import user_cache_path
 
-TUTORIALS = Path(__file__).parents[1] / "tutorials"
+ROOT = Path(__file__).parents[2]
+TUTORIALS = ROOT / "docs/tutorials"
+COLAB = "https://colab.research.google.com"
 CELL_SECONDS = 1_800
 BLOCK = re.compile(r"^```python\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
-PAGE_LINK = re.compile(r"\]\((\.\./[\w/.-]+\.md)")
+INSTALL = re.compile(r"pip install ('swarmdata\[[^`\n]*)")
 
 
 def cells_of(text: str) -> list[tuple[str, str]]:
@@ -31,6 +34,25 @@ def cells_of(text: str) -> list[tuple[str, str]]:
         end = block.end()
     cells.append(("markdown", text[end:].strip()))
     return [(kind, source) for kind, source in cells if source]
+
+
+def notebook_cells(source: Path) -> list[tuple[str, str]]:
+    """The cells of a tutorial's notebook: below the title a badge, then what Colab has to install.
+
+    The owner of the repository and the packages are those that pyproject.toml and the page name.
+    """
+    text = source.read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    owner = project["urls"]["Repository"].removeprefix("https://github.com/")
+    packages = INSTALL.findall(text)[-1]
+    (kind, first), *others = cells_of(text)
+    title, _, rest = first.partition("\n\n")
+    link = f"{COLAB}/github/{owner}/blob/main/docs/tutorials/{source.stem}.ipynb"
+    badge = f"[![Open in Colab]({COLAB}/assets/colab-badge.svg)]({link})"
+    install = (
+        f'import sys\n\nif "google.colab" in sys.modules:\n    %pip install --quiet {packages}'
+    )
+    return [(kind, f"{title}\n\n{badge}\n\n{rest}"), ("code", install), *others]
 
 
 def source_of(notebook: Any) -> list[tuple[str, str]]:
@@ -51,7 +73,7 @@ def make_notebook(source: Path) -> Path:
     notebook.metadata["kernelspec"] = {
         "name": "python3", "display_name": "Python 3", "language": "python",
     }  # fmt: skip
-    for number, (kind, text) in enumerate(cells_of(source.read_text(encoding="utf-8"))):
+    for number, (kind, text) in enumerate(notebook_cells(source)):
         make = nbformat.v4.new_code_cell if kind == "code" else nbformat.v4.new_markdown_cell
         notebook.cells.append(make(text, id=f"{source.stem}-{number}"))
     kernels = str(user_cache_path("swarmdata") / "kernels")

@@ -320,36 +320,6 @@ def card(
         write_card(folder)
 
 
-def curves(
-    context: typer.Context,
-    files: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUN|CSV...", help="run folders, or copies of their curve.csv"),
-    ],
-    out: Annotated[Path, typer.Option(help="figure to write: .png, .svg or .pdf")],
-    metric: Annotated[str, typer.Option(help="without --by: column to draw")] = "success",
-    by: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PATTERN",
-            help="how the files are named, such as algorithm/task or task-algorithm/*; draws "
-            "success and return of each task, with a line and an interval for each algorithm",
-        ),
-    ] = None,
-    log: Annotated[bool, typer.Option(help="with --by: logarithmic axis of joint steps")] = False,
-) -> None:
-    """Draw learning curves of online runs."""
-    from swarmdata.evaluation.results.learning_curves import draw_learning, draw_training
-
-    if by is None:
-        refuse(context, ("log",), "without --by")
-        draw_training(files, metric, out)
-    else:
-        refuse(context, ("metric",), "with --by")
-        draw_learning(files, by, out, log=log)
-    typer.echo(out)
-
-
 def render(
     target: Annotated[
         str, typer.Argument(metavar="TARGET", help="policy, tier, run folder or dataset")
@@ -438,10 +408,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
         "tune": training_commands.tune,
         "study": study_commands.study,
         "sweep": sweep_commands.sweep,
-        "transfer": sweep_commands.transfer,
         "rank": result_commands.rank,
-        "learning": training_commands.learning,
-        "curves": curves,
         "export-policy": training_commands.export_policy,
     },
     "Hub": {

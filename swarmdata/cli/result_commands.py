@@ -195,29 +195,40 @@ def _print_tables(results: "list[Result]", budgets: Mapping[str, float]) -> None
 
 
 def report(
-    results: Annotated[
+    context: typer.Context,
+    sources: Annotated[
         list[Path],
-        typer.Argument(metavar="RESULTS...", help="folders written by `swarmdata evaluate --out`"),
+        typer.Argument(metavar="RESULTS|RUN...", help="folders of `evaluate --out`, and of runs"),
     ],
     out: Annotated[Path, typer.Option(help="folder for tables and figures")],
-    runs: Annotated[
-        list[Path] | None,
-        typer.Option(help="run folder whose learning curve to draw; may be repeated"),
-    ] = None,
     data: Annotated[
         list[Path] | None,
         typer.Option(help="folder of an unpublished dataset, for its mean; may be repeated"),
     ] = None,
     figures: Annotated[str, typer.Option(help="format: png, svg or pdf")] = "png",
 ) -> None:
-    """Write tables and figures of evaluation results.
+    """Write tables and figures of results and runs.
 
-    Tables are Markdown, CSV and LaTeX; there is also JSON for marl-eval. Stale results, and results
-    that cannot be compared, are refused.
+    Tables are Markdown, CSV and LaTeX; there is also JSON for marl-eval. Of offline runs beside
+    results, the learning curves are drawn. Online runs alone give a table of what they achieved and
+    cost, and their curves. Stale results, and results that cannot be compared, are refused.
     """
-    from swarmdata.evaluation.results.report import write_report
+    from swarmdata.learn.training.run_files import run_folders
 
-    text = write_report(results, out, runs=runs or [], data=data or [], suffix=f".{figures}")
+    runs = [source for source in sources if run_folders(source)]
+    results = [source for source in sources if source not in runs]
+    if results:
+        from swarmdata.evaluation.results.report import write_report
+
+        text = write_report(results, out, runs=runs, data=data or [], suffix=f".{figures}")
+    else:
+        refuse(context, ("data",), "without results")
+        from swarmdata.runtime.extras import require_extra
+
+        require_extra("torch", "torch", "reading online runs")
+        from swarmdata.evaluation.results.online_report import write_online_report
+
+        text = write_online_report(runs, out, suffix=f".{figures}")
     typer.echo(text, nl=False)
 
 

@@ -1,11 +1,11 @@
-"""`swarmdata sweep | transfer`: policies under worse conditions, and in another simulator."""
+"""`swarmdata sweep`: policies under worse conditions, or in another simulator."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swarmdata.cli.option_use import refuse, refuse_workers
+from swarmdata.cli.option_use import refuse, refuse_all_but, refuse_workers
 from swarmdata.cli.shared_options import (
     Backend,
     Engine,
@@ -36,6 +36,12 @@ Bodies = Annotated[
         metavar=_AXIS, help="such as max_speed=0.6..0.3 or payload_mass=4,8; may be repeated"
     ),
 ]
+Simulator = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="compare with this simulator instead: mujoco, kinematic or pymunk"
+    ),
+]
 Values = Annotated[int, typer.Option(min=2, help="number of values from A to B, both included")]
 Listing = Annotated[bool, typer.Option("--points", help="list the points, and which are done")]
 AsJson = Annotated[bool, typer.Option("--json", help="with --points: a line of JSON for each")]
@@ -59,6 +65,7 @@ def sweep(
     communication: Communications = None,
     observation: Observations = None,
     body: Bodies = None,
+    simulator: Simulator = None,
     values: Values = 5,
     episodes: Episodes = 200,
     task: Task = None,
@@ -73,14 +80,19 @@ def sweep(
 ) -> None:
     """Evaluate policies with worse sensors, radios and robots.
 
-    One parameter changes at a time; everything else is as in training, on the same seeds. An
-    interrupted sweep resumes: run the same command again.
+    One parameter changes at a time; everything else is as in training, on the same seeds. With
+    --simulator, policies act in another simulator, on the same seeds and layouts. An interrupted
+    sweep resumes: run the same command again.
     """
+    refuse_workers(context, engine)
+    if simulator is not None:
+        refuse_all_but(context, COMPARED, "with --simulator")
+        _compare(targets, out, simulator, task, episodes, engine, workers)
+        return
     if not any(
         ".." in text for text in [*(communication or ()), *(observation or ()), *(body or ())]
     ):
         refuse(context, ("values",), "without an axis such as noise=0..0.2")
-    refuse_workers(context, engine)
     from swarmdata.evaluation.robustness import sweep as sweeps
     from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 
@@ -98,6 +110,28 @@ def sweep(
     refuse(context, ("json",), "without --points")
     sweeps.sweep(targets, axes, out, **options, engine=engine, workers=workers)
     _print(axes, out)
+
+
+COMPARED = ("out", "simulator", "task", "episodes", "engine", "workers")
+"""Options of a comparison of two simulators."""
+
+
+def _compare(
+    targets: list[str],
+    out: Path,
+    simulator: str,
+    task: str | None,
+    episodes: int,
+    engine: str,
+    workers: int,
+) -> None:
+    from swarmdata.evaluation.robustness import simulator_transfer
+
+    simulator_transfer.compare_simulators(
+        targets, out, backend=simulator, task=task, n_episodes=episodes, engine=engine,
+        workers=workers,
+    )  # fmt: skip
+    typer.echo(out / simulator_transfer.TABLE_FILE)
 
 
 def _do_some(
@@ -146,39 +180,3 @@ def _print(axes: "list[Axis]", out: Path) -> None:
     typer.echo((out / "sweep.md").read_text(encoding="utf-8"), nl=False)
     for axis in axes:
         typer.echo(out / f"{axis.part}-{axis.name}.png")
-
-
-def transfer(
-    context: typer.Context,
-    targets: Annotated[
-        list[str], typer.Argument(metavar="TARGET...", help="policies, tiers or run folders")
-    ],
-    tasks: Annotated[
-        list[str],
-        typer.Option("--task", help="task of all targets: a preset, or a spec; may be repeated"),
-    ],
-    results: Annotated[Path, typer.Option(help="folder for result files")],
-    out: Annotated[Path, typer.Option(help="CSV file to write")],
-    backend: Annotated[
-        str, typer.Option(help="the other simulator: mujoco (an extra), kinematic or pymunk")
-    ] = "mujoco",
-    episodes: Episodes = 200,
-    workers: Processes = 1,
-    engine: Engine = "local",
-) -> None:
-    """Compare policies in two simulators, and write a table.
-
-    Policies act as they are, on the same seeds and layouts. An interrupted comparison resumes: run
-    the same command again.
-    """
-    refuse_workers(context, engine)
-    from swarmdata.evaluation.transfer import simulator_transfer
-    from swarmdata.store import write_file
-
-    planned = simulator_transfer.plan_transfer(
-        targets, tasks, results, backend=backend, n_episodes=episodes
-    )
-    teams = simulator_transfer.run_transfer(planned, engine=engine, workers=workers)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_file(out, simulator_transfer.transfer_table(teams).encode())
-    typer.echo(out)

@@ -306,21 +306,6 @@ def algorithms() -> None:
             typer.echo(f"{name:12} {where:8} {summary_of(table[name])}")
 
 
-def learning(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="online runs, one per algorithm and task")
-    ],
-    out: Annotated[Path, typer.Option(help="folder for curves, table and figure")],
-) -> None:
-    """Report the results and the cost of online training."""
-    from swarmdata.runtime.extras import require_extra
-
-    require_extra("torch", "torch", "reading online runs")
-    from swarmdata.evaluation.results.online_report import write_online_report
-
-    typer.echo(write_online_report(runs, out), nl=False)
-
-
 def export_policy(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="folder of a training run")],
     out: Annotated[

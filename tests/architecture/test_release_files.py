@@ -13,7 +13,9 @@ import yaml
 from tests.support.package_sources import ROOT
 
 PLACEHOLDERS = {
-    ".ci/conda/recipe.yaml", ".zenodo.json", "CITATION.cff", "codemeta.json", "pyproject.toml"
+    ".ci/conda/recipe.yaml", ".zenodo.json", "CITATION.cff", "codemeta.json", "pyproject.toml",
+    "README.md", "docs/citing.md",
+    *(f"docs/tutorials/{path.name}" for path in (ROOT / "docs/tutorials").glob("*.ipynb")),
 }  # fmt: skip
 """Files that name the repository's owner or the archive's checksum, which nobody knows yet."""
 
@@ -37,7 +39,7 @@ def test_placeholders_are_where_the_list_says() -> None:
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT, capture_output=True, check=True, text=True,
     ).stdout.split("\0")  # fmt: skip
-    kinds = (".json", ".toml", ".yaml", ".yml", ".cff", ".md")
+    kinds = (".json", ".toml", ".yaml", ".yml", ".cff", ".md", ".ipynb")
     found = {
         name for name in tracked
         if name.endswith(kinds) and (ROOT / name).stat().st_size < 200_000

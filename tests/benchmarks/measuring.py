@@ -1,7 +1,9 @@
 """Interleaved timing of several runs, and tables of the results."""
 
+import csv
 import os
 import platform
+import re
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,6 +18,7 @@ PACKAGES = (
 )  # fmt: skip
 
 PAGE = Path(__file__).parents[2] / "docs" / "measurements.md"
+TABLES = PAGE.with_suffix("")
 
 
 class Rate(NamedTuple):
@@ -74,13 +77,36 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
+MAX_ROWS = 9
+"""Of a table in the page; a longer one is a file beside it."""
+
+
 def write_section(title: str, body: str) -> None:
     """Puts a section into docs/measurements.md: in its old place, or at the end."""
+    body = long_tables_as_files(title, body)
     head, *old = PAGE.read_text(encoding="utf-8").split("\n## ")
     parts = dict(part.split("\n", 1) for part in old)
     parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"
     sections = (f"## {section}\n{text.rstrip()}\n" for section, text in parts.items())
     PAGE.write_text("\n".join([head, *sections]), encoding="utf-8")
+
+
+def long_tables_as_files(title: str, body: str) -> str:
+    """Writes the long tables of a section as CSV, and returns it with links in their place."""
+    names = (f"{re.sub('[^a-z]+', '-', title.lower())}{n}.csv" for n in ("", *range(-2, -9, -1)))
+
+    def replaced(found: re.Match[str]) -> str:
+        head, _, *rows = found[0].splitlines()
+        if len(rows) <= MAX_ROWS:
+            return found[0]
+        name = next(names)
+        lines = ([cell.strip() for cell in row.strip("|").split("|")] for row in (head, *rows))
+        TABLES.mkdir(exist_ok=True)
+        with (TABLES / name).open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(lines)
+        return f"[Table]({TABLES.name}/{name})\n"
+
+    return re.sub(r"(?:^\|.*\n)+", replaced, body, flags=re.MULTILINE)
 
 
 def _machine() -> str:

@@ -28,7 +28,7 @@ def test_the_committed_cards_show_the_committed_studies() -> None:
     for key, entry in published().items():
         card = (CARDS / f"{key}.md").read_text("utf-8")
         assert baselines_section(key, entry.digest, committed_studies()) in card, key
-        assert ("No study has been run" in card) == (entry.digest not in studied), key
+        assert ("No results on this dataset" in card) == (entry.digest not in studied), key
 
 
 def test_only_the_section_of_results_changes(cards: Path) -> None:
@@ -37,7 +37,7 @@ def test_only_the_section_of_results_changes(cards: Path) -> None:
     assert refresh_cards(cards, committed_studies()) == []
     assert refresh_cards(cards, ()) == [card]
     without = card.read_text("utf-8")
-    assert "## Baselines\n\nNo study has been run on this dataset yet.\n\n## " in without
+    assert "## Baselines\n\nNo results on this dataset yet.\n\n## " in without
     headings = [re.findall("^## .*$", text, re.MULTILINE) for text in (whole, without)]
     assert headings[0] == headings[1]
     assert refresh_cards(cards, committed_studies()) == [card]

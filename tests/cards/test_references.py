@@ -86,7 +86,8 @@ def test_the_gap_of_a_task_names_its_best_naive_team() -> None:
     assert set(table.gaps) == {"scripted-alone", *naive}
     page = gap_section(table, naive)
     assert "The best of 2 teams that do not act together is `sly`, which solves 30.0 [" in page
-    assert "| bold | drives straight | 80.0" in page
+    assert "| gap to | success | clean success |\n" in page, "no score without an expert"
+    assert "| bold | 80.0" in page
     assert "solves" not in gap_section(summarize(results), {})
 
 

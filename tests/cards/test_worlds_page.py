@@ -25,7 +25,7 @@ def test_a_table_has_a_row_for_a_tier_and_a_score_where_there_is_an_expert() -> 
     page = worlds_pages(references())["formation.md"]
     headline, easy = (page.partition(f"## `{name}`")[2] for name in ("formation", "formation-easy"))
     policies = ("idle", "random", "straight", "scripted", "medium", "expert")
-    shown = headline.partition("\n## ")[0].partition("\nCoordination gap")[0]
+    shown = headline.partition("\n## ")[0].partition("\n| gap to")[0]
     assert [row.split(" | ")[0][2:] for row in shown.splitlines()[-6:]] == list(policies)
     assert "| policy | score | return | success (%) |" in headline
     assert "| policy | return | success (%) |" in easy.partition("\n## ")[0]

@@ -127,19 +127,6 @@ def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
     assert run("verify", out).startswith(f"{out}: all files match the manifest")
 
 
-def test_curves_by_algorithm_and_task(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="curves are a picture")
-    for name in ("mappo", "vdn"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "coop_nav.csv").write_text("frames,success,return\n1,0,1\n2,1,2\n")
-    files, out = sorted(tmp_path.glob("*/*.csv")), tmp_path / "curves.svg"
-    run("curves", *files, "--by", "algorithm/task", "--out", out)
-    assert "<!-- vdn (1 run) -->" in out.read_text()
-    assert "does not match the pattern" in run(
-        "curves", *files, "--by", "task-algorithm", "--out", out, code=1
-    )
-
-
 def test_evaluate_and_report(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="the report has pictures")
     results, out = tmp_path / "results", tmp_path / "out"

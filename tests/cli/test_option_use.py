@@ -29,7 +29,7 @@ SAMPLES = {
     "--action-bounds": "-2,2",
     "--agents": "a,b",
     "--backend": "kinematic",
-    "--by": "algorithm/task",
+    "--by": "imitation_error",
     "--communication": "lossy-30",
     "--config": "coop_nav-expert",
     "--data": "coop_nav-medium",
@@ -39,7 +39,6 @@ SAMPLES = {
     "--frame": "world",
     "--id": "coop_nav-other-v0",
     "--like": "coop_nav-expert",
-    "--metric": "return",
     "--noise": "0.5",
     "--note": "license=mit",
     "--observation": "lidar",
@@ -88,9 +87,7 @@ CATALOG = "swarmdata.hub.catalog.catalog"
 EDIT = "swarmdata.building.edit"
 REPAIR = "swarmdata.hub.catalog.repair"
 REGENERATE = "swarmdata.hub.publishing.regenerate"
-TRANSFER = "swarmdata.evaluation.transfer.simulator_transfer"
-TRANSFER_LINE = "transfer idle --task coop_nav --results a --out b.csv"
-PLANNED = ("--task", "--results", "--backend", "--episodes")
+COMPARE = "swarmdata.evaluation.robustness.simulator_transfer:compare_simulators"
 SWEEP = "swarmdata.evaluation.robustness.sweep"
 STUDY = "swarmdata.evaluation.study.run_study"
 CELL = SimpleNamespace(name="bc/a", label="bc", data="a", n_updates=3, key="k")
@@ -183,7 +180,6 @@ CASES = (
                                f"{TWIN}:describe": lambda *shown: str(shown)},
          idle={"--radius": "the fit is replaced", "--drift": "the fit is replaced"}),
     Case("export-policy run a.onnx", ("swarmdata.interop.exported_policies:export_policy",)),
-    Case("learning run --out a", (f"{RESULTS}.online_report:write_online_report",)),
     Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),
          samples={"--by": "td_error"},
          idle={"--out": "the boundary ends the command before it writes"}),
@@ -228,6 +224,8 @@ CASES = (
                                         f"{RESULTS}.evaluation_jobs:run_evaluations"),
          idle={"--budget": "read after the evaluation"}),
     Case("report a --out b", (f"{RESULTS}.report:write_report",)),
+    Case("report run --out b", (f"{RESULTS}.online_report:write_online_report",),
+         {"swarmdata.learn.training.run_files:run_folders": ("run",)}),
     Case("study plan.yaml", (f"{STUDY}:run_study", f"{STUDY}:reproduce_study_cell",
                              f"{STUDY}:list_cells", f"{STUDY}:run_one_cell",
                              f"{STUDY}:collect_study")),
@@ -254,19 +252,7 @@ CASES = (
          samples={**AXES, "--observation": "range=2,1"}),
     Case("sweep expert --out a --observation noise=0..0.2 --collect",
          (f"{SWEEP}:collect_sweep",), samples={**AXES, "--observation": "range=2,1"}),
-    Case(TRANSFER_LINE, (f"{TRANSFER}:plan_transfer",),
-         idle={"--out": "the boundary ends the command before it writes",
-               "--workers": "and before it evaluates", "--engine": "likewise"}),
-    Case(TRANSFER_LINE, (f"{TRANSFER}:run_transfer",), {f"{TRANSFER}:plan_transfer": "a plan"},
-         idle={**dict.fromkeys(PLANNED, "the plan is a stub here"),
-               "--out": "the boundary ends the command before it writes"}),
-    Case(TRANSFER_LINE, ("swarmdata.store:write_file",),
-         {f"{TRANSFER}:plan_transfer": "a plan", f"{TRANSFER}:run_transfer": (),
-          f"{TRANSFER}:transfer_table": "task"}, {"--out": "c.csv"},
-         dict.fromkeys((*PLANNED, "--workers", "--engine"), "all but the file is a stub here")),
-    Case("curves a.csv --out a.png", (f"{RESULTS}.learning_curves:draw_training",
-                                      f"{RESULTS}.learning_curves:draw_learning")),
-    Case("curves a.csv --out a.png --by task", (f"{RESULTS}.learning_curves:draw_learning",)),
+    Case("sweep idle --out a --simulator mujoco", (COMPARE,)),
     Case("warm", ("swarmdata.building.kernel_warmup:warm_kernels",)),
     Case("render idle --out a.gif", (f"{RESULTS}.clips:draw_target",)),
     Case("references coop_nav", (f"{RESULTS}.target_evaluation:measure_references",),

@@ -25,7 +25,6 @@ FOLDERS = {
     "filter": ["{tiny}", "--id", "coop_nav-some-v0"],
     "generate": ["coop_nav-random-mini"],
     "import": ["nothing", "--map", "mrclam", "--id", "hall-monday-v0"],
-    "learning": ["nothing"],
     "pull": ["{shelf}/" + TINY.id],
     "rank": ["nothing"],
     "report": ["nothing"],
@@ -40,12 +39,12 @@ FOLDERS = {
 }
 """Arguments of the commands that write to a folder."""
 
-FILES = {"curves", "fit", "references", "registry update", "render", "task play", "transfer"}
+FILES = {"fit", "references", "registry update", "render", "task play"}
 """Commands whose `--out` names the one file that they write, or that they update."""
 
 READERS = {"catalogue open"}
 
-WITH_TORCH = {"learning", "rank", "ship", "study", "train", "train-online", "tune"}
+WITH_TORCH = {"rank", "ship", "study", "train", "train-online", "tune"}
 """Commands that ask for torch before they look at folders."""
 
 PLANTED = {

@@ -30,7 +30,7 @@ def test_a_page_has_a_claim_one_short_table_a_limit_and_a_command(page: Path) ->
     assert len(re.findall(r"^\| ", text, re.MULTILINE)) <= 1 + 10
     assert text.count("\n![") == (page.stem != "simulators")
     assert "\n## What this does not show\n" in text
-    assert re.search(r"swarmdata (study|transfer) ", text.partition("\nRun it again")[2])
+    assert re.search(r"swarmdata (study|sweep) ", text.partition("\nRun it again")[2])
 
 
 def test_a_changed_number_is_found_in_a_page_and_in_a_file(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from docs.site.make_notebooks import TUTORIALS, cells_of, source_of
+from docs.site.make_notebooks import TUTORIALS, cells_of, notebook_cells, source_of
 
 SOURCES = sorted(TUTORIALS.glob("*.md"))
 
@@ -27,8 +27,14 @@ def test_there_are_tutorials() -> None:
 
 @pytest.mark.parametrize("source", SOURCES, ids=name_of)
 def test_the_notebook_has_the_cells_of_its_source(source: Path) -> None:
-    expected = cells_of(source.read_text(encoding="utf-8"))
-    assert source_of(notebook_of(source)) == expected, "run: make notebooks"
+    assert source_of(notebook_of(source)) == notebook_cells(source), "run: make notebooks"
+
+
+def test_notebooks_open_in_colab_and_install_what_their_page_names_there() -> None:
+    kinds, texts = zip(*notebook_cells(TUTORIALS / "another-environment.md")[:2], strict=True)
+    assert kinds == ("markdown", "code")
+    assert "/blob/main/docs/tutorials/another-environment.ipynb)" in texts[0].split("\n\n")[1]
+    assert texts[1].endswith("    %pip install --quiet 'swarmdata[torch,plots]' mpe2")
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=name_of)

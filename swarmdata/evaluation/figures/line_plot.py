@@ -61,6 +61,7 @@ class LinePanel(NamedTuple):
         yscale: such as `symlog`.
         ticks: place on the horizontal axis -> its text; empty: chosen by matplotlib.
         falls: whether the horizontal axis falls from left to right.
+        counts: whether it has whole numbers.
     """
 
     title: str
@@ -73,6 +74,7 @@ class LinePanel(NamedTuple):
     yscale: str = "linear"
     ticks: Mapping[float, str] = {}
     falls: bool = False
+    counts: bool = False
 
 
 def plot_lines(
@@ -157,6 +159,8 @@ def _draw_panel(axes: Any, panel: LinePanel) -> None:
     axes.xaxis.set_major_formatter(thousands)
     if panel.ticks:
         axes.set_xticks(list(panel.ticks), list(panel.ticks.values()))
+    if panel.counts:
+        axes.xaxis.get_major_locator().set_params(integer=True)
     if panel.xscale == "log":
         axes.minorticks_off()
     if panel.falls and not axes.xaxis_inverted():  # panels of a column share their axis

@@ -1,7 +1,6 @@
-"""Learning curves: reading them, grouping their files, and drawing them."""
+"""Learning curves: reading and drawing them, and the interval of their mean."""
 
 import csv
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +12,7 @@ from swarmdata.drawing.style import line_looks, line_style
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.figures.line_plot import Line, LinePanel, plot_lines
-from swarmdata.learn.training.run_files import CURVE, run_folders
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, Bounds, seed_interval
-from swarmdata.specs.plain_names import repeated
 from swarmdata.types import Double
 
 LAST_PART = 0.2
@@ -80,69 +77,6 @@ def _number(row: Mapping[str, str | None], column: str, path: Path, line: int) -
         ) from error
 
 
-def curve_files(path: Path) -> list[Path]:
-    """Returns the learning curves at a path: of a run folder, those of all its processes.
-
-    Args:
-        path: a CSV file, or the folder of a training run.
-
-    Raises:
-        SchemaError: the folder has none.
-    """
-    if not path.is_dir():
-        return [path]
-    found = [folder / CURVE for folder in run_folders(path)]
-    if not found or not all(file.exists() for file in found):
-        raise SchemaError(
-            f"{path} is no training run with a learning curve; expected the folder of a run in "
-            f"which policies were evaluated, or a copy of its {CURVE}."
-        )
-    return found
-
-
-_GROUP_PATTERNS = {"algorithm": "(?P<algorithm>[^/-]+)", "task": "(?P<task>[^/]+)", "*": "[^/]*"}
-
-GroupedFiles = Mapping[str, Mapping[str, Sequence[Path]]]
-"""Task -> algorithm -> files of its runs."""
-
-
-def group_files(files: Sequence[Path], pattern: str) -> dict[str, dict[str, list[Path]]]:
-    """Groups files of runs by the task and the algorithm in their names.
-
-    Args:
-        files: such as `runs/mappo/coop_nav/curve.csv`, and run folders such as
-            `runs/mappo/coop_nav`.
-        pattern: how paths end, without the suffix, with `algorithm` and `task` once each and `*`
-            for anything; in this example `algorithm/task/*`. Names of tasks may have hyphens,
-            names of algorithms may not.
-
-    Returns:
-        task -> algorithm -> files, in the order of their first file.
-
-    Raises:
-        SchemaError: the pattern lacks a word, or a file does not match it.
-    """
-    parts = re.split(r"(algorithm|task|\*)", pattern)
-    if sorted(part for part in parts if part in ("algorithm", "task")) != ["algorithm", "task"]:
-        raise SchemaError(
-            f"pattern {pattern!r} does not have 'algorithm' and 'task' once each. For "
-            "mappo/coop_nav.csv it is 'algorithm/task'."
-        )
-    expression = "".join(_GROUP_PATTERNS.get(part, re.escape(part)) for part in parts)
-    found: dict[str, dict[str, list[Path]]] = {}
-    for file in files:
-        name = file if file.is_dir() else file.with_suffix("")
-        match = re.search(f"(?:^|/){expression}$", name.as_posix())
-        if match is None:
-            raise SchemaError(
-                f"{file} does not match the pattern {pattern!r}, so its algorithm and task are "
-                "unknown. Rename the files, or pass another --by."
-            )
-        task, algorithm = match["task"], match["algorithm"]
-        found.setdefault(task, {}).setdefault(algorithm, []).extend(curve_files(file))
-    return found
-
-
 def last_gain(curve: Curve) -> float:
     """Mean over runs at the end, minus the mean before the last fifth of the training."""
     before = int((curve.progress <= (1 - LAST_PART) * curve.progress[-1]).sum()) - 1
@@ -201,67 +135,33 @@ def plot_curves(
     }
     lines = [curve_line(names[k], curve, styles[k], factor) for k, curve in curves.items()]
     levels = {label: factor * height for label, height in (references or {}).items()}
-    panel = LinePanel("", lines, xlabel, ylabel, levels)
+    panel = LinePanel("", lines, xlabel, ylabel, levels, counts=True)
     plot_lines([[panel]], path, height=CURVE_HEIGHT)
 
 
-def draw_training(files: Sequence[Path], metric: str, out: Path) -> None:
-    """Draws the learning curves of online runs, one line for each run.
-
-    Args:
-        files: run folders, or copies of `curve.csv`; labels are their names.
-        metric: column to draw; a share in [0, 1] unless it is `return`.
-        out: where to save; the suffix is the format.
-
-    Raises:
-        SchemaError: a folder is no run with a curve, a file is malformed, or two have one name.
-    """
-    labels = [file.name if file.is_dir() else file.stem for file in files]
-    if twice := repeated(labels):
-        raise SchemaError(
-            f"several curves are called {', '.join(twice)}, expected names of their own for the "
-            "lines; rename the folders or files, or group them with --by"
-        )
-    curves = {
-        label: read_curve(curve_files(file), metric, progress="frames")
-        for label, file in zip(labels, files, strict=True)
-    }
-    is_return = metric == "return"
-    plot_curves(
-        curves,
-        out,
-        ylabel="team return" if is_return else f"{metric.replace('_', ' ')} (%)",
-        xlabel="joint steps of training",
-        factor=1.0 if is_return else 100.0,
-    )
-
-
-def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = False) -> None:
+def plot_learning(files: Mapping[str, Mapping[str, Sequence[Path]]], out: Path) -> None:
     """Draws success above and return below, with a column per task and a line per algorithm.
 
     A line is the mean over runs, its band the 95 % interval for new training seeds on the same
     episodes; its label with the number of runs stands at its end.
 
     Args:
-        files: run folders, or CSV files with the columns `frames`, `success`, `return` and, if a
-            file has several runs, `seed`.
-        by: how the files are named, as `group_files` takes it.
+        files: task -> algorithm -> files with the columns `frames`, `success`, `return` and, if
+            a file has several runs, `seed`.
         out: where to save; the suffix is the format.
-        log: whether the axis of joint steps is logarithmic.
 
     Raises:
         SchemaError: there is nothing to draw, a file is malformed, runs of a line were measured at
             different points, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.
     """
-    grouped = group_files(files, by)
-    algorithms = dict.fromkeys(name for lines in grouped.values() for name in lines)
+    algorithms = dict.fromkeys(name for lines in files.values() for name in lines)
     styles = {name: line_style(k) for k, name in enumerate(algorithms)}
     rows: list[list[LinePanel]] = []
     for column, ylabel, factor in METRIC_ROWS:
         is_share = factor != 1.0
         rows.append([])
-        for k, (task, files_of) in enumerate(grouped.items()):
+        for k, (task, files_of) in enumerate(files.items()):
             lines = [
                 _interval_line(name, read_curve(paths, column, progress="frames"), styles[name],
                                factor, SHARE if is_share else UNBOUNDED)
@@ -273,7 +173,7 @@ def draw_learning(files: Sequence[Path], by: str, out: Path, *, log: bool = Fals
                 xlabel="joint steps of training" if len(rows) == len(METRIC_ROWS) else "",
                 ylabel=ylabel if k == 0 else "",
                 limits=(-2.0, 102.0) if is_share else None,
-                xscale="log" if log else "linear",
+                counts=True,
             )
             rows[-1].append(panel)
     plot_lines(rows, out, height=CURVE_HEIGHT, shares_x=True)

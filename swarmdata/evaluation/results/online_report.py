@@ -10,7 +10,7 @@ import numpy as np
 from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.estimate_table import to_csv
-from swarmdata.evaluation.results.learning_curves import draw_learning
+from swarmdata.evaluation.results.learning_curves import plot_learning
 from swarmdata.learn.training.run_files import CURVE, SPEED, read_table, seeds_of
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
@@ -61,12 +61,13 @@ def read_training(run: Path) -> Training:
     return Training(name_of(runs[0].spec), runs[0].algorithm, tuple(curves), speeds)
 
 
-def write_online_report(runs: Sequence[Path], out: Path) -> str:
+def write_online_report(runs: Sequence[Path], out: Path, *, suffix: str = ".png") -> str:
     """Writes `<task>-<algorithm>.csv` for each run, `table.md` and `learning.png`.
 
     Args:
         runs: folders, one for each algorithm and task.
         out: folder to write to.
+        suffix: of the figure: `.png`, `.svg` or `.pdf`.
 
     Returns:
         The table, as Markdown.
@@ -86,12 +87,13 @@ def write_online_report(runs: Sequence[Path], out: Path) -> str:
             )
     table = markdown.table(COLUMNS, [_cells(training) for training in trainings])
     with filled(out, TRAINING_REPORT) as folder:
-        files = []
+        files: dict[str, dict[str, list[Path]]] = {}
         for training in trainings:
-            files.append(folder / f"{training.task}-{training.algorithm}.csv")
-            files[-1].write_bytes(_curve(training))
+            file = folder / f"{training.task}-{training.algorithm}.csv"
+            file.write_bytes(_curve(training))
+            files.setdefault(training.task, {})[training.algorithm] = [file]
         (folder / "table.md").write_text(table, encoding="utf-8")
-        draw_learning(files, "task-algorithm", folder / "learning.png")
+        plot_learning(files, folder / f"learning{suffix}")
     return table
 
 

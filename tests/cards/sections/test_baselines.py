@@ -69,11 +69,18 @@ def test_studies_that_chose_settings_come_after_all_others() -> None:
 
 
 def test_other_datasets_and_other_content_are_not_shown() -> None:
-    none = "No study has been run on this dataset yet.\n"
+    none = "No results on this dataset yet.\n"
     assert none in section()
     assert none in section(study("tiny", make_rows("bc", 1.0, dataset="other-v0")))
     other = study("tiny", make_rows("bc", 1.0, digest="b" * 64))
     assert "used other data with this id" in section(other)
+
+
+def test_a_mini_names_the_card_with_the_results_on_the_whole_dataset() -> None:
+    whole = study("tiny", make_rows("bc", 1.0, dataset="coop_nav-x-v1"))
+    text = baselines_section("coop_nav-x-mini-v1", "c" * 64, [whole])
+    assert "the card of `coop_nav-x-v1`" in text
+    assert "card of" not in baselines_section("coop_nav-y-mini-v1", "c" * 64, [whole])
 
 
 def test_what_was_not_measured_is_a_dash_and_one_episode_has_no_interval() -> None:

@@ -16,8 +16,12 @@ from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results import result_plots
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.results.learning_curves import Curve
-from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
+from swarmdata.evaluation.results.learning_curves import Curve, plot_curves, plot_learning
+from swarmdata.evaluation.results.result_plots import (
+    plot_differences,
+    plot_estimates,
+    plot_score_profiles,
+)
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import read_csv
 from swarmdata.evaluation.study.pages.differences_section import plot_row_differences
@@ -93,6 +97,30 @@ def curves(path: Path) -> None:
                          factor=100.0, n_columns=2, xlabel="joint steps")  # fmt: skip
 
 
+def trials(path: Path) -> None:
+    """The curve of a tuning with three trials."""
+    found = Curve(np.arange(1.0, 4.0), np.array([[40.0, 41.0, 41.5]]))
+    plot_curves({"validation episodes": found, "the data alone": found}, path, xlabel="trials",
+                ylabel="expected score", references={"default": 40.1})  # fmt: skip
+
+
+def online(path: Path) -> None:
+    files: dict[str, dict[str, list[Path]]] = {}
+    for task in TASKS[:3]:
+        for k, name in enumerate(("mappo", "maddpg", "vdn", "qmix")):
+            file = path.with_name(f"{task}-{name}.csv")
+            rows = [f"{1e5 * n},{seed},{0.1 * n},{n - k}\n" for seed in (0, 1) for n in range(1, 9)]
+            file.write_text("frames,seed,success,return\n" + "".join(rows))
+            files.setdefault(task, {})[name] = [file]
+    plot_learning(files, path)
+
+
+def panels(path: Path) -> None:
+    rows = {label: at(9.0 * k) for k, label in enumerate(LABELS)}
+    names = ("score", "success (%)", "clean success (%)", "robot collisions")
+    plot_estimates(dict.fromkeys(names, rows), path, looks=LOOKS)
+
+
 def profiles(path: Path) -> None:
     plot_score_profiles({name: np.full((2, 1, 3), 9.0 * k) for k, name in enumerate(LABELS)},
                         LOOKS, path)  # fmt: skip
@@ -136,6 +164,9 @@ def one_sweep(path: Path) -> None:
         (front_plot, small_fronts),
         (front_plot, large_fronts),
         (line_plot, curves),
+        (line_plot, trials),
+        (line_plot, online),
+        (dot_plot, panels),
         (result_plots, profiles),
         (result_plots, pairs),
         (dot_plot, differences(1, 9)),
@@ -162,6 +193,12 @@ def test_lines_that_end_early_are_joined_to_their_labels(
     drawing = shown_figure(monkeypatch, line_plot, lambda: curves(tmp_path / "a.png"))
     leaders = [sum(not text.get_text() for text in axes.texts) for axes in drawing.axes]
     assert leaders == [3] * len(CONDITIONS)  # of 4 lines
+
+
+def test_ticks_of_counts_are_whole_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawing = shown_figure(monkeypatch, line_plot, lambda: trials(tmp_path / "a.png"))
+    (axes,) = drawing.axes
+    assert all(tick == round(tick) for tick in axes.get_xticks())
 
 
 def test_a_label_that_is_cut_off_or_covered_is_found(

@@ -11,12 +11,9 @@ from hypothesis import strategies as st
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.evaluation.results.learning_curves import (
     Curve,
-    curve_files,
-    draw_learning,
-    draw_training,
-    group_files,
     interval_of,
     plot_curves,
+    plot_learning,
     read_curve,
 )
 from swarmdata.rollouts.score_intervals import SHARE
@@ -28,68 +25,6 @@ CURVE = Curve(np.arange(0.0, 5000.0, 1000.0), np.random.default_rng(0).random((3
 def write(path: Path, text: str) -> Path:
     path.write_text(text)
     return path
-
-
-def paths(*names: str) -> list[Path]:
-    return [Path(name) for name in names]
-
-
-def test_files_are_grouped_by_their_names() -> None:
-    files = paths("runs/mappo/coop_nav.csv", "runs/vdn/coop_nav.csv", "runs/mappo/formation.csv")
-    found = group_files(files, "algorithm/task")
-    assert list(found) == ["coop_nav", "formation"]
-    assert found["coop_nav"] == {"mappo": [files[0]], "vdn": [files[1]]}
-    several = paths("a/coop_nav-n8-qmix/0/curve.csv", "a/coop_nav-n8-qmix/1/curve.csv")
-    assert group_files(several, "task-algorithm/*/*") == {"coop_nav-n8": {"qmix": several}}
-    assert group_files(paths("mappo/coop_nav.csv"), "algorithm/task")["coop_nav"]["mappo"]
-
-
-@pytest.mark.parametrize("pattern", ["algorithm", "task/*", "algorithm/task/task", ""])
-def test_patterns_name_both_once(pattern: str) -> None:
-    with pytest.raises(SchemaError, match="'algorithm' and 'task' once each"):
-        group_files(paths("mappo/coop_nav.csv"), pattern)
-
-
-def test_files_that_do_not_fit_are_named() -> None:
-    with pytest.raises(
-        SchemaError, match=r"coop_nav.csv does not match the pattern 'algorithm-task'"
-    ):
-        group_files(paths("mappo/coop_nav.csv"), "algorithm-task")
-
-
-def write_run(folder: Path) -> Path:
-    """What curves need of a run whose seeds two processes trained."""
-    for seed in (0, 1):
-        inside = folder / f"seeds-{seed}"
-        inside.mkdir(parents=True)
-        (inside / "config.json").write_text("{}")
-        rows = "".join(f"{100 * k},{seed},{0.1 * k},{k}\n" for k in range(1, 4))
-        (inside / "curve.csv").write_text("frames,seed,success,return\n" + rows)
-    return folder
-
-
-def test_a_run_folder_stands_for_its_curves(tmp_path: Path) -> None:
-    run = write_run(tmp_path / "mappo-v1.5" / "coop_nav")
-    files = [run / "seeds-0" / "curve.csv", run / "seeds-1" / "curve.csv"]
-    assert curve_files(run) == files
-    other = write_run(tmp_path / "vdn" / "coop_nav")
-    assert group_files([other], "algorithm/task")["coop_nav"]["vdn"] == curve_files(other)
-    with pytest.raises(SchemaError, match="is no training run with a learning curve"):
-        curve_files(tmp_path)
-    (files[1]).unlink()
-    with pytest.raises(SchemaError, match="is no training run with a learning curve"):
-        curve_files(run)
-
-
-def test_runs_and_files_are_drawn_together(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="figures need the plots extra")
-    run = write_run(tmp_path / "mappo")
-    copy = tmp_path / "vdn.csv"
-    copy.write_text((run / "seeds-0" / "curve.csv").read_text())
-    draw_training([run, copy], "success", tmp_path / "curves.svg")
-    assert (tmp_path / "curves.svg").stat().st_size > 1000
-    with pytest.raises(SchemaError, match="several curves are called mappo"):
-        draw_training([run, tmp_path / "mappo.csv"], "success", tmp_path / "curves.svg")
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
@@ -113,8 +48,8 @@ def test_the_band_of_a_share_ends_at_none_and_all() -> None:
     assert high.max() == 1.0
 
 
-def write_runs(folder: Path, seeds: int = 2) -> list[Path]:
-    files = []
+def write_runs(folder: Path, seeds: int = 2) -> dict[str, dict[str, list[Path]]]:
+    files: dict[str, dict[str, list[Path]]] = {}
     for task in ("coop_nav", "formation"):
         for algorithm in ("mappo", "vdn"):
             file = folder / f"{task}-{algorithm}.csv"
@@ -123,15 +58,15 @@ def write_runs(folder: Path, seeds: int = 2) -> list[Path]:
                 for seed in range(seeds)
                 for frames in (100_000, 500_000, 900_000)
             ]
-            files.append(write(file, "frames,seed,success,return\n" + "\n".join(rows) + "\n"))
+            write(file, "frames,seed,success,return\n" + "\n".join(rows) + "\n")
+            files.setdefault(task, {})[algorithm] = [file]
     return files
 
 
-@pytest.mark.parametrize("log", [False, True])
-def test_figure_names_tasks_algorithms_and_runs(tmp_path: Path, log: bool) -> None:
+def test_figure_names_tasks_algorithms_and_runs(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     out = tmp_path / "learning.svg"
-    draw_learning(write_runs(tmp_path), "task-algorithm", out, log=log)
+    plot_learning(write_runs(tmp_path), out)
     text = out.read_text()
     for label in ("coop_nav", "formation", "team success (%)", "team return"):
         assert f"<!-- {label} -->" in text
@@ -142,11 +77,11 @@ def test_figure_names_tasks_algorithms_and_runs(tmp_path: Path, log: bool) -> No
 def test_malformed_files_leave_no_figure(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     files = write_runs(tmp_path)
-    files[1].write_text("frames,success\n1,0.5\n")
+    files["formation"]["vdn"][0].write_text("frames,success\n1,0.5\n")
     with pytest.raises(SchemaError, match="column 'return' is None"):
-        draw_learning(files, "task-algorithm", tmp_path / "x.png")
+        plot_learning(files, tmp_path / "x.png")
     with pytest.raises(SchemaError, match="no curves to draw"):
-        draw_learning([], "task-algorithm", tmp_path / "x.png")
+        plot_learning({}, tmp_path / "x.png")
     assert not (tmp_path / "x.png").exists()
 
 

@@ -19,7 +19,9 @@ from swarmdata.evaluation.runs.algorithm_choice import (
     choose_algorithm,
     choose_for,
 )
+from tests.benchmarks import measuring
 from tests.benchmarks.fit_auto import Row, choices, fit, read_rows, regrets, report, rounded
+from tests.benchmarks.measuring import long_tables_as_files
 from tests.support.tiny import make_tiny
 
 
@@ -128,6 +130,21 @@ def test_left_out_datasets_lose_little_as_the_page_of_measurements_says() -> Non
     fixed = [found[f"always `{name}`"] for name in CANDIDATES]
     assert np.mean(auto) < min(map(np.mean, fixed)) / 3
     assert np.mean(found["best of the three"]) <= np.mean(auto)
+
+
+def test_the_page_of_measurements_has_these_tables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = measuring.PAGE.read_text(encoding="utf-8")
+    committed = {file.name: file.read_bytes() for file in measuring.TABLES.iterdir()}
+    monkeypatch.setattr(measuring, "TABLES", tmp_path / "measurements")
+    ways, datasets = long_tables_as_files("Choosing an algorithm", report(read_rows())).split(
+        "\n\n"
+    )
+    assert ways.strip() in page
+    assert datasets.strip() in page, "a link"
+    (file,) = measuring.TABLES.iterdir()
+    assert file.read_bytes() == committed[file.name]
 
 
 def test_thresholds_are_in_the_widest_gaps_that_lose_nothing() -> None:

@@ -2,18 +2,17 @@
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.evaluation.transfer.simulator_transfer import (
+from swarmdata.evaluation.robustness.simulator_transfer import (
     TeamTransfer,
-    plan_transfer,
+    compare_simulators,
     rank_agreement,
-    run_transfer,
-    transfer_table,
 )
 
 ROOT = Path(__file__).parents[3]
@@ -21,11 +20,20 @@ ROOT = Path(__file__).parents[3]
 NAMES = ("idle", "random", "straight")
 
 
+def compared(names: Sequence[str], out: Path, n_episodes: int) -> list[TeamTransfer]:
+    return compare_simulators(
+        names, out, backend="kinematic", task="coop_nav", n_episodes=n_episodes, progress=False
+    )
+
+
 @pytest.fixture(scope="module")
-def teams(tmp_path_factory: pytest.TempPathFactory) -> list[TeamTransfer]:
-    folder = tmp_path_factory.mktemp("results")
-    planned = plan_transfer(NAMES, ["coop_nav"], folder, backend="kinematic", n_episodes=3)
-    return run_transfer(planned, progress=False)
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("out")
+
+
+@pytest.fixture(scope="module")
+def teams(out: Path) -> list[TeamTransfer]:
+    return compared(NAMES, out, 3)
 
 
 def test_both_simulators_play_the_same_episodes(teams: list[TeamTransfer]) -> None:
@@ -54,23 +62,24 @@ def test_scores_are_on_the_scale_of_the_first(teams: list[TeamTransfer]) -> None
 
 
 def test_an_interrupted_transfer_resumes(tmp_path: Path) -> None:
-    planned = plan_transfer(["idle"], ["coop_nav"], tmp_path, backend="kinematic", n_episodes=2)
-    run_transfer(planned, progress=False)
-    written = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
+    compared(["idle"], tmp_path, 2)
+    results = tmp_path / "results"
+    written = {path: path.stat().st_mtime_ns for path in results.iterdir()}
     assert len(written) == 2
-    run_transfer(planned, progress=False)
-    assert written == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
+    compared(["idle"], tmp_path, 2)
+    assert written == {path: path.stat().st_mtime_ns for path in results.iterdir()}
 
 
 def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match="simulated by pymunk already"):
-        plan_transfer(["idle"], ["coop_nav"], tmp_path, backend="pymunk")
+    with pytest.raises(SpecError, match="idle acts in pymunk already"):
+        compare_simulators(["idle"], tmp_path, backend="pymunk")
     with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
-        plan_transfer(["idle"], ["coop_nav"], tmp_path, backend="mujoko")
+        compare_simulators(["idle"], tmp_path, backend="mujoko")
+    assert not list(tmp_path.iterdir())
 
 
-def test_the_table_has_what_was_measured(teams: list[TeamTransfer]) -> None:
-    rows = list(csv.DictReader(io.StringIO(transfer_table(teams))))
+def test_the_table_has_what_was_measured(teams: list[TeamTransfer], out: Path) -> None:
+    rows = list(csv.DictReader(io.StringIO((out / "simulators.csv").read_text())))
     found = {
         (row["team"], row["quantity"], row["backend"]): float(row["mean"])
         for row in rows

@@ -1,7 +1,10 @@
-"""Plays the same policies in two simulators, on the same seeds and layouts.
+"""Evaluates policies in another simulator too, on the same seeds and layouts.
 
-A task's spec says in which simulator its policies were trained or written; the other one is given.
-Scores of both are on the scale of the first, so that a loss is visible.
+results/           result files of both simulators
+simulators.csv     scores and counts side by side, their changes, and the agreement of the ranks
+
+A task's spec says in which simulator its policies were trained or written. Scores of both are on
+the scale of that one, so that a loss is visible. An interrupted comparison resumes.
 """
 
 import math
@@ -24,11 +27,18 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 )
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import reference_of
+from swarmdata.evaluation.robustness.sweep import RESULTS_FOLDER
 from swarmdata.evaluation.runs.job_options import JobOptions
+from swarmdata.registry.presets import name_of
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled
 from swarmdata.types import Double
+
+COMPARISON = OutputKind("comparison of simulators")
+
+TABLE_FILE = "simulators.csv"
 
 LEAST_RANKED = 3
 """Policies from which on a rank correlation is computed."""
@@ -39,7 +49,7 @@ class TeamTransfer:
     """A team in two simulators; tables are [K policies, E episodes].
 
     Attributes:
-        task: as it was asked for.
+        task: name of its preset, where the spec is one.
         label: of the team.
         backends: the simulators, that of the task first.
         known: result of each policy in the first simulator.
@@ -76,78 +86,66 @@ def _table(results: Sequence[Result], name: str) -> Double:
     return np.stack([result.evaluation.metrics[name] for result in results])
 
 
-@dataclass(frozen=True, eq=False)
-class Transfer:
-    """What there is to evaluate.
-
-    Attributes:
-        backend: the other simulator.
-        teams: task, evaluations in its own simulator, and in the other.
-    """
-
-    backend: str
-    teams: tuple[tuple[str, tuple[Evaluation, ...], tuple[Evaluation, ...]], ...]
-
-
-def plan_transfer(
+def compare_simulators(
     names: Sequence[str],
-    tasks: Sequence[str],
-    results: Path,
+    out: Path,
     *,
     backend: str = "mujoco",
+    task: str | None = None,
     n_episodes: int = 200,
-) -> Transfer:
-    """Finds all teams, before anything is evaluated.
+    **options: Unpack[JobOptions],
+) -> list[TeamTransfer]:
+    """Evaluates teams in their own simulator and in another one, and writes the table.
+
+    All teams are found before anything is evaluated.
 
     Args:
         names: policies, tiers and run folders, as `find_target` takes them.
-        tasks: presets or spec files, in which each of them acts.
-        results: folder of result files; an interrupted transfer resumes in it.
+        out: folder; an interrupted comparison resumes in it.
         backend: the other simulator.
+        task: preset or spec file in which they act, as `find_target` takes it.
         n_episodes: number of reserved seeds, the same for all.
+        options: where policies are evaluated.
 
     Raises:
+        OutputError: `out` has files that no comparison wrote.
         UnknownNameError: no such team, task or simulator.
-        SpecError: a task has that simulator itself.
-        PolicyFitError: a team cannot act in a task.
-    """
-    teams = []
-    for task in tasks:
-        for name in names:
-            pairs = []
-            for simulator in (None, backend):
-                source = TargetName.of(name, task, backend=simulator)
-                found = source.find()
-                pairs.append(tuple(evaluations_of(source, found, n_episodes, results)))
-            known, new = pairs
-            if known[0].spec.backend == new[0].spec.backend:
-                raise SpecError(
-                    f"{task} is simulated by {backend} already, expected another simulator; name "
-                    "another one with --backend"
-                )
-            teams.append((task, known, new))
-    return Transfer(backend, tuple(teams))
-
-
-def run_transfer(planned: Transfer, **options: Unpack[JobOptions]) -> list[TeamTransfer]:
-    """Evaluates what is not there yet.
-
-    Raises:
+        SpecError: a team has that simulator itself, or its task has no score.
+        PolicyFitError: a team cannot act in the task.
         SwarmdataError: as `run_evaluations` says.
         MissingExtraError: a simulator is not installed.
     """
-    every = [each for _, known, new in planned.teams for each in (*known, *new)]
+    check_output(out, COMPARISON, RESULTS_FOLDER)
+    planned = [_plan(name, task, backend, n_episodes, out / RESULTS_FOLDER) for name in names]
+    every = [each for pair in planned for found in pair for each in found]
     run_evaluations(every, **options)
-    return [
+    teams = [
         TeamTransfer(
-            task,
+            name_of(known[0].spec),
             known[0].provenance.label,
             (known[0].spec.backend, new[0].spec.backend),
             tuple(collect_evaluations(known)),
             tuple(collect_evaluations(new)),
         )
-        for task, known, new in planned.teams
+        for known, new in planned
     ]
+    with filled(out, COMPARISON, besides=RESULTS_FOLDER) as folder:
+        (folder / TABLE_FILE).write_text(transfer_table(teams), encoding="utf-8")
+    return teams
+
+
+def _plan(
+    name: str, task: str | None, backend: str, n_episodes: int, results: Path
+) -> tuple[list[Evaluation], list[Evaluation]]:
+    """The evaluations of a team in its own simulator, and in the other."""
+    sources = [TargetName.of(name, task, backend=each) for each in (None, backend)]
+    known, new = (evaluations_of(each, each.find(), n_episodes, results) for each in sources)
+    if known[0].spec.backend == new[0].spec.backend:
+        raise SpecError(
+            f"{name} acts in {backend} already, expected another simulator; name another one with "
+            "--simulator"
+        )
+    return known, new
 
 
 def rank_agreement(teams: Sequence[TeamTransfer]) -> Estimate | None:

@@ -1,1 +1,0 @@
-"""Policies of one simulator in another one."""
