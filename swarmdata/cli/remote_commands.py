@@ -30,13 +30,13 @@ def push(
     The upload is atomic: other users see the whole dataset or nothing of it.
     """
     from swarmdata.hub.catalog.catalog import find_folder
-    from swarmdata.hub.publishing.blockers import find_blockers
+    from swarmdata.hub.catalog.repair import find_blockers
     from swarmdata.hub.publishing.metadata import write_beside
     from swarmdata.hub.remotes.addresses import open_remote
     from swarmdata.hub.remotes.release_files import push as push_to
 
     remote, folder = open_remote(address), find_folder(dataset)
-    release = push_to(folder, remote, lambda each: find_blockers(each, remote), write_beside)
+    release = push_to(folder, remote, find_blockers, write_beside)
     typer.echo(f"{release.id} is published at {release.address}")
 
 

@@ -25,7 +25,6 @@ SMALL_AND_ALONE = [
     "swarmdata.catalogue.pages.card_html",
     "swarmdata.catalogue.replays.episode_choice",
     "swarmdata.envs.physics.kinematic",
-    "swarmdata.hub.publishing.blockers",
     "swarmdata.registry.ablations",
     "swarmdata.rollouts.spec_check",
 ]

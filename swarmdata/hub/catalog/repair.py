@@ -1,5 +1,7 @@
 """Names all damage of a dataset's folder, card included, and replaces only what is broken.
 
+What is named also keeps a dataset from being published.
+
 A broken file is fetched from a remote or made again from the recipe in a scratch folder, compared
 with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is recomputed from
 sound arrays, fetched, or made again; it is believed only where the published digests, or all the
@@ -13,6 +15,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from swarmdata.audit import problems_of
 from swarmdata.building.build import build
 from swarmdata.cards import side_files
 from swarmdata.cards.card import write_card
@@ -36,7 +39,7 @@ from swarmdata.specs.origins import Origin, parse_origin
 from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.specs.origins.foreign_origin import missing_parts
 from swarmdata.specs.recipe import Recipe
-from swarmdata.store import Manifest, read_manifest, remove_leftovers, write_file
+from swarmdata.store import Manifest, open_store, read_manifest, remove_leftovers, write_file
 from swarmdata.store.arrays.layout import CARD, CHECKPOINTS, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.damage import Damage, find_damage
@@ -55,6 +58,20 @@ class Repair:
 
     file: str  # relative to the dataset's folder
     how: str  # where the right bytes came from
+
+
+def find_blockers(folder: Path) -> tuple[str, ...]:
+    """Returns a sentence for each reason why a dataset may not be published anywhere.
+
+    The audit judges its files and its card; an id of the package means the same everywhere. That a
+    remote has another dataset of this version is for `Remote.publish` to say.
+    """
+    try:
+        problems = problems_of(folder)
+        identity = judge(open_store(folder, "none", widths=True).manifest)
+    except DatasetError as error:
+        return (str(error),)  # nothing else of it can be trusted
+    return problems if identity.is_as_named else (*problems, f"{identity.sentence}.")
 
 
 def examine(path: Path) -> tuple[Damage, ...]:
