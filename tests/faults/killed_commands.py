@@ -1,22 +1,18 @@
 """Kills commands that write folders of results, and looks after each kill.
 
-    python -m tests.faults.killed_commands COMMAND FOLDER points NUMBER
-    python -m tests.faults.killed_commands COMMAND FOLDER times NUMBER
+    python -m tests.faults.killed_commands COMMAND FOLDER NUMBER
 
-`points` kills before changes of the disk that are spread over all of them, `times` at random
-moments. After each kill, worker processes have to end by themselves; then the same command has to
-end well, leave the bytes of one that nobody disturbed, and no leftovers.
+It kills before changes of the disk that are spread over all of them. After each kill, worker
+processes have to end by themselves; then the same command has to end well, leave the bytes of one
+that nobody disturbed, and no leftovers.
 """
 
 import ctypes
 import importlib
 import json
 import os
-import random
 import shutil
-import signal
 import sys
-import threading
 import time
 import warnings
 from collections.abc import Callable
@@ -79,21 +75,19 @@ def _ignore(result: object) -> None:
     """A child returns nothing."""
 
 
-def same_bytes(command: Words, root: Path) -> tuple[dict[str, bytes], float]:
-    """What undisturbed runs agree in, and how long the second took, in seconds.
+def same_bytes(command: Words, root: Path) -> dict[str, bytes]:
+    """What two undisturbed runs agree in.
 
     Files with measured times and dates differ between any two runs, and are not compared.
     """
-    found, seconds = [], 0.0
+    found = []
     for name in ("one", "two"):
         place = root / name / "place"
         place.mkdir(parents=True)
-        began = time.monotonic()
         assert forked(lambda place=place: run_command(*command(place))) == 0  # type: ignore[misc]
-        seconds = time.monotonic() - began
         found.append(content(place))
     assert found[0].keys() == found[1].keys()
-    return {name: text for name, text in found[0].items() if found[1][name] == text}, seconds
+    return {name: text for name, text in found[0].items() if found[1][name] == text}
 
 
 def number_of_changes(command: Words, place: Path) -> int:
@@ -116,21 +110,6 @@ def number_of_changes(command: Words, place: Path) -> int:
     return int(os.read(read, 20))
 
 
-def killed_after(seconds: float, work: Callable[[], None]) -> bool:
-    """Runs something and kills it after a time; False: it ended before."""
-
-    def run() -> None:
-        timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGKILL))
-        timer.daemon = True
-        timer.start()
-        work()
-        timer.cancel()
-
-    code = forked(run)
-    assert code in (0, -signal.SIGKILL), f"after {seconds} s: the command failed"
-    return code != 0
-
-
 def wait_for_orphans() -> None:
     """Waits until the worker processes of killed commands have ended by themselves."""
     deadline = time.monotonic() + 120
@@ -143,13 +122,11 @@ def wait_for_orphans() -> None:
         time.sleep(0.0 if ended else 0.05)
 
 
-def survived(command: Words, root: Path, how: str, number: int) -> dict[str, float]:
+def survived(command: Words, root: Path, number: int) -> dict[str, int]:
     """Kills a command so many times, each time in a new folder; raises if anything is lost."""
-    expected, seconds = same_bytes(command, root)
-    n_changes = 0
-    if how == "points":
-        n_changes = number_of_changes(command, root / "counted" / "place")
-    draw, n_kills = random.Random(0), 0
+    expected = same_bytes(command, root)
+    n_changes = number_of_changes(command, root / "counted" / "place")
+    n_kills = 0
     for index in range(number):
         place = root / f"kill-{index}" / "place"
         place.mkdir(parents=True)
@@ -157,10 +134,7 @@ def survived(command: Words, root: Path, how: str, number: int) -> dict[str, flo
         def work(place: Path = place) -> None:
             run_command(*command(place))
 
-        if how == "points":
-            n_kills += killed_at(n_changes * (2 * index + 1) // (2 * number), work)
-        else:
-            n_kills += killed_after(draw.uniform(0.0, seconds), work)
+        n_kills += killed_at(n_changes * (2 * index + 1) // (2 * number), work)
         wait_for_orphans()
         sys.stderr.write(f"kill {n_kills}: {len(content(place))} files are there\n")
         assert forked(work) == 0, index
@@ -171,15 +145,15 @@ def survived(command: Words, root: Path, how: str, number: int) -> dict[str, flo
         left = list(place.rglob(f"{TEMPORARY_PREFIX}*"))
         assert not left, (index, left)
         shutil.rmtree(place)
-    return {"tries": number, "kills": n_kills, "seconds": round(seconds, 2)}
+    return {"tries": number, "kills": n_kills}
 
 
 def main() -> None:
-    name, folder, how, number = sys.argv[1], Path(sys.argv[2]), sys.argv[3], int(sys.argv[4])
+    name, folder, number = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
     warnings.simplefilter("error")
     import_first()
-    found = survived(make_inputs(folder)[name], folder, how, number)
+    found = survived(make_inputs(folder)[name], folder, number)
     print(json.dumps({"command": name, **found}))
 
 

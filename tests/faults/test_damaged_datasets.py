@@ -31,7 +31,7 @@ from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.damage import find_damage
 from swarmdata.store.manifest import Manifest
 from swarmdata.testing.synthetic import make_dataset
-from tests.support.tiny import flip, sign
+from tests.support.tiny import sign
 
 FILES = [
     *(array_file(name, len(field.dimensions)) for name, field in FIELDS.items()),
@@ -84,32 +84,14 @@ def refused(dataset: Path, name: str, verify: Any, expected: Any, advice: str) -
     file.write_bytes(content)
 
 
-@pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
-def test_flipped_bit(dataset: Path, place: float) -> None:
-    for name in FILES:
-        expected = (ChecksumError, ManifestError) if name == "manifest.json" else ChecksumError
-        with refused(dataset, name, "fast", expected, "--repair") as content:
-            flip(dataset / name, round(place * (len(content) - 1)), 2)
-
-
-def test_flipped_bit_names_the_chunk(dataset: Path) -> None:
-    file = dataset / array_file("actions", 3)
-    content = bytearray(file.read_bytes())
-    content[20] ^= 1
-    file.write_bytes(content)
-    with pytest.raises(ChecksumError, match=r"chunk 0 of 1 \(rows 0 to \d+ of 'actions'\)"):
-        open_store(dataset)
-
-
-@pytest.mark.parametrize("verify", ["none", "fast", "full"])
-def test_missing_file(dataset: Path, verify: Any) -> None:
+def test_missing_file(dataset: Path) -> None:
     for name in FILES:
         expected = MissingManifestError if name == "manifest.json" else MissingFileError
-        with refused(dataset, name, verify, expected, "--repair"):
+        with refused(dataset, name, "none", expected, "--repair"):
             (dataset / name).unlink()
 
 
-@pytest.mark.parametrize("keep", [0.0, 0.5, 0.99])
+@pytest.mark.parametrize("keep", [0.0, 0.99])
 def test_truncated_file(dataset: Path, keep: float) -> None:
     for name in FILES:
         expected = ManifestError if name == "manifest.json" else TruncatedFileError

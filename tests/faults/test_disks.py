@@ -22,9 +22,9 @@ from tests.support.tiny import TINY, abandoned, flip, make_tiny
 pytestmark = pytest.mark.usefixtures("one_process")
 
 
-@pytest.fixture(scope="module")
-def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return read_manifest(make_tiny(tmp_path_factory.mktemp("digest") / "d")).digest
+@pytest.fixture
+def digest(tiny: Path) -> str:
+    return read_manifest(tiny).digest
 
 
 def seen(trouble: Callable[..., None], folder: Path, *names: str) -> dict[str, Any]:
@@ -96,11 +96,7 @@ def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> 
     assert "set SWARMDATA_CACHE or NUMBA_CACHE_DIR" in fresh
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["with spaces", "ünï-çødé 群", "[a]*?{b}", "'quoted\"", "n" * 200],
-    ids=["spaces", "unicode", "patterns", "quotes", "long"],
-)
+@pytest.mark.parametrize("name", ["ünï çødé 群 [a]*?{b} 'quoted\"", "n" * 200], ids=["all", "long"])
 def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> None:
     """Row 31: a dataset may be anywhere."""
     abandoned(tmp_path / name / name)

@@ -3,7 +3,6 @@
 import json
 import multiprocessing
 import os
-import pickle
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -14,8 +13,6 @@ from typer.testing import CliRunner
 
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ChecksumError
-from swarmdata.runtime.locking import locked
 from swarmdata.specs.task_spec import TaskSpec
 from tests.faults.kill_points import survive
 from tests.faults.load_one import load_tiny
@@ -87,54 +84,10 @@ def test_processes_that_load_one_uncached_id_make_one_build(
     assert len(notes.read_text().split()) == 1
 
 
-def test_a_free_lock_leaves_nothing(tmp_path: Path) -> None:
-    """Row 05: and an error inside releases it."""
-
-    def fail() -> None:
-        with locked(tmp_path / "d"):
-            assert (tmp_path / ".d.lock").read_text().startswith(f"process {os.getpid()} on ")
-            raise ZeroDivisionError
-
-    for _ in range(2):
-        with pytest.raises(ZeroDivisionError):
-            fail()
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., Path]) -> Dataset:
     out = tmp_path_factory.mktemp("shared") / "d"
     return Dataset.open(record(out, TaskSpec(horizon=20), ("random", "straight")))
-
-
-def test_a_dataset_pickles_as_a_path(dataset: Dataset) -> None:
-    """Row 33: workers map the files, they do not receive the arrays."""
-    view = dataset.filter(policy="random")
-    content = pickle.dumps(view)
-    again = pickle.loads(content)
-    assert len(content) < 10_000
-    assert (again.digest, again.n_steps, len(again)) == (view.digest, view.n_steps, len(view))
-    np.testing.assert_array_equal(again[1].states, view[1].states)
-    assert not again.stored.arrays["states"].flags.writeable
-
-
-def test_a_pickled_view_keeps_what_was_computed(dataset: Dataset) -> None:
-    """Row 33: a reobservation is mapped, or computed again."""
-    seen = dataset.reobserve("lidar-8", progress=False)
-    again = pickle.loads(pickle.dumps(seen))
-    assert again.view == seen.view
-    np.testing.assert_array_equal(again[0].observations, seen[0].observations)
-
-
-def test_a_dataset_replaced_after_pickling_is_refused(
-    tmp_path: Path, record: Callable[..., Path]
-) -> None:
-    """Row 33: two processes never see two datasets under one name."""
-    content = pickle.dumps(Dataset.open(record(tmp_path / "d", TaskSpec(horizon=20), ("random",))))
-    (tmp_path / "d").rename(tmp_path / "old")
-    record(tmp_path / "e", TaskSpec(horizon=20), ("straight",)).rename(tmp_path / "d")
-    with pytest.raises(ChecksumError, match="replaced meanwhile"):
-        pickle.loads(content)
 
 
 def _sum(dataset: Dataset, index: int) -> float:

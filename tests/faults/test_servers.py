@@ -139,19 +139,6 @@ def test_faults_that_pass(
     assert all(fault.times == 0 for fault in server.faults)
 
 
-def test_several_faults_of_a_hub_at_once(on_a_hub: Served, dataset: Path, tmp_path: Path) -> None:
-    """Row 22: and row 23, in one pull."""
-    server, remote, release = on_a_hub
-    server.faults = [
-        Fault(pattern(server, "manifest.json"), 503, times=1),
-        Fault(pattern(server, "recipe.json"), corrupt=True, times=1),
-        Fault(pattern(server, ARRAY), cut=700, times=1),
-        Fault(pattern(server, "data.zarr/zarr.json"), 429, {"Retry-After": "0"}, times=1),
-    ]
-    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
-    assert all(fault.times == 0 for fault in server.faults)
-
-
 @pytest.mark.parametrize("fault", [{"status": 503}, {"lose": True}], ids=["503", "hang up"])
 def test_faults_that_stay(
     served: Served,
@@ -185,28 +172,6 @@ def test_faults_of_asking(served: Served) -> None:
         remote.find(ID)
     server.faults = [Fault("v0", 503, times=1)]
     assert remote.find(ID) == release
-
-
-@pytest.mark.slow
-def test_a_stalled_hub_is_left(
-    on_a_hub: Served, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Row 22: a server that sends nothing more is left, and asked again."""
-    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_DOWNLOAD_TIMEOUT", 2.0)
-    server, remote, release = on_a_hub
-    server.faults = [Fault(pattern(server, ARRAY), stall=9.0, times=1)]
-    assert is_pulled(pull(remote, release, tmp_path / ID, progress=False), dataset)
-
-
-@pytest.mark.slow
-def test_a_silent_hub_is_left(
-    on_a_hub: Served, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Row 22: so is one that takes a question and says nothing."""
-    monkeypatch.setattr("swarmdata.hub.remotes.hosts.hub_calls.TIMEOUT_SECONDS", 2.0)
-    server, _, release = on_a_hub
-    server.faults = [Fault("GET .*/revision/", stall=9.0, times=1)]
-    assert HubRemote("hf://org", backoff=backoff).find(ID) == release
 
 
 def test_no_such_host(hub: LoopbackHub, backoff: Backoff, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,8 +22,7 @@ from tests.hub.remotes.faults import Clock, Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
 from tests.support.at_once import Forked
-from tests.support.one_process import use_one_process
-from tests.support.tiny import TINY, make_tiny
+from tests.support.tiny import TINY
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
@@ -81,14 +80,12 @@ def test_a_least_rate_of_bodies(
 
 @pytest.mark.usefixtures("one_file_at_a_time")
 def test_the_next_source_is_asked(
-    tmp_path: Path, hub: LoopbackHub, clock: Clock, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tiny: Path, hub: LoopbackHub, clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 59: `load` goes on to the next remote, and says why."""
-    use_one_process(monkeypatch)
     defaults = Backoff.__init__.__defaults__ or ()
     monkeypatch.setattr(Backoff.__init__, "__defaults__", (*defaults[:-1], lambda seconds: None))
     monkeypatch.setenv("SWARMDATA_LEAST_RATE", "1e3")
-    tiny = make_tiny(tmp_path / "source" / TINY.id)
     root = tmp_path / "host"
     root.mkdir()
     FolderRemote(f"file://{root}").publish(tiny, TINY.id)
@@ -165,12 +162,7 @@ def interrupted(server: FaultyServer, *arguments: str) -> tuple[int | None, str]
 
 @pytest.mark.parametrize(
     ("file", "fault"),
-    [
-        ("manifest.json", slow_headers),
-        (ARRAY, slow_body),
-        pytest.param("manifest.json", slow_body, marks=pytest.mark.slow),
-        pytest.param(ARRAY, slow_headers, marks=pytest.mark.slow),
-    ],
+    [(ARRAY, slow_body), pytest.param("manifest.json", slow_headers, marks=pytest.mark.slow)],
 )
 def test_ctrl_c_ends_a_pull_from_a_slow_server(
     host: StaticHost, tmp_path: Path, file: str, fault: Callable[[str], Fault]

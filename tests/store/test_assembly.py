@@ -1,10 +1,5 @@
 import dataclasses
 import json
-import multiprocessing
-import os
-import re
-import signal
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +13,6 @@ from swarmdata.errors import (
     TruncatedFileError,
 )
 from swarmdata.runtime.atomic import new_folder, write_file
-from swarmdata.store import open_store, remove_leftovers
 from swarmdata.store.assembly import assemble
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.parts import read_part_table, write_part
@@ -144,53 +138,6 @@ def test_assembling_again_keeps_the_dataset(tmp_path: Path) -> None:
     (tmp_path / "ds" / "manifest.json").unlink()
     with pytest.raises(BuildError, match="not a finished dataset"):
         assemble(tmp_path / "ds", recipe=recipe, parts=parts, order=order)
-
-
-def _assemble(root: Path) -> None:
-    recipe = make_recipe(40, n_policies=2)
-    order = merge_order(recipe, LENGTHS).order
-    assemble(root / "ds", recipe=recipe, parts=_parts(root), order=order)
-
-
-def _parts(root: Path) -> dict[int, list[Path]]:
-    return {p: sorted((root / "parts").glob(f"policy-{p}-*")) for p in range(2)}
-
-
-def test_two_processes_publish_one_dataset(tmp_path: Path) -> None:
-    write_streams(tmp_path / "parts", make_streams(LENGTHS))
-    context = multiprocessing.get_context("spawn")
-    workers = [context.Process(target=_assemble, args=(tmp_path,)) for _ in range(2)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join(300)
-    assert [worker.exitcode for worker in workers] == [0, 0]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["ds", "parts"]
-    assert open_store(tmp_path / "ds", "full").manifest.n_steps >= 40
-
-
-def _publish_forever(root: Path) -> None:
-    recipe = make_recipe(40, n_policies=2)
-    order = merge_order(recipe, LENGTHS).order
-    for index in range(10_000):
-        assemble(root / f"ds-{index}", recipe=recipe, parts=_parts(root), order=order)
-
-
-def test_kill_at_any_time_leaves_only_whole_datasets(tmp_path: Path) -> None:
-    write_streams(tmp_path / "parts", make_streams(LENGTHS))
-    worker = multiprocessing.get_context("spawn").Process(target=_publish_forever, args=(tmp_path,))
-    worker.start()
-    deadline = time.monotonic() + 300
-    while not (tmp_path / "ds-1").exists() and time.monotonic() < deadline:
-        time.sleep(0.005)
-    assert worker.pid is not None
-    os.kill(worker.pid, signal.SIGKILL)
-    worker.join()
-    published = list(tmp_path.glob("ds-*"))
-    assert len(published) >= 2
-    assert len({open_store(path, "full").manifest.digest for path in published}) == 1
-    remove_leftovers(tmp_path, re.compile(r"ds-\d+"))
-    assert {path.name for path in tmp_path.iterdir()} == {"parts", *(p.name for p in published)}
 
 
 def test_write_file_replaces_in_one_step(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def columns_of(attributes: dict[str, Any]) -> Iterator[list[dict[str, Any]]]:
     yield from attributes.get("columns_of_agents", {}).values()
 
 
-def check(env: VecEnv) -> None:
+def check(env: VecEnv) -> dict[str, dict[str, Any]]:
     """Every array is described, and every column of those that have some."""
     shapes = shapes_of(env)
     described = attributes_of(recipe_of(env.spec), shapes)
@@ -89,6 +89,7 @@ def check(env: VecEnv) -> None:
             assert all(column["name"] and column["meaning"] for column in columns), name
             assert {column["frame"] for column in columns} <= {"", *FRAME_MEANINGS}, name
             assert {column["unit"] for column in columns} <= {"", "m", "m/s", "rad/s", "s"}, name
+    return described
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -100,14 +101,7 @@ def test_every_column_of_every_preset_is_named(name: str) -> None:
     assert shapes["observations"] == (n, env.observation_size)
     assert shapes["states"] == (env.state_size,)
     assert shapes["actions"] == (n, env.action_size)
-
-
-@pytest.mark.parametrize(
-    ("task", "observation", "channel"), pairwise(tuple(TASKS), OBSERVATIONS, CHANNELS)
-)
-def test_every_column_of_every_model_is_named(task: str, observation: str, channel: str) -> None:
-    model, radio = observation_model(observation), communication_model(channel)
-    check(make_env(preset(task).with_updates(observation=model, communication=radio)))
+    check_weights(env.task)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -116,9 +110,8 @@ def test_every_task_names_its_own_columns(task: str) -> None:
     assert all(extra.meaning and "see its rules" not in extra.meaning for extra in extras)
 
 
-@pytest.mark.parametrize("name", preset_names())
-def test_every_weight_is_in_one_term(name: str) -> None:
-    task = make_task(preset(name))
+def check_weights(task: Any) -> None:
+    """Every weight of the reward is in one term."""
     weights = dict(task.spec.rules.rewards)
     share = weights.pop("team_share")
     terms = reward_terms(task)
@@ -161,10 +154,12 @@ def steps_of(env: VecEnv, n_steps: int) -> Iterator[tuple[Step, Any]]:
 @pytest.mark.parametrize(
     ("task", "observation", "channel"), pairwise(tuple(TASKS), OBSERVATIONS, CHANNELS)
 )
-def test_values_keep_their_ranges(task: str, observation: str, channel: str) -> None:
+def test_columns_of_every_model_are_named_and_keep_their_ranges(
+    task: str, observation: str, channel: str
+) -> None:
     model, radio = observation_model(observation), communication_model(channel)
     env = make_env(preset(task).with_updates(observation=model, communication=radio), 4)
-    described = attributes_of(recipe_of(env.spec), shapes_of(make_env(env.spec)))
+    described = check(make_env(env.spec))
     wrong: list[str] = []
     for step, actions in steps_of(env, 40):
         arrays = {
