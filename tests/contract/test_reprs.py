@@ -1,7 +1,9 @@
 """A `repr` of a public object fits into a few lines, whatever it holds."""
 
 import inspect
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,6 @@ import swarmdata
 from swarmdata.datasets.mixture import mix
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.specs.spaces import BoxSpace
-from tests.support.tiny import make_tiny
 
 CHARACTERS = 300
 
@@ -19,11 +20,11 @@ LONG = "a-very-long-name" * 8
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Dataset:
+def dataset(tmp_path_factory: pytest.TempPathFactory, tiny: Path) -> swarmdata.Dataset:
     """In a folder with a long name, observed through models with long descriptions."""
     folder = tmp_path_factory.mktemp("reprs") / LONG / LONG
     folder.parent.mkdir()
-    opened = swarmdata.Dataset.open(make_tiny(folder))
+    opened = swarmdata.Dataset.open(shutil.copytree(tiny, folder))
     seen = opened.reobserve("lidar-8+noise-0.05+range-1.5", "lossy-30+range-1.5", progress=False)
     return seen.with_rewards(robot_collision=2.0, time=0.25)
 

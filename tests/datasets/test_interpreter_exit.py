@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.tiny import make_tiny
-
 PROGRAM = """
 import keyword as early
 import logging, sys
@@ -44,12 +42,11 @@ print(len(dataset))
     ("beside", "backend"),
     [("torch", "fast"), pytest.param("nothing", "public", marks=pytest.mark.slow)],
 )
-def test_nothing_is_printed_at_exit(tmp_path: Path, beside: str, backend: str) -> None:
+def test_nothing_is_printed_at_exit(tiny: Path, beside: str, backend: str) -> None:
     if beside == "torch":
         pytest.importorskip("torch", reason="an extra")
-    path = make_tiny(tmp_path / "tiny")
     result = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(path), beside, backend],
+        [sys.executable, "-c", PROGRAM, str(tiny), beside, backend],
         capture_output=True,
         text=True,
         check=False,

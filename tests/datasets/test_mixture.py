@@ -21,14 +21,11 @@ WEIGHTS = (0.8, 0.2)
 
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Dataset, Dataset]:
+def parts(tmp_path_factory: pytest.TempPathFactory, tiny: Path) -> tuple[Dataset, Dataset]:
     """The same task, other episodes and policies, another number of steps."""
-    folder = tmp_path_factory.mktemp("parts")
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        other = {"id": "coop_nav-other-v0", "seed": 6, "n_steps": 900}
-        paths = make_tiny(folder / TINY.id), make_tiny(folder / "other", **other)
-    return Dataset.open(paths[0]), Dataset.open(paths[1])
+    other = {"id": "coop_nav-other-v0", "seed": 6, "n_steps": 900}
+    made = make_tiny(tmp_path_factory.mktemp("parts") / "other", **other)
+    return Dataset.open(tiny), Dataset.open(made)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +93,7 @@ def test_a_mixture_pickles_by_its_parts(view: Dataset) -> None:
 
 
 def test_a_replaced_dataset_is_refused(tmp_path: Path, tiny: Path) -> None:
-    place = make_tiny(tmp_path / tiny.name)
+    place = Path(shutil.copytree(tiny, tmp_path / tiny.name))
     content = pickle.dumps(Dataset.open(place, verify="none").with_rewards(time=0.5))
     place.rename(tmp_path / "old")
     make_tiny(place, seed=7)

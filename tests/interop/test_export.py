@@ -51,7 +51,9 @@ def test_exports_hold_what_algorithms_learn_from(tiny_dataset: Dataset, tmp_path
     assert found["observations"].shape[1] > n_agents * tiny_dataset[0].observations.shape[-1]
 
 
-def test_a_policy_sees_and_acts_in_the_exported_frame(tmp_path: Path) -> None:
+def test_a_policy_sees_and_acts_in_the_exported_frame(
+    tiny_dataset: Dataset, tmp_path: Path
+) -> None:
     """The inputs of a learned network are the exported observations, and in their frame it acts."""
     pytest.importorskip("torch", reason="learned policies need torch")
     from swarmdata.learn.policies.torch_policy import TorchPolicy, outputs_of
@@ -59,7 +61,7 @@ def test_a_policy_sees_and_acts_in_the_exported_frame(tmp_path: Path) -> None:
     from swarmdata.learn.training.trainer import train_seeds
     from tests.learn.training.test_trainer import config_of
 
-    dataset = Dataset.open(make_tiny(tmp_path / "tiny"))
+    dataset = tiny_dataset
     frame = frame_of(dataset.spec, "target")
     assert frame is not None
     train_seeds(

@@ -55,23 +55,23 @@ def check_frames(columns: Mapping[str, np.ndarray], dataset: Dataset) -> None:
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return Dataset.open(make_tiny(tmp_path_factory.mktemp("tiny") / "tiny"))
+def dataset(tiny: Path) -> Dataset:
+    return Dataset.open(tiny)
 
 
 @pytest.mark.parametrize("file_bytes", [100 << 20, 1 << 17])
 def test_layout(
-    tiny: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file_bytes: int
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file_bytes: int
 ) -> None:
     monkeypatch.setattr("swarmdata.interop.lerobot.FILE_BYTES", file_bytes)
     monkeypatch.setattr("swarmdata.interop.lerobot.CHUNK_FILES", 2)
-    path, expected = export_dataset(tiny, tmp_path / "out", format="lerobot"), ordered(tiny)
+    path, expected = export_dataset(dataset, tmp_path / "out", format="lerobot"), ordered(dataset)
     columns = frames_of(path)
     check_frames(columns, expected)
     np.testing.assert_allclose(columns["timestamp"], columns["frame_index"] / 10, rtol=1e-6)
     info = json.loads((path / "meta/info.json").read_text())
     assert (info["codebase_version"], info["fps"]) == ("v3.0", 10)
-    assert (info["total_episodes"], info["total_frames"]) == (len(tiny), len(columns["index"]))
+    assert (info["total_episodes"], info["total_frames"]) == (len(dataset), len(columns["index"]))
     for name, ends in info["splits"].items():
         first, last = map(int, ends.split(":"))
         assert set(expected.episodes.split[first:last]) == {SPLITS.index(name)}
@@ -88,8 +88,8 @@ def test_layout(
     assert (n_files == 1) == (file_bytes > 1 << 20)
 
 
-def test_statistics_are_those_of_all_frames(tiny: Dataset, tmp_path: Path) -> None:
-    path = export_dataset(tiny, tmp_path / "out", format="lerobot")
+def test_statistics_are_those_of_all_frames(dataset: Dataset, tmp_path: Path) -> None:
+    path = export_dataset(dataset, tmp_path / "out", format="lerobot")
     found, columns = json.loads((path / "meta/stats.json").read_text()), frames_of(path)
     assert set(found) == set(columns)
     for name, values in columns.items():
@@ -101,9 +101,9 @@ def test_statistics_are_those_of_all_frames(tiny: Dataset, tmp_path: Path) -> No
             np.testing.assert_allclose(found[name][key], expected, rtol=1e-9, atol=1e-9)
 
 
-def test_pandas_finds_the_task_by_its_name(tiny: Dataset, tmp_path: Path) -> None:
+def test_pandas_finds_the_task_by_its_name(dataset: Dataset, tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas", reason="reads as LeRobot does")
-    path = export_dataset(tiny, tmp_path / "out", format="lerobot")
+    path = export_dataset(dataset, tmp_path / "out", format="lerobot")
     assert pandas.read_parquet(path / "meta/tasks.parquet").loc["coop_nav"].task_index == 0
 
 
@@ -123,11 +123,13 @@ def test_times_are_whole_frames(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_torchrl_reads_it(tiny: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torchrl_reads_it(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     datasets = pytest.importorskip("torchrl.data.datasets", reason="the group 'interop'")
     if not hasattr(datasets, "LeRobotExperienceReplay"):
         pytest.skip("this torchrl reads no LeRobot datasets")
-    path = export_dataset(tiny, tmp_path / "out", format="lerobot")
+    path = export_dataset(dataset, tmp_path / "out", format="lerobot")
     monkeypatch.setattr("huggingface_hub.snapshot_download", lambda *_, **__: str(path))
     monkeypatch.setenv("HF_DATASETS_CACHE", str(tmp_path / "cache"))
     replay: Any = datasets.LeRobotExperienceReplay("a/b", root=tmp_path / "root", batch_size=8)
@@ -143,5 +145,5 @@ def test_torchrl_reads_it(tiny: Dataset, tmp_path: Path, monkeypatch: pytest.Mon
         "frame_index": data["frame"],
         "index": data["index"],
     }
-    check_frames({name: np.asarray(values) for name, values in columns.items()}, ordered(tiny))
+    check_frames({name: np.asarray(values) for name, values in columns.items()}, ordered(dataset))
     assert set(data["language_instruction"]) == {"coop_nav"}

@@ -15,7 +15,7 @@ from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import do_jobs
 from tests.catalogue.conftest import little_published
 from tests.support.own_task import make_thrifty, thrifty_installed
-from tests.support.tiny import TINY, make_tiny
+from tests.support.tiny import TINY
 
 RUNNER = CliRunner()
 
@@ -108,10 +108,9 @@ def test_the_registry_goes_on(
 
 
 def test_a_catalogue_has_all_that_can_be_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A dataset that cannot be written, a place without results, and a dataset that can."""
-    tiny = make_tiny(tmp_path / TINY.id)
     thrifty = make_thrifty(tmp_path / "thrifty-tiny-v0")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.json").write_text("{}")

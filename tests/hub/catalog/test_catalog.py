@@ -1,5 +1,6 @@
 """From an id to an open dataset."""
 
+import shutil
 import warnings
 from functools import partial
 from pathlib import Path
@@ -12,27 +13,25 @@ from swarmdata.hub.catalog import catalog, identity, request
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.registry.published import Published
 from swarmdata.registry.reward_weights import chosen_weights
-from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store import open_store
+from swarmdata.store.cache import note_build
 from swarmdata.store.publication import publication
 from tests.support.measured import references_at
+from tests.support.tiny import TINY
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
-TINY = Recipe(
-    id="coop_nav-tiny-v0",
-    tier="random",
-    spec=TaskSpec(horizon=40),
-    policies=(PolicySource(label="random", name="random"),),
-    n_steps=800,
-    part_episodes=8,
-)
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes every id mean a recipe that is built in a second."""
+    monkeypatch.setattr(request, "find_recipe", lambda dataset_id: TINY)
 
 
 @pytest.fixture
-def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Makes every id mean a recipe that is built in a second."""
-    monkeypatch.setattr(request, "find_recipe", lambda dataset_id: TINY)
+def cached(known: None, tiny: Path, cache_folder: Path) -> Path:
+    """The dataset of every id, in the cache."""
+    return Path(shutil.copytree(tiny, cache_folder / "datasets" / TINY.id))
 
 
 def test_list_shows_every_tier_and_its_mini() -> None:
@@ -45,7 +44,7 @@ def test_list_shows_every_tier_and_its_mini() -> None:
     assert not mini.is_cached
 
 
-@pytest.mark.usefixtures("tiny")
+@pytest.mark.usefixtures("known")
 def test_load_builds_once_then_reads_the_cache(cache_folder: Path) -> None:
     first = load("coop_nav-tiny", workers=1, progress=False)
     before = {path: path.stat().st_mtime_ns for path in cache_folder.rglob("*")}
@@ -59,7 +58,7 @@ def test_load_builds_once_then_reads_the_cache(cache_folder: Path) -> None:
     assert before == after, "a cache that cannot be written to must do"
 
 
-@pytest.mark.usefixtures("tiny")
+@pytest.mark.usefixtures("known")
 def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> None:
     dataset = load("coop_nav-tiny", path=tmp_path / "mine", workers=1, progress=False)
 
@@ -68,39 +67,34 @@ def test_load_into_a_folder_of_ones_own(tmp_path: Path, cache_folder: Path) -> N
     assert not (cache_folder / "datasets").exists()
 
 
-@pytest.mark.usefixtures("tiny")
-def test_load_through_other_models(cache_folder: Path) -> None:
+@pytest.mark.usefixtures("known")
+def test_a_wrong_name_costs_no_build(cache_folder: Path) -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
         load("coop_nav-tiny", observation="lidra")
     with pytest.raises(SpecError, match="learned messages of 2 values"):
         load("coop_nav-tiny", communication="learned-2")
-    assert not list(cache_folder.iterdir()), "a wrong name must not cost a build"
-    seen = load(
-        "coop_nav-tiny", observation="lidar", communication="lossy-30", workers=1, progress=False
-    )
+    with pytest.raises(UnknownNameError, match="Did you mean 'robot_contact'"):
+        load("coop_nav-tiny", rewards={"robot_contcat": 1.0})
+    assert not list(cache_folder.iterdir())
+
+
+@pytest.mark.usefixtures("cached")
+def test_load_through_other_models() -> None:
+    seen = load("coop_nav-tiny", observation="lidar", communication="lossy-30", progress=False)
     recorded = load("coop_nav-tiny")
 
     assert seen.task.observation.kind == "lidar"
-    assert (seen.digest, seen.source) == (recorded.digest, "rebuilt")
+    assert (seen.digest, seen.source) == (recorded.digest, "cache")
     assert (seen.view is None, recorded.view is None) == (False, True)
     assert load("coop_nav-tiny", observation="state", communication="none").view is None
 
 
-@pytest.mark.usefixtures("tiny")
-def test_load_with_other_rewards(cache_folder: Path) -> None:
-    with pytest.raises(UnknownNameError, match="Did you mean 'robot_contact'"):
-        load("coop_nav-tiny", rewards={"robot_contcat": 1.0})
-    assert not list(cache_folder.iterdir()), "a wrong name must not cost a build"
-    view = load("coop_nav-tiny", rewards={"time": "0.5"}, workers=1, progress=False)
-    recorded = load("coop_nav-tiny")
+@pytest.mark.usefixtures("cached")
+def test_load_with_other_rewards() -> None:
+    view, recorded = load("coop_nav-tiny", rewards={"time": "0.5"}), load("coop_nav-tiny")
     assert view.view == '{"rewards":{"time":0.5}}'
     assert view.digest == recorded.digest
     assert (view.episodes.team_return < recorded.episodes.team_return).all()
-
-
-@pytest.mark.usefixtures("tiny")
-def test_load_with_safe_rewards(cache_folder: Path) -> None:
-    recorded = load("coop_nav-tiny", workers=1, progress=False)
     safe = load("coop_nav-tiny", rewards="safe")
     weights = chosen_weights("safe", recorded.task.rules)
     assert safe.view == recorded.with_rewards(**weights).view is not None
@@ -108,9 +102,9 @@ def test_load_with_safe_rewards(cache_folder: Path) -> None:
         load("coop_nav-tiny", rewards="save")
 
 
-@pytest.mark.usefixtures("tiny")
-def test_load_mixes_a_list(cache_folder: Path) -> None:
-    alone = load("coop_nav-tiny", workers=1, progress=False, rewards={"time": 0.5})
+@pytest.mark.usefixtures("cached")
+def test_load_mixes_a_list() -> None:
+    alone = load("coop_nav-tiny", rewards={"time": 0.5})
     mixture = load(["coop_nav-tiny", str(alone.path)], weights=[3, 1], rewards={"time": 0.5})
     assert mixture.weights == (0.75, 0.25)
     assert [part.view for part in mixture.parts] == [alone.view] * 2
@@ -121,11 +115,13 @@ def test_load_mixes_a_list(cache_folder: Path) -> None:
         load(["coop_nav-tiny"], path=alone.path)  # type: ignore[call-overload]
 
 
-@pytest.mark.usefixtures("tiny")
+@pytest.mark.usefixtures("known")
 def test_other_digest_than_the_published_is_kept_with_a_warning(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    right = publication(load("x", path=tmp_path / "d", workers=1, progress=False).stored)
+    stored = open_store(tiny)
+    note_build(stored.manifest)
+    right = publication(stored)
     wrong = Published(
         **{**right.model_dump(), "digest": "0" * 64, "made_with": {"pymunk": "1.2.3"}}
     )
@@ -133,25 +129,25 @@ def test_other_digest_than_the_published_is_kept_with_a_warning(
     monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: right}))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        load("x", path=tmp_path / "d")
+        load("x", path=tiny)
     monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: wrong}))
     with pytest.warns(RebuiltDifferentlyWarning, match="instead of 1.2.3"):
-        dataset = load("x", path=tmp_path / "d")
+        dataset = load("x", path=tiny)
     assert dataset.digest == right.digest
 
 
-@pytest.mark.usefixtures("tiny")
+@pytest.mark.usefixtures("known")
 def test_references_of_the_same_spec_anchor_the_score(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     known = partial(references_at, idle=-4.0, random=-12.0, expert=6.0)
     monkeypatch.setattr(catalog, "references_of", known)
-    dataset = load("x", path=tmp_path / "d", workers=1, progress=False)
+    dataset = load("x", path=tiny)
 
     assert dataset.normalized_score([-4.0, 1.0, 6.0]).tolist() == [0.0, 50.0, 100.0]
 
 
-@pytest.mark.usefixtures("tiny")
+@pytest.mark.usefixtures("known")
 def test_folder_without_manifest_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(DatasetNotFoundError, match="nothing that only a dataset"):

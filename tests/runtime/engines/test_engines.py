@@ -19,7 +19,7 @@ from swarmdata.errors import BuildError, EngineError
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.store import read_manifest
-from tests.support.tiny import TINY, make_tiny
+from tests.support.tiny import TINY
 
 HANDLER = """
 import os, signal, time  # each start of a job is a line: the process, and the threads of BLAS
@@ -294,10 +294,11 @@ def test_ctrl_c_cancels_what_has_not_begun(engine: str | Executor, tmp_path: Pat
 
 
 @pytest.mark.parametrize("engine", WITH_SLOW_EXECUTOR, indirect=True)
-def test_a_dataset_is_the_same_from_every_engine(engine: str | Executor, tmp_path: Path) -> None:
+def test_a_dataset_is_the_same_from_every_engine(
+    engine: str | Executor, tmp_path: Path, tiny: Path
+) -> None:
     out = build(TINY, tmp_path / "d", engine=engine, workers=2, progress=False)
-    expected = make_tiny(tmp_path / "e")
-    assert read_manifest(out).digest == read_manifest(expected).digest
+    assert read_manifest(out).digest == read_manifest(tiny).digest
 
 
 @pytest.mark.slow
