@@ -29,11 +29,6 @@ REPLAY: dict[str, Any] = {
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "mappo": ("mappo", {"hidden": 16, "minibatch": 64}),
-    "mappo-separate": ("mappo", {"hidden": 16, "minibatch": 16, "parameters": "separate"}),
-    "mappo-memory": (
-        "mappo",
-        {"hidden": 16, "minibatch": 64, "memory": "gru", "memory_size": 8, "window": 5},
-    ),
     "mappo-separate-memory": (
         "mappo",
         {
@@ -67,7 +62,6 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
             "parameters": "separate",
         },
     ),
-    "vdn": ("vdn", {"hidden": (16,)}),
     "vdn-world": ("vdn", {"hidden": (16,), "frame": "world", "n_gradient_steps": 2}),
     "qmix": ("qmix", {"hidden": (16,), "mixer_hidden": 8}),
     "qmix-separate": ("qmix", {"hidden": (16,), "mixer_hidden": 8, "parameters": "separate"}),

@@ -14,6 +14,7 @@ from swarmdata.specs.rules import PACKAGE_RULES, rules_model
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Float, Int, Step
+from tests.support.pairs import once_each
 
 SPEC = TaskSpec(horizon=25)
 
@@ -49,8 +50,7 @@ def test_registered_policies_keep_the_contract(name: str) -> None:
     check_policy(make_policy(name, spec), spec, make_env)
 
 
-@pytest.mark.parametrize("task", sorted(components.TASKS))
-@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize(("task", "noise"), once_each(sorted(components.TASKS), (0.0, 0.3)))
 def test_scripted_policies_of_all_tasks_keep_the_contract(task: str, noise: float) -> None:
     spec = preset(task).with_updates(horizon=6)
     policy = make_policy("scripted", spec, noise=noise)

@@ -17,7 +17,7 @@ from swarmdata.testing.sample_batches import N_EPISODES, sample_setup
 from swarmdata.testing.sample_batches import sample_statistics as statistics
 from tests.contract.test_algorithms import SMALL, batches_of
 
-N_DRAWN, N_UPDATES = 4, 2
+N_DRAWN, N_UPDATES = 2, 2
 SIZES = sample_setup((0,)).sizes
 CONSERVATIVE = ("cfcql", "icql_qs", "maddpg_cql", "omar")
 

@@ -18,8 +18,7 @@ def dataset(tiny: Path) -> Dataset:
     return Dataset.open(tiny, verify="none")
 
 
-@pytest.mark.parametrize("n_workers", [0, 1, 2])
-@pytest.mark.parametrize("horizon", [None, 4])
+@pytest.mark.parametrize(("n_workers", "horizon"), [(0, 4), (2, None)])
 def test_a_loader_yields_the_stream_of_the_sampler(
     dataset: Dataset, n_workers: int, horizon: int | None
 ) -> None:

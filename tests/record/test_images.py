@@ -198,7 +198,7 @@ def as_bytes_of(episode: Episode) -> Episode:
     return replace(episode, observations=episode.observations.astype(np.uint8))
 
 
-@pytest.mark.parametrize("name", ["bc", "maddpg_bc", "iql", "bc_flow"])
+@pytest.mark.parametrize("name", ["maddpg_bc", "iql"])
 def test_algorithms_learn_the_same_from_bytes(
     name: str, images: Dataset, floats: Dataset, tmp_path: Path
 ) -> None:

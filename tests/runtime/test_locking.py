@@ -173,12 +173,13 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
-@pytest.fixture(params=[errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+@pytest.fixture
 def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on some mounts of NFS, Lustre and FUSE."""
+    number = getattr(request, "param", errno.ENOLCK)
 
     def refuse(descriptor: int, operation: int) -> None:
-        raise OSError(request.param, os.strerror(request.param))
+        raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(fcntl, "flock", refuse)
 
@@ -196,8 +197,10 @@ def test_who_waits_says_so_every_ten_seconds(
     held.release()
 
 
-@pytest.mark.usefixtures("no_locks")
-def test_without_locks_of_the_system_the_file_is_the_lock(tmp_path: Path, clock: Clock) -> None:
+@pytest.mark.parametrize("no_locks", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP], indirect=True)
+def test_without_locks_of_the_system_the_file_is_the_lock(
+    no_locks: None, tmp_path: Path, clock: Clock
+) -> None:
     """Row 76: one such system was waited for without end, others had no lock at all."""
     with locked(tmp_path / "x"):
         with pytest.raises(BuildError, match="in use"), locked(tmp_path / "x", patience=60.0):
