@@ -131,8 +131,7 @@ def exports(folder: Path, *names: str) -> dict[str, Any]:
         for name in names
         if find_spec(FORMATS[name])
     }
-    makers["card"] = lambda out: publish_card(folder.parent / "tiny", out, pictures=False)
-    makers["picture"] = lambda out: publish_card(folder.parent / "tiny", out)
+    makers["card"] = lambda out: publish_card(folder.parent / "tiny", out)
     makers["clip"] = lambda out: write_clip(episode, TaskSpec(horizon=20), out / "x.gif")
     make_tiny(folder.parent / "tiny")
     mount(folder, "size=20m")

@@ -114,16 +114,25 @@ def survived(operation: Operation, root: Path, stride: int) -> tuple[int, int]:
     raise AssertionError("the operation never ends")
 
 
-def operations(root: Path) -> dict[str, Operation]:
-    """Converting a dataset, publishing a built one, repairing one, and fetching one."""
-    use_one_process(pytest.MonkeyPatch())
+def publishing(root: Path) -> Operation:
+    """Putting a dataset together from its parts."""
     parts = make_parts(root / "parts")
-    dataset = make_tiny(root / "source" / TINY.id)
-    shelf = Shelf(root / "shelf", dataset)
 
     def with_parts(place: Path) -> None:
         place.mkdir()
         shutil.copytree(parts, build_folder(place / TINY.id))
+
+    return Operation(
+        with_parts,
+        lambda place: build_under_lock(TINY, place / TINY.id, progress=False),
+        whole_or_absent,
+    )
+
+
+def operations(root: Path) -> dict[str, Operation]:
+    """Converting a dataset, repairing one, and fetching one."""
+    dataset = make_tiny(root / "source" / TINY.id)
+    shelf = Shelf(root / "shelf", dataset)
 
     def damaged(place: Path) -> None:
         shutil.copytree(dataset, place / TINY.id)
@@ -151,11 +160,6 @@ def operations(root: Path) -> dict[str, Operation]:
 
     return {
         "export": Operation(Path.mkdir, export, exported_or_absent),
-        "publish": Operation(
-            with_parts,
-            lambda place: build_under_lock(TINY, place / TINY.id, progress=False),
-            whole_or_absent,
-        ),
         "repair": Operation(
             damaged,
             lambda place: _ignore(repair(place / TINY.id, remotes=[shelf.address], progress=False)),
@@ -195,5 +199,8 @@ def _ignore(result: object) -> None:
 def survive(name: str, folder: str, stride: str) -> None:
     """Prints one JSON object: how many changes an operation makes, how many kills it survived."""
     warnings.simplefilter("error")
-    n_changes, n_kills = survived(operations(Path(folder))[name], Path(folder), int(stride))
+    use_one_process(pytest.MonkeyPatch())
+    root = Path(folder)
+    operation = publishing(root) if name == "publish" else operations(root)[name]
+    n_changes, n_kills = survived(operation, root, int(stride))
     print(json.dumps({"operation": name, "changes": n_changes, "kills": n_kills}))

@@ -91,7 +91,7 @@ def test_zarr_itself_writes_our_bytes(sharded: Path) -> None:
 
 
 @given(
-    rows=st.integers(1, 200_000),
+    rows=st.integers(1, 30_000),
     inner=st.lists(st.integers(1, 90), max_size=2),
     dtype=st.sampled_from(["bool", "float32", "float64"]),
     limit=st.integers(1, 1 << 22),
