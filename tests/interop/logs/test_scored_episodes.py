@@ -184,6 +184,7 @@ def test_goals_are_where_robots_went(tmp_path: Path) -> None:
             assert_allclose(states[-1, :, :2], states[-1, :, TX:], atol=1e-6)
         away = np.hypot(*(states[-1, :, :2] - states[-1, :, TX:]).T)
         assert (away <= 0.15 + 1e-6).all()
+    assert isinstance(dataset.recipe, ImportedLogs)
     again = remake_logs(logs, tmp_path / "again", dataset.recipe)
     assert again.digest == dataset.digest
 
