@@ -197,7 +197,7 @@ def test_goals_that_were_reached_need_a_task_and_no_goals(tmp_path: Path) -> Non
     log_map = LogMap.parse(map_of(each=rest, episodes=reached))
     spec = task()
     logs = write_logs(tmp_path, spec, recorded(spec, "idle", 1))
-    with pytest.raises(SpecError, match="give --task"):
+    with pytest.raises(SpecError, match="a task that scores the logs, --task"):
         import_logs(logs, tmp_path / "dataset", log_map=log_map, id="hall-goals-v0")
 
 
