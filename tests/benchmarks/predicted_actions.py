@@ -1,7 +1,7 @@
 """How well cloned policies predict the commands of logs that they were not trained on.
 
-    swarmdata train bc mrclam-run_6-v0 --seeds 2 --out runs/bc-6
-    python -m tests.benchmarks.predicted_actions mrclam-run_7-v0 runs/bc-6 runs/gru-6
+    swarmdata train bc mrclam-run_6-v1 --seeds 2 --out runs/bc-6
+    python -m tests.benchmarks.predicted_actions mrclam-run_7-v1 runs/bc-6 runs/gru-6
 
 A policy's action for a step is compared with the command that was logged in it, and with the one
 two seconds later; so are the command of the step before and the mean one. Logs that a task has

@@ -85,6 +85,8 @@ def _problems(spec: TaskSpec, log_map: LogMap) -> Iterator[str]:
         yield f"dt is {log_map.dt:g} s in the map and control_dt {spec.control_dt:g} s in the task"
     if log_map.gaps != "cut":
         yield "in a task no robot is ever absent, so the map has to say `gaps: cut`"
+    if log_map.states != "observations":
+        yield "its states are the task's own; leave out `states` of the map"
     if spec.action_size != 2:
         yield "its actions hold messages, which were not logged; choose another payload"
     for robot, kind in zip(log_map.robots, spec.robots, strict=False):

@@ -246,6 +246,7 @@ def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
     ("changes", "words"),
     [
         ({"gaps": "mask"}, "no robot is ever absent"),
+        ({"states": "poses"}, "its states are the task's own"),
         ({"dt": 0.2}, r"dt is 0\.2 s in the map and control_dt 0\.1 s"),
         ({"robots": ["r0"]}, "the map has 1 robots and the task 3"),
         ({"each": {**map_of()["each"], "goal": None}}, "the map has no `goal` of r0, r1, r2"),
