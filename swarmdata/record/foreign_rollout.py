@@ -165,7 +165,8 @@ def _play(
     observations, infos = env.reset(seed=seed)
     presence = Presence.after_reset(reader, env.agents)
     alive, team_return, time = presence.alive, 0.0, 0
-    source, _ = state_source(env, reader, spec.state_from)
+    wanted = "auto" if spec.state_from == "poses" else spec.state_from  # of logs, none of an env
+    source, _ = state_source(env, reader, wanted)
     scale = _action_scale(spec)
     seen = alive
     while alive.any():

@@ -1,7 +1,7 @@
 """How well cloned policies predict the commands of logs that they were not trained on.
 
-    swarmdata train bc mrclam-run_6-v0 --seeds 2 --out runs/bc-6
-    python -m tests.benchmarks.predicted_actions mrclam-run_7-v0 runs/bc-6 runs/gru-6
+    swarmdata train bc mrclam-run_6-v1 --seeds 2 --out runs/bc-6
+    python -m tests.benchmarks.predicted_actions mrclam-run_7-v1 runs/bc-6 runs/gru-6
 
 A policy's action for a step is compared with the command that was logged in it, and with the one
 two seconds later; so are the command of the step before and the mean one. Logs that a task has
@@ -21,8 +21,6 @@ import numpy as np
 import swarmdata
 from swarmdata.learn.training.run_files import seeds_of
 from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO, mean_interval
-from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.task_spec import TaskSpec
 
 AHEAD = 20  # steps of 0.1 s
 
@@ -81,11 +79,12 @@ def constant(episodes: Sequence[swarmdata.Episode], units: np.ndarray) -> Iterat
         yield np.broadcast_to(mean, episode.actions.shape)
 
 
-def units_of(spec: TaskSpec | RecordedSpec) -> np.ndarray:
+def units_of(dataset: swarmdata.Dataset) -> np.ndarray:
     """An action of 1 in m/s and rad/s, of every robot, [N, 2]."""
-    if isinstance(spec, TaskSpec):
-        return np.array([[each.max_speed, each.max_turn_rate] for each in spec.robots])
-    return np.ones((spec.n_agents, 2))
+    task = dataset.spec.world
+    if task is None:
+        return np.ones((dataset.spec.n_agents, 2))
+    return np.array([[each.max_speed, each.max_turn_rate] for each in task.robots])
 
 
 def cell(table: np.ndarray, scale: float) -> str:
@@ -96,7 +95,7 @@ def cell(table: np.ndarray, scale: float) -> str:
 def main(data: str, *runs: str) -> None:
     """Prints a table with intervals over seeds and episodes, and one over seeds and robots."""
     dataset = swarmdata.load(data)
-    units = units_of(dataset.spec)
+    units = units_of(dataset)
     episodes = [each for each in list(dataset)[::STRIDE] if len(each) > AHEAD + 2]
     tables = {
         "last command": errors(episodes, repeated(episodes, units), units)[None],

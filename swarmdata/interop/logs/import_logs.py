@@ -13,6 +13,7 @@ from swarmdata.interop.convert import store_imported
 from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import (
     EpisodeMaker,
+    Window,
     find_windows,
     most_steps,
     with_reached_goals,
@@ -198,10 +199,7 @@ def _read(
         task: that scores them, if any.
         clocks: offsets that an earlier import has estimated; None: estimated here.
     """
-    if task is not None:
-        check_task(task, log_map)
-    elif log_map.episodes.goals == "reached":
-        raise SpecError("episodes.goals: reached is for a task that scores the logs; give --task")
+    check_task(task, log_map)
     frames = PlanarFrames(log_map.world, _transforms(logs, log_map))
     reader = SignalReader(logs, frames, log_map.max_gap)
     signals, clocks = align_commands(
@@ -223,9 +221,7 @@ def _read(
         episodes = [maker.make(number) for number in range(len(windows))]
         counts["absent_robot_steps"] = maker.n_absent
     else:
-        if log_map.episodes.goals == "reached":
-            tracks = with_reached_goals(tracks, windows)
-        scorer = _scorer(task, log_map, signals, tracks, grid)
+        scorer = _scorer(task, log_map, signals, tracks, grid, windows)
         episodes = scorer.episodes(windows)
         counts += scorer.counts
     if not episodes:
@@ -252,7 +248,10 @@ def _scorer(
     signals: Sequence[RobotSignals],
     tracks: Sequence[RobotTrack],
     grid: Int,
+    windows: Sequence[Window],
 ) -> EpisodeScorer:
+    if log_map.episodes.goals == "reached":
+        tracks = with_reached_goals(tracks, windows)
     motion = team_motion(task, log_map, signals, tracks, grid)
     return EpisodeScorer(task, layout_of(task, log_map), motion, log_map)
 

@@ -106,10 +106,7 @@ def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
         space = BoxSpace(shape=(n_beams,), dtype="float32", low=0.0, high=farthest)
         parts |= _flagged("scan", space, *hold(signals.scans, grid, _gap(robot.scan, log_map)))
     for feature, samples in zip(robot.features, signals.features, strict=True):
-        gap = _gap(feature, log_map)
-        slots = [_feature(feature, each, grid, gap) for each in samples]
-        values = np.concatenate([each for each, _ in slots], axis=1)
-        known = np.stack([each for _, each in slots], axis=1)
+        values, known = _slots(feature, samples, grid, _gap(feature, log_map))
         space = BoxSpace(shape=(values.shape[1],), dtype="float32")
         parts |= _flagged(feature.name, space, values, known)
     commands, is_commanded = _commands(signals, log_map, grid, positions, headings, is_placed)
@@ -143,6 +140,15 @@ def _flagged(
     whole = np.repeat(flags, values.shape[1] // n_slots, axis=1)
     flag_space = KNOWN_SPACE.model_copy(update={"shape": (n_slots,)})
     return {name: (space, values * whole), f"{name}_known": (flag_space, flags)}
+
+
+def _slots(
+    feature: FeatureSignal, samples: Sequence[Samples], grid: Int, gap: int
+) -> tuple[Double, Bool]:
+    """The columns of all slots of a feature, side by side, and which slots are known, [K, S]."""
+    found = [_feature(feature, each, grid, gap) for each in samples]
+    values = np.concatenate([each for each, _ in found], axis=1)
+    return values, np.stack([known for _, known in found], axis=1)
 
 
 def _feature(feature: FeatureSignal, samples: Samples, grid: Int, gap: int) -> tuple[Double, Bool]:

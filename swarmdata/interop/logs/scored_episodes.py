@@ -58,12 +58,16 @@ LONGEST_ACTION = 1.0 + 1e-4
 """Greatest command, as a multiple of the robot's maximum, that is within it up to rounding."""
 
 
-def check_task(spec: TaskSpec, log_map: LogMap) -> None:
-    """Checks that the logs of a map can have what a task needs.
+def check_task(spec: TaskSpec | None, log_map: LogMap) -> None:
+    """Checks that the logs of a map can have what a task needs, and need no task without one.
 
     Raises:
         SpecError: something that the task needs cannot be known, or would be left out.
     """
+    if spec is None:
+        if log_map.episodes.goals == "reached":
+            raise SpecError("episodes.goals: reached is for a task that scores the logs, --task")
+        return
     if problem := next(_problems(spec, log_map), None):
         raise SpecError(f"the logs cannot be scored by {spec.task}: {problem}")
 
@@ -81,6 +85,8 @@ def _problems(spec: TaskSpec, log_map: LogMap) -> Iterator[str]:
         yield f"dt is {log_map.dt:g} s in the map and control_dt {spec.control_dt:g} s in the task"
     if log_map.gaps != "cut":
         yield "in a task no robot is ever absent, so the map has to say `gaps: cut`"
+    if log_map.states != "observations":
+        yield "its states are the task's own; leave out `states` of the map"
     if spec.action_size != 2:
         yield "its actions hold messages, which were not logged; choose another payload"
     for robot, kind in zip(log_map.robots, spec.robots, strict=False):

@@ -1,5 +1,6 @@
 """From bags of four robots to a policy that drives in a world of the same spaces."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -23,17 +24,19 @@ class Floor(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
 
     metadata: ClassVar = {"name": "floor"}
 
-    def __init__(self) -> None:
+    def __init__(self, *, sees_pose: bool = True) -> None:
+        self.hidden = () if sees_pose else ("pose",)
         self.possible_agents = list(bags.ROBOTS)
         self.agents: list[str] = []
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
         box = gymnasium.spaces.Box
-        return gymnasium.spaces.Dict(
-            pose=box(-np.inf, np.inf, (4,), np.float32),
-            scan=box(0.0, 3.5, (4,), np.float32),
-            scan_known=box(0.0, 1.0, (1,), np.float32),
-        )
+        spaces = {
+            "pose": box(-np.inf, np.inf, (4,), np.float32),
+            "scan": box(0.0, 3.5, (4,), np.float32),
+            "scan_known": box(0.0, 1.0, (1,), np.float32),
+        }
+        return gymnasium.spaces.Dict({k: v for k, v in spaces.items() if k not in self.hidden})
 
     def action_space(self, agent: str) -> gymnasium.spaces.Box:
         bounds = np.array([0.5, 1.0], np.float32)
@@ -69,23 +72,30 @@ class Floor(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             x, y, yaw = self.poses[name]
             pose = np.array([x, y, np.cos(yaw), np.sin(yaw)], np.float32)
             ones = np.ones(1, np.float32)
-            found[name] = {"pose": pose, "scan": np.tile([1.0, 3.5], 2).astype(np.float32),
-                           "scan_known": ones}  # fmt: skip
+            seen = {"pose": pose, "scan": np.tile([1.0, 3.5], 2).astype(np.float32),
+                    "scan_known": ones}  # fmt: skip
+            found[name] = {key: value for key, value in seen.items() if key not in self.hidden}
         return found
 
 
-def test_bags_are_imported_learned_from_and_played(tmp_path: Path) -> None:
+@pytest.mark.parametrize("states", ["observations", "poses"])
+def test_bags_are_imported_learned_from_and_played(tmp_path: Path, states: str) -> None:
     log = bags.write_ros2(tmp_path / "monday", storage="mcap", seconds=30.0)
     dataset = swarmdata.import_logs(
-        log, tmp_path / "dataset", log_map=LogMap.parse(bags.MAP), id="hall-bags-v0"
+        log,
+        tmp_path / "dataset",
+        log_map=LogMap.parse({**bags.MAP, "states": states}),
+        id="hall-bags-v0",
     )
-    assert audit(dataset.path, progress=False).problems == ()
+    if states == "observations":  # scans alone never change
+        assert audit(dataset.path, progress=False).problems == ()
     (policy,) = swarmdata.train(
         "bc", str(dataset.path), tmp_path / "run", n_seeds=1, progress=False,
         changes={"n_updates": "400", "batch_size": "64", "hidden": "32"},
     )  # fmt: skip
     assert isinstance(dataset.spec, swarmdata.RecordedSpec)
     seeds = swarmdata.foreign_evaluation_seeds(3)
-    played = swarmdata.evaluate_parallel(policy, Floor, dataset.spec, seeds)
+    floor = partial(Floor, sees_pose=states == "observations")
+    played = swarmdata.evaluate_parallel(policy, floor, dataset.spec, seeds)
     assert played.metrics["length"].tolist() == [20.0] * 3
     assert played.metrics["return"].min() > -0.15 * 20  # standing still has -0.7 in a step

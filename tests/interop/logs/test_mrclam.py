@@ -12,6 +12,7 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.fitted_twin import fit_twin
 from swarmdata.interop.logs.map_files import shipped_maps
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.spaces import bounds
 
@@ -127,6 +128,7 @@ def test_robots_observe_what_they_measured_in_slots(dataset: Dataset) -> None:
 
 def test_states_are_the_poses(dataset: Dataset) -> None:
     states = dataset[1].states.reshape(-1, 5, 4)
+    assert isinstance(dataset.spec, RecordedSpec)
     assert dataset.spec.state_from == "poses"
     for robot in range(5):
         _, _, poses = drive(robot + 1)

@@ -184,6 +184,7 @@ def test_goals_are_where_robots_went(tmp_path: Path) -> None:
             assert_allclose(states[-1, :, :2], states[-1, :, TX:], atol=1e-6)
         away = np.hypot(*(states[-1, :, :2] - states[-1, :, TX:]).T)
         assert (away <= 0.15 + 1e-6).all()
+    assert isinstance(dataset.recipe, ImportedLogs)
     again = remake_logs(logs, tmp_path / "again", dataset.recipe)
     assert again.digest == dataset.digest
 
@@ -196,7 +197,7 @@ def test_goals_that_were_reached_need_a_task_and_no_goals(tmp_path: Path) -> Non
     log_map = LogMap.parse(map_of(each=rest, episodes=reached))
     spec = task()
     logs = write_logs(tmp_path, spec, recorded(spec, "idle", 1))
-    with pytest.raises(SpecError, match="give --task"):
+    with pytest.raises(SpecError, match="a task that scores the logs, --task"):
         import_logs(logs, tmp_path / "dataset", log_map=log_map, id="hall-goals-v0")
 
 
@@ -245,6 +246,7 @@ def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
     ("changes", "words"),
     [
         ({"gaps": "mask"}, "no robot is ever absent"),
+        ({"states": "poses"}, "its states are the task's own"),
         ({"dt": 0.2}, r"dt is 0\.2 s in the map and control_dt 0\.1 s"),
         ({"robots": ["r0"]}, "the map has 1 robots and the task 3"),
         ({"each": {**map_of()["each"], "goal": None}}, "the map has no `goal` of r0, r1, r2"),
