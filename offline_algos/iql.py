@@ -98,7 +98,7 @@ class IQL(OfflineLearner):
 
     Config = IQLConfig
     FIELDS = TRANSITION
-    LOSSES = (
+    LOSSES: tuple[str, ...] = (
         "value_loss", "critic_loss", "actor_loss", "q", "advantage_std", "inverse_temperature",
     )  # fmt: skip
     SPACE: ClassVar[Space] = {

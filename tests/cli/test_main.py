@@ -373,7 +373,7 @@ def test_an_interrupt_inside_a_spec_is_one_too(monkeypatch: pytest.MonkeyPatch) 
     def interrupted(self: TaskSpec, name: str) -> None:
         if name == "later_fields":
             raise KeyboardInterrupt
-        return object.__getattribute__(self, name)  # type: ignore[no-any-return]
+        return object.__getattribute__(self, name)
 
     monkeypatch.setattr(TaskSpec, "__getattribute__", interrupted)
     result = CliRunner().invoke(app, ["task", "show", "coop_nav"])

@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.offline_algos.iql import IQL  # noqa: E402
-from swarmdata.offline_algos.iql_lagrangian import IQLLagrangian  # noqa: E402
+from swarmdata.offline_algos.iql_lagrangian import IQLLagrangian, IQLLagrangianConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch  # noqa: E402
 
@@ -74,4 +74,4 @@ def test_data_without_events_are_refused() -> None:
 @pytest.mark.parametrize("name", ["budget", "multiplier_rate"])
 def test_numbers_are_positive(name: str) -> None:
     with pytest.raises(SchemaError, match=f"{name} is 0"):
-        made(IQLLagrangian, **{name: 0.0})
+        IQLLagrangianConfig(**{name: 0.0})

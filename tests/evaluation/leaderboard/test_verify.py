@@ -56,7 +56,12 @@ def write_entry(folder: Path, policies: list[Any], **changes: Any) -> Path:
     for index, policy in enumerate(policies):
         save_policy(folder / policy_name(index), policy)
     hashes = tuple(sha256(folder / policy_name(index)) for index in range(len(policies)))
-    shared = {"label": "mine", "algorithm": "bc", "dataset": DATASET, "digest": digest}
+    shared: dict[str, Any] = {
+        "label": "mine",
+        "algorithm": "bc",
+        "dataset": DATASET,
+        "digest": digest,
+    }
     found = tuple(Provenance(**shared, index=i, content=h) for i, h in enumerate(hashes))
     target = Target(task_of(recipe, "a test"), tuple(policies), found)
     evaluate_target(target, N_EPISODES, folder / "results", progress=False)
