@@ -1,4 +1,4 @@
-"""`swarmdata evaluate | report | rank`: results of policies, their tables and figures."""
+"""`swarmdata evaluate | report | rank`: results of policies and runs, their tables and figures."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`swarmdata train`, `train-online`, `ship`, `learning`, `export-policy`: runs and policies."""
+"""`swarmdata train | train-online | tune | algorithms | ship | export-policy`: runs, policies."""
 
 from pathlib import Path
 from typing import Annotated, Any
