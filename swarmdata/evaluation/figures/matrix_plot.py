@@ -100,7 +100,7 @@ def plot_matrix(
         for name, y in size.ys.items():
             for key, x in size.xs.items():
                 if (name, key) in cells:
-                    _draw_cell(axes, x, y, cells[name, key], scale, notes.limit)
+                    _draw_cell(axes, x, y, cells[name, key], scale, notes.limit, size.font)
                 else:
                     _write(axes, x + 0.5, y + 0.5, "·", color=GRAY)
         _name_rows(axes, size, notes)
@@ -120,6 +120,11 @@ class _Layout(NamedTuple):
     height: float
     ys: Mapping[str, float]  # in rows
     xs: Mapping[str, float]  # in columns
+
+    @property
+    def font(self) -> float:
+        """Points of a number: four characters fill a column."""
+        return min(7.0, 28.0 * self.column)
 
     @property
     def n_rows(self) -> float:
@@ -160,7 +165,9 @@ def _write(axes: Any, x: float, y: float, text: str, **look: Any) -> None:
     axes.text(x, y, text, **{"ha": "center", "va": "center", "fontsize": 7, **look})
 
 
-def _draw_cell(axes: Any, x: float, y: float, cell: MatrixCell, scale: Any, limit: float) -> None:
+def _draw_cell(
+    axes: Any, x: float, y: float, cell: MatrixCell, scale: Any, limit: float, font: float
+) -> None:
     from matplotlib.patches import Rectangle  # noqa: PLC0415  (matplotlib is an extra)
 
     shade = max(-1.0, min(1.0, cell.change / limit))
@@ -169,7 +176,8 @@ def _draw_cell(axes: Any, x: float, y: float, cell: MatrixCell, scale: Any, limi
     axes.add_patch(box)
     color = "white" if abs(shade) > LEAST_CONTRAST else INK
     weight = "bold" if cell.is_framed else "normal"
-    _write(axes, x + 0.5, y + 0.52, number(cell.value), color=color, fontweight=weight)
+    look = {"color": color, "fontweight": weight, "fontsize": font}
+    _write(axes, x + 0.5, y + 0.52, number(cell.value), **look)
 
 
 def number(value: float) -> str:

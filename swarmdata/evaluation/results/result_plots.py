@@ -176,7 +176,9 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
                     f"{found.value:+.0f}".replace("-", "−"),
                     ha="center",
                     va="center",
-                    fontsize=min(7.0, 98.0 / n),  # 14 columns fill a page
+                    fontsize=min(
+                        7.0, 28.0 * (width - 1.0 - room) / n
+                    ),  # four characters fill a column
                     fontweight="bold" if is_decided else "normal",
                     color="white" if is_decided and abs(found.value) > 0.45 * limit else INK,
                 )
