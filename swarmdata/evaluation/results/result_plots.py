@@ -162,6 +162,7 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
     n, room = len(rows), LETTER_WIDTH * max(map(len, labels))
     limit = max(abs(found.value) for found in pairs.values()) or 1.0
     width = min(PAGE_WIDTH, max(COLUMN_WIDTH, 1.0 + room + MATRIX_CELL[0] * n))
+    font = min(7.0, 17.0 * (width - 1.9 - room) / n)  # four characters fill a column
     with figure(path, width=width, height=0.6 + 0.7 * room + MATRIX_CELL[1] * max(n, 3)) as drawing:
         axes = drawing.add_subplot()
         shown = np.full((n, n), np.nan)
@@ -176,9 +177,7 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
                     f"{found.value:+.0f}".replace("-", "−"),
                     ha="center",
                     va="center",
-                    fontsize=min(
-                        7.0, 28.0 * (width - 1.0 - room) / n
-                    ),  # four characters fill a column
+                    fontsize=font,
                     fontweight="bold" if is_decided else "normal",
                     color="white" if is_decided and abs(found.value) > 0.45 * limit else INK,
                 )

@@ -75,7 +75,7 @@ def test_everything_is_written_and_again_the_same(study: Study, finished: StudyO
     assert "swarmdata study tiny.yaml" in page
     assert "95 % intervals for new training seeds and new episodes" in page
     assert re.search(
-        r"\| `bc` \| 20 \| 128 \| 8 \| \d+ to \d+ \|", page
+        r"\| `bc` \| 20 \| 128 \| 8 \| [\d.]+ to [\d.]+ \|", page
     )  # updates, batch, width, epochs
     for title in ("Protocol", "Return", "Success", "Data efficiency", "Mean Q", "Cost"):
         assert f"\n## {title}" in page
