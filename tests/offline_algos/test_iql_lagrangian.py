@@ -73,5 +73,6 @@ def test_data_without_events_are_refused() -> None:
 
 @pytest.mark.parametrize("name", ["budget", "multiplier_rate"])
 def test_numbers_are_positive(name: str) -> None:
+    settings: dict[str, Any] = {name: 0.0}
     with pytest.raises(SchemaError, match=f"{name} is 0"):
-        IQLLagrangianConfig(**{name: 0.0})
+        IQLLagrangianConfig(**settings)
