@@ -151,22 +151,14 @@ class IQL(OfflineLearner):
         self.descent.step_of("value", value_loss, scale)
         critic_loss = td_error(self.critics.q(x, actions).flatten(2), y.flatten(1))  # eq. 6
         self.critics.step(critic_loss, scale)
-        self.rows.add(batch, self.unit * self.ranked(steps, x, advantages.detach()))
+        unit = RANGE / self.rewards.return_range
+        self.rows.add(batch, unit * advantages.detach())
         actor_loss, beta = self.actor_loss()
         self.descent.step_of("actor", actor_loss, scale)
         self.critics.follow(config.tau)
         self.n_updates += 1
         losses = (value_loss, critic_loss, actor_loss, q.mean((1, 2)), advantages.std((1, 2)), beta)
-        return {name: loss.detach() for name, loss in zip(IQL.LOSSES, losses, strict=True)}
-
-    @property
-    def unit(self) -> float:
-        """u, which turns advantages to the unit of beta."""
-        return RANGE / self.rewards.return_range
-
-    def ranked(self, steps: Batch, x: RobotView, advantages: Tensor) -> Tensor:
-        """Returns by what rows are weighted, [K, R, N]: their advantages."""
-        return advantages
+        return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
 
     def actor_loss(self) -> tuple[Tensor, Tensor]:
         """Returns the loss of eq. 7 on drawn rows, and beta, both [K]."""

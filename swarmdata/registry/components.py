@@ -85,7 +85,6 @@ OFFLINE_ALGORITHMS = ComponentTable(
         "facmac_bc": "swarmdata.offline_algos.facmac_bc:FACMACBC",
         "mac_flow": "swarmdata.offline_algos.mac_flow:MACFlow",
         "iql": "swarmdata.offline_algos.iql:IQL",
-        "iql_lagrangian": "swarmdata.offline_algos.iql_lagrangian:IQLLagrangian",
         "omiga": "swarmdata.offline_algos.omiga:OMIGA",
         "oryx": "swarmdata.offline_algos.oryx:Oryx",
         "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",

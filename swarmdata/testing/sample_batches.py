@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmdata.numerics.event_costs import COSTS
 from swarmdata.types import Batch, Double, Step, blank_step
 
 if TYPE_CHECKING:
@@ -68,10 +67,9 @@ def sample_batch(seeds: Sequence[int], index: int) -> Batch:
     episodes = np.stack([rng.integers(N_EPISODES, size=BATCH) for rng in rngs])
     ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
     flags, cut = ends < 0.2, ends > 0.8
-    contacts = np.stack([rng.integers(2, size=(BATCH, N_AGENTS, len(COSTS))) for rng in rngs])
-    mask, costs = np.ones_like(flags), contacts.astype(np.float32)
+    mask = np.ones_like(flags)
     return Batch(
-        **columns, terminations=flags, truncations=cut, mask=mask, episodes=episodes, costs=costs
+        **columns, terminations=flags, truncations=cut, mask=mask, episodes=episodes
     ).to_torch()
 
 
