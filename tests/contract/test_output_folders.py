@@ -25,6 +25,21 @@ FOLDERS = {
     "filter": ["{tiny}", "--id", "coop_nav-some-v0"],
     "generate": ["coop_nav-random-mini"],
     "import": ["nothing", "--map", "mrclam", "--id", "hall-monday-v0"],
+    "leaderboard submit": [
+        "nothing",
+        "--dataset",
+        "coop_nav-random",
+        "--name",
+        "a",
+        "--license",
+        "b",
+        "--code",
+        "c",
+        "--trials",
+        "1",
+        "--tuning-episodes",
+        "0",
+    ],
     "pull": ["{shelf}/" + TINY.id],
     "rank": ["nothing"],
     "report": ["nothing"],
@@ -44,7 +59,7 @@ FILES = {"fit", "references", "registry update", "render", "task play"}
 
 READERS = {"catalogue open"}
 
-WITH_TORCH = {"rank", "ship", "study", "train", "train-online", "tune"}
+WITH_TORCH = {"leaderboard submit", "rank", "ship", "study", "train", "train-online", "tune"}
 """Commands that ask for torch before they look at folders."""
 
 PLANTED = {

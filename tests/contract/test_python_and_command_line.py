@@ -98,6 +98,7 @@ PAIRS = (
             "validation": "the block `validation`",
         },
         absent={
+            "seeds": "the reserved and the validation seeds are for everybody",
             **dict.fromkeys(("policy", "spec", "name"), "named by TARGET, --task and --label"),
             **dict.fromkeys(("n_copies", "policy_threads"), "changes no result"),
             "block": "--validation",

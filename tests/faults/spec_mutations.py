@@ -10,6 +10,7 @@ import resource
 import sys
 import traceback
 from collections.abc import Iterator
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -132,13 +133,13 @@ def _change(draw: random.Random, holder: Any, key: Any) -> None:
     elif is_number and choice < 0.9:
         holder[key] = draw.choice(NUMBERS)
     elif isinstance(old, list) and old and choice < 0.6:
-        holder[key] = old * draw.choice((2, 3, 100))
+        holder[key] = [each for _ in range(draw.choice((2, 3, 100))) for each in deepcopy(old)]
     elif isinstance(holder, dict) and choice < 0.7:
-        holder[draw.choice(("horizn", "", "a\nb", "x" * 200))] = draw.choice(STRANGE)
+        holder[draw.choice(("horizn", "", "a\nb", "x" * 200))] = deepcopy(draw.choice(STRANGE))
     elif choice < 0.8:
         del holder[key]
     else:
-        holder[key] = draw.choice(STRANGE)
+        holder[key] = deepcopy(draw.choice(STRANGE))
 
 
 def _garble(draw: random.Random, text: str) -> str:

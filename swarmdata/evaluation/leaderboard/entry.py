@@ -92,10 +92,10 @@ def submit(
         UnknownNameError: no such published dataset.
         OutputError: the folder has other files.
     """
+    check_marked(out, ENTRY, "leaderboard entry")
     recipe = find_recipe(dataset)
     digest = published()[recipe.id].digest
     team = _team(runs, recipe.id, digest)
-    check_marked(out, ENTRY, "leaderboard entry")
     for index, policy in enumerate(team.policies):
         save_policy(out / policy_name(index), policy)
     hashes = tuple(sha256(out / policy_name(index)) for index in range(len(team.policies)))
