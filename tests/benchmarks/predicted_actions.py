@@ -19,8 +19,12 @@ from typing import Any
 import numpy as np
 
 import swarmdata
+from swarmdata.datasets.action_scaling import action_scale
+from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.training.run_files import seeds_of
+from swarmdata.learn.training.run_folder import load_run
 from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO, mean_interval
+from swarmdata.types import blank_step
 
 AHEAD = 20  # steps of 0.1 s
 
@@ -40,6 +44,21 @@ def predicted(path: Path, episodes: Sequence[swarmdata.Episode]) -> Iterator[np.
             for t, observation in enumerate(episode.observations[:-1, n]):
                 action, memory = policy.step(observation, n, memory)
                 commands[t, n] = middles[n] + halves[n] * np.clip(action, -1, 1)
+        yield commands
+
+
+def decided_in_order(
+    policy: swarmdata.Policy, dataset: swarmdata.Dataset, episodes: Sequence[swarmdata.Episode]
+) -> Iterator[np.ndarray]:
+    """As `predicted`, of a policy that acts for the team and is not exported robot by robot."""
+    scale = action_scale(dataset.spec)
+    for episode in episodes:
+        commands = np.zeros_like(episode.actions)
+        for t in range(len(commands)):
+            step = blank_step(episode.observations[t][None], episode.states[t][None])
+            if t == 0:
+                policy.reset(step, np.arange(1))
+            commands[t] = scale.middle + scale.half * policy.act(step)[0]
         yield commands
 
 
@@ -103,7 +122,11 @@ def main(data: str, *runs: str) -> None:
     }
     for run in runs:
         found = []
-        for seed in seeds_of([Path(run)]):
+        for policy, seed in zip(load_run(run), seeds_of([Path(run)]), strict=True):
+            if isinstance(policy, SequencePolicy):
+                guesses = decided_in_order(policy, dataset, episodes)
+                found.append(errors(episodes, guesses, units))
+                continue
             with tempfile.TemporaryDirectory() as folder:
                 path = swarmdata.export_policy(run, Path(folder) / "policy.py", seed.seed)
                 found.append(errors(episodes, predicted(path, episodes), units))
