@@ -177,9 +177,10 @@ class Tuning(Frozen):
     def caption(self) -> str:
         """How the trials were run, and what their scores do not say."""
         failed = sum(each.failure is not None for each in self.trials)
+        seeds = f"{len(self.seeds)} seed{'s' * (len(self.seeds) > 1)}"
         text = (
             f"{len(self.trials)} trials, {failed} of them failed; {self.n_updates:,} updates and "
-            f"{len(self.seeds)} seeds each. The {self.unit} is the mean over {self.n_episodes} "
+            f"{seeds} each. The {self.unit} is the mean over {self.n_episodes} "
             "validation episodes of each seed. That of the trial chosen by it is too high, as the "
             "largest of several measurements is: evaluate what was chosen on the reserved episodes."
         )
