@@ -15,7 +15,15 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 
 from swarmdata.errors import OutputError
-from swarmdata.runtime.atomic import LEFTOVER, is_vacant, own_files, staged, sync, write_file
+from swarmdata.runtime.atomic import (
+    LEFTOVER,
+    is_vacant,
+    own_files,
+    remove_leftovers,
+    staged,
+    sync,
+    write_file,
+)
 from swarmdata.runtime.locking import beside, locked
 
 FORMAT_VERSION = 2
@@ -147,6 +155,8 @@ def filled(
     check_output(folder, kind, besides)
     is_merged = folder.is_dir() and not whole  # then nothing has to be made beside it
     place = folder / kind.list_file if is_merged else folder
+    if is_merged and os.access(folder.parent, os.R_OK | os.W_OK | os.X_OK):
+        remove_leftovers(beside(folder), folder.name)  # of a call before which it was not there
     install = partial(_install, folder=folder, kind=kind, whole=whole, besides=besides)
     with staged(place, lambda source, _: install(source)) as target:
         target.mkdir()

@@ -247,3 +247,14 @@ def test_names_of_ours_are_the_users_where_nothing_is_mounted(tmp_path: Path) ->
     assert not is_vacant(folder)
     (tmp_path / "file").write_text("")
     assert not is_vacant(tmp_path / "file")
+
+
+def test_what_a_call_left_that_was_killed_while_files_took_their_places_goes(
+    tmp_path: Path,
+) -> None:
+    """It had begun before the folder was there, beside it."""
+    write(tmp_path / "out", a="1")
+    left = abandoned(tmp_path / "out")
+    write(tmp_path / "out", a="2")
+    assert not left.exists()
+    assert texts(tmp_path / "out") == {"a": "2"}

@@ -13,6 +13,7 @@ from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.numerics.random import SeedBlock, block_seeds
+from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, ranges_of
@@ -176,6 +177,7 @@ def run_evaluations(
     """
     for folder in {each.folder for each in evaluations}:
         check_results_folder(folder)
+        remove_leftovers(folder)  # of results that are there, so that nobody writes them again
     absent = [each for each in evaluations if each.result() is None]
     waiting = evaluations if again else absent
     jobs = [each.job(again=again, n_threads=n_threads) for each in waiting]
