@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
-from tqdm import tqdm
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import DatasetError, SpecError, SwarmdataError
+from swarmdata.errors import SpecError
 from swarmdata.hub.catalog.identity import judge, misnamed
-from swarmdata.hub.catalog.request import cached, cached_ids, is_offline, parse_request
+from swarmdata.hub.catalog.request import cached, is_offline, parse_request
 from swarmdata.registry.published import Reference, published, references_of
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.specs.model_choice import Source, check_messages, with_models
@@ -27,7 +26,7 @@ from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.cache import cache_folder
-from swarmdata.store.stored_dataset import StoredDataset, Verify, check_spec
+from swarmdata.store.stored_dataset import Verify, check_spec
 
 if TYPE_CHECKING:  # a cached dataset is opened without them
     from swarmdata.datasets.mixture import Mixture
@@ -83,46 +82,6 @@ def _info(recipe: Recipe) -> DatasetInfo:
         score=anchors.score(entry.mean_return) if entry and anchors else None,
         digest=entry.digest if entry else None,
         is_cached=(dataset_folder(recipe) / "manifest.json").exists(),
-    )
-
-
-def own_datasets(*, progress: bool = True) -> tuple[list[DatasetInfo], list[str]]:
-    """Returns the datasets in the cache that the package has no recipe of, by id.
-
-    Args:
-        progress: whether to show a bar while they are opened.
-
-    Returns:
-        Them, and for each folder that is no usable dataset one sentence that says why.
-    """
-    place, found, problems = cache_folder() / "datasets", [], []
-    names = sorted(set(cached_ids(place)) - shipped_recipes().keys())
-    hidden = None if progress else True  # None: hidden where there is no terminal
-    for name in tqdm(names, "datasets", unit="dataset", leave=False, disable=hidden):
-        try:
-            stored = open_store(place / name, "none")
-            if (sentence := misnamed(stored.path, stored.manifest)) is not None:
-                raise DatasetError(f"{sentence}.")
-        except SwarmdataError as error:
-            problems.append(f"{place / name}: {error}")
-        else:
-            found.append(_info_of_own(stored))
-    return found, problems
-
-
-def _info_of_own(stored: StoredDataset) -> DatasetInfo:
-    manifest, recipe = stored.manifest, stored.recipe
-    return DatasetInfo(
-        id=manifest.id,
-        task=recipe.spec.task,
-        tier=recipe.tier,
-        n_agents=recipe.spec.n_agents,
-        n_steps=manifest.n_steps,
-        n_episodes=manifest.n_episodes,
-        n_bytes=sum(file.size for file in manifest.files.values()),
-        score=None,
-        digest=manifest.digest,
-        is_cached=True,
     )
 
 
