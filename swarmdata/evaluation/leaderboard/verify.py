@@ -79,6 +79,8 @@ def verify(entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECOND
     Raises:
         FileNotFoundError: the folder has no description.
     """
+    if links := sorted(path.name for path in entry.rglob("*") if path.is_symlink()):
+        return Verdict((f"{links[0]} is a link, expected a file",))
     try:
         description = Description.from_file(entry / ENTRY)
         reasons = (*_wrong_data(description), *_wrong_files(entry, description))

@@ -151,6 +151,14 @@ def test_wrong_files_are_rejected(forged: Path) -> None:
         assert part in reasons
 
 
+@pytest.mark.parametrize("name", ["entry.json", policy_name(0), "results"])
+def test_links_are_not_followed(forged: Path, name: str) -> None:
+    """To a device without an end, for example."""
+    moved = (forged / name).rename(forged.parent / "elsewhere")
+    (forged / name).symlink_to(moved)
+    assert verify(forged, n_episodes=N_EPISODES).reasons == (f"{name} is a link, expected a file",)
+
+
 def test_results_of_other_episodes_are_rejected(honest: Path) -> None:
     assert "first 3 reserved" in verify(honest, n_episodes=3).reasons[0]
 
