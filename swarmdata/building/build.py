@@ -71,7 +71,7 @@ def build(
     """
     out = Path(out)
     checkpoints = None if checkpoints is None else Path(checkpoints)
-    if is_finished(out, recipe):
+    if _is_done(out, recipe):
         return out
     with locked(out, progress):
         build_under_lock(
@@ -90,7 +90,7 @@ def build_under_lock(
     progress: bool = True,
 ) -> None:
     """Does what `build` does, for a caller that holds the lock of `out`."""
-    if is_finished(out, recipe):
+    if _is_done(out, recipe):
         return  # another process built it while this one waited for the lock
     remove_leftovers(out.parent, out.name)
     remove_leftovers(out, MANIFEST, REFERENCES, CARD)
@@ -100,6 +100,15 @@ def build_under_lock(
         note_build(_make(parts, out, workers or os.cpu_count() or 1, engine, progress))
     remove_parts(recipe, out)
     finish(out)  # a dataset with a card has passed the card's checks
+
+
+def _is_done(out: Path, recipe: Recipe) -> bool:
+    """Whether the dataset is finished; then nothing stays in it of a kill after its last file."""
+    if not is_finished(out, recipe):
+        return False
+    if os.access(out, os.R_OK | os.W_OK | os.X_OK):
+        remove_leftovers(out, MANIFEST, REFERENCES, CARD)
+    return True
 
 
 def remove_parts(recipe: Recipe, out: Path) -> None:

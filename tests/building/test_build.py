@@ -27,6 +27,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assembly, read_manifest
 from swarmdata.store.arrays.shards import write_shard
 from tests.support.one_process import OneProcessCrew, use_one_process
+from tests.support.tiny import abandoned
 
 SCRIPT = """
 import sys
@@ -165,6 +166,14 @@ def test_of_a_finished_dataset_only_a_lost_card_is_written_again(
     (out / "card.md").unlink()
     build(make_recipe(), out, progress=False)
     assert (out / "card.md").read_text() == card
+
+
+@pytest.mark.usefixtures("one_process")
+def test_what_a_kill_after_the_last_file_left_goes(whole: Path, tmp_path: Path) -> None:
+    out = Path(shutil.copytree(whole, tmp_path / "d"))
+    left = abandoned(out / "card.md")
+    build(make_recipe(), out, progress=False)
+    assert not left.exists()
 
 
 def snapshot(folder: Path) -> dict[Path, int]:
