@@ -27,6 +27,7 @@ from swarmdata.catalogue.result_sources import (
     Outcome,
     ResultSource,
     committed_sources,
+    entry_sources,
     own_sources,
     results_on,
     studies_without_episodes,
@@ -60,6 +61,7 @@ class CatalogueChoices:
     Attributes:
         episodes: most episodes of each dataset; None: all.
         results: folders and files with results of one's own.
+        entries: folder with entries of a leaderboard, which are verified; None: there is none.
         observation: observation model through which replays are shown; None: the recorded one.
         communication: communication model, likewise.
         workers: processes that build datasets.
@@ -69,6 +71,7 @@ class CatalogueChoices:
 
     episodes: int | None = DEFAULT_EPISODES
     results: tuple[Path, ...] = ()
+    entries: Path | None = None
     observation: Source | None = None
     communication: Source | None = None
     workers: int | None = None
@@ -107,6 +110,8 @@ def build_catalogue(
     start = perf_counter()
     failures = Failures(len(names) + len(choices.results), note)
     own = own_sources(choices.results, failures)
+    if choices.entries is not None:
+        own += entry_sources(choices.entries, failures)
     entries = find_entries(
         names, failures, workers=choices.workers, with_published=choices.published
     )

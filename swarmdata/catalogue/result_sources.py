@@ -26,6 +26,7 @@ from swarmdata.evaluation.study.plan import Study
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.extras import require_extra
 
 Rows = Sequence[Mapping[str, str]]
 
@@ -67,6 +68,7 @@ class ResultSource:
         data: mean score of each dataset's own episodes, where it is known.
         charts: learning curves and sweeps.
         is_own: whether it is no study of this installation.
+        is_verified: whether it is an entry of a leaderboard that was verified.
     """
 
     title: str
@@ -75,6 +77,7 @@ class ResultSource:
     data: Mapping[str, float]
     charts: tuple[LineSet, ...] = ()
     is_own: bool = False
+    is_verified: bool = False
 
 
 def committed_sources(shown: Container[str] | None = None) -> list[ResultSource]:
@@ -132,6 +135,38 @@ def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource
     for place in places:
         with failures.item(str(place)):
             found.append(replace(_of_place(Path(place)), is_own=True))
+    return found
+
+
+def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
+    """Verifies the entries of a leaderboard, and reads the results of those that pass.
+
+    Args:
+        folder: with a folder for each entry.
+        failures: of the batch; gets those that are rejected, with the reasons.
+
+    Raises:
+        DatasetNotFoundError: it has no entries.
+        MissingExtraError: PyTorch is not installed.
+    """
+    require_extra("torch", "torch", "verifying entries")
+    from swarmdata.evaluation.leaderboard.entry import ENTRY, RESULTS  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.leaderboard.verify import verify  # noqa: PLC0415  (torch)
+
+    places = sorted(each.parent for each in folder.glob(f"*/{ENTRY}"))
+    if not places:
+        raise DatasetNotFoundError(f"there are no entries of a leaderboard in {folder}")
+    failures.n_items += len(places)
+    found = []
+    for place in places:
+        with failures.item(str(place)):
+            verdict = verify(place)
+            if not verdict.is_verified:
+                raise SchemaError(f"it is rejected: {'; '.join(verdict.reasons)}")
+            failures.tell(f"{place}: verified")
+            name = place.resolve().name
+            source = replace(_of_place(place / RESULTS), title=f"Entry {name}", place=name)
+            found.append(replace(source, is_own=True, is_verified=True))
     return found
 
 

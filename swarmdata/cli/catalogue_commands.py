@@ -33,6 +33,10 @@ Results = Annotated[
     list[Path] | None,
     typer.Option(help="results to show: a study's folder, or one of `evaluate`; repeatable"),
 ]
+Entries = Annotated[
+    Path | None,
+    typer.Option(help="folder of leaderboard entries, which are verified, to show the valid ones"),
+]
 
 
 @catalogue_app.command("build")
@@ -43,6 +47,7 @@ def build_command(
     episodes: MostEpisodes = None,
     all_episodes: AllEpisodes = False,
     results: Results = None,
+    entries: Entries = None,
     observation: Observation = None,
     communication: Communication = None,
     workers: Workers = None,
@@ -67,6 +72,7 @@ def build_command(
     choices = CatalogueChoices(
         episodes=None if all_episodes else episodes or DEFAULT_EPISODES,
         results=tuple(results or ()),
+        entries=entries,
         observation=observation,
         communication=communication,
         workers=workers,

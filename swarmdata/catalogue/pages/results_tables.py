@@ -182,6 +182,8 @@ def _searched(row: Row) -> str:
 
 def _source(row: Row) -> str:
     name = Path(row.source.place).name
+    if row.source.is_verified:
+        return f"{name} (verified)"
     return f"{name} (yours)" if row.source.is_own else name
 
 

@@ -1,6 +1,7 @@
 """Entries of a leaderboard: honest ones are verified, forged ones are rejected with the reason."""
 
 import json
+from functools import partial
 from pathlib import Path
 from shutil import copytree
 from typing import Any
@@ -12,8 +13,11 @@ torch = pytest.importorskip("torch", reason="policies need torch")
 
 from typer.testing import CliRunner  # noqa: E402
 
+from swarmdata.catalogue.boards import boards  # noqa: E402
+from swarmdata.catalogue.pages.results_page import results_page  # noqa: E402
+from swarmdata.catalogue.result_sources import entry_sources  # noqa: E402
 from swarmdata.cli.main import app  # noqa: E402
-from swarmdata.errors import SpecError  # noqa: E402
+from swarmdata.errors import DatasetNotFoundError, SpecError  # noqa: E402
 from swarmdata.evaluation.leaderboard.entry import Description, policy_name, sha256, submit  # noqa: E402
 from swarmdata.evaluation.leaderboard.verify import (  # noqa: E402
     FARTHEST,
@@ -31,6 +35,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
 from swarmdata.numerics.random import EVALUATION_BASE  # noqa: E402
 from swarmdata.registry.published import published  # noqa: E402
 from swarmdata.registry.recipes import find_recipe  # noqa: E402
+from swarmdata.runtime.batches import Failures  # noqa: E402
 from swarmdata.specs.origins import task_of  # noqa: E402
 
 DATASET, N_SEEDS, N_EPISODES = "coop_nav-random-mini-v1", 5, 4
@@ -211,3 +216,22 @@ def test_runs_on_other_data_make_no_entry(tiny: Path, tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="expected coop_nav-random-mini-v1 as published"):
         submit([tmp_path / "run"], tmp_path / "e", DATASET, tuning_episodes=0, **options)
     assert not (tmp_path / "e").exists()
+
+
+def test_the_catalogue_shows_verified_entries_and_names_the_others(
+    honest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("good", "bad"):
+        copytree(honest, tmp_path / name)
+    change(tmp_path / "bad" / "entry.json", digest="0" * 64)
+    short = partial(verify, n_episodes=N_EPISODES)
+    monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.verify", short)
+    failures = Failures(1)
+    sources = entry_sources(tmp_path, failures)
+    (reason,) = failures.reasons.values()
+    assert "rejected: its dataset has digest 000000000000" in reason
+    page = results_page(boards(sources), sources, frozenset()).body
+    assert "good (verified)" in page
+    assert "mine" in page
+    with pytest.raises(DatasetNotFoundError, match="no entries"):
+        entry_sources(tmp_path / "good", Failures(1))
