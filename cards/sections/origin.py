@@ -6,9 +6,14 @@ They ask the protocol `Origin` only, so that a new kind of origin needs nothing 
 import numpy as np
 
 from swarmdata.cards.sections.front_matter import PROPERTIES
-from swarmdata.cards.sections.wording import TIER_DESCRIPTIONS, UNKNOWN_TIER_DESCRIPTION
+from swarmdata.cards.sections.wording import (
+    STRICT_NOTE,
+    TIER_DESCRIPTIONS,
+    UNKNOWN_TIER_DESCRIPTION,
+)
 from swarmdata.drawing import markdown
 from swarmdata.registry.published import license_of
+from swarmdata.registry.recipes import FAMILY_SPECS, STRICT_FAMILIES
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.origins.edit_origin import Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
@@ -23,6 +28,9 @@ MOST_NUMBERS = 6
 def tier_section(origin: Origin) -> str:
     """What the tier means."""
     text = origin.about_tier or TIER_DESCRIPTIONS.get(origin.tier, UNKNOWN_TIER_DESCRIPTION)
+    strict = next((k for k in STRICT_FAMILIES if FAMILY_SPECS[k] == origin.spec), None)
+    if strict is not None and origin.tier not in ("random", "scripted"):
+        text += f" {STRICT_NOTE.format(STRICT_FAMILIES[strict])}"
     return f"\n## Tier\n\n{text}\n"
 
 

@@ -65,6 +65,12 @@ TIER_DESCRIPTIONS = MappingProxyType(
 )
 """Description of each tier; the table of behavior policies has a dataset's shares and noise."""
 
+STRICT_NOTE = (
+    "The policies are those of `{}`, where they were selected and where episodes go on after a "
+    "contact; here a contact ends the episode without success, so fewer episodes succeed."
+)
+"""Of a preset whose policies are those of another one."""
+
 OWN_NETWORKS_NOTE = (
     "Checkpoints that are not the package's are in the dataset's folder `checkpoints`. The policy "
     "`learned` runs them exactly, with the same bits on every machine; `network` runs those that "

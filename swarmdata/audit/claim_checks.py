@@ -15,7 +15,7 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
-from swarmdata.registry.recipes import FAMILY_SPECS
+from swarmdata.registry.recipes import FAMILY_SPECS, STRICT_FAMILIES
 from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
 from swarmdata.store.table import clean_successes
@@ -111,12 +111,14 @@ def _bands(subject: Subject, family: str, tier: str, known: TaskReferences) -> R
         for policy, metrics in known.policies.items()
     }
     if {"idle", "random", "scripted", "medium", "expert"} <= figures.keys():
-        yield from (problem(words) for words in out_of_band(family, figures))
+        for words in out_of_band(family, figures, is_borrowed=family in STRICT_FAMILIES):
+            yield problem(words)
     table = subject.table
     found = {"success": table.success.mean(), "clean_success": clean_successes(table).mean()}
     low, high = MEDIUM_SUCCESS
     if (
         tier == "medium"
+        and family not in STRICT_FAMILIES
         and not low - NOISE_SUCCESS_LOSS <= found["success"] <= high + NOISE_SUCCESS_LOSS
     ):
         yield problem(

@@ -33,12 +33,18 @@ LEARNED_FAMILIES = (
     "coop_nav", "formation", "transport", "warehouse", "coop_nav-n8", "formation-n8",
     "intersection", "search",
 )  # fmt: skip
-"""Presets that have datasets of learned policies."""
+"""Presets that have policies of their own."""
+
+STRICT_FAMILIES = MappingProxyType(
+    {f"{name}-strict": name for name in ("coop_nav-n8", "intersection", "search", "warehouse")}
+)
+"""Presets in which a contact ends the episode without success, and those without this rule, whose
+policies record their data."""
 
 CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
 """Presets that have datasets of scripted teams with conventions; these teams are their experts."""
 
-FAMILIES = (*LEARNED_FAMILIES, *CONVENTION_FAMILIES)
+FAMILIES = (*LEARNED_FAMILIES, *STRICT_FAMILIES, *CONVENTION_FAMILIES)
 """Presets that have datasets."""
 
 FAMILY_SPECS = LazyTable(FAMILIES, preset)
@@ -65,7 +71,7 @@ class Tier:
     seed: int
     noise: float = ACTION_NOISE_STD
     first_only: bool = False
-    families: tuple[str, ...] = LEARNED_FAMILIES
+    families: tuple[str, ...] = (*LEARNED_FAMILIES, *STRICT_FAMILIES)
 
 
 TIERS = MappingProxyType(
@@ -101,7 +107,7 @@ class Checkpoint(Frozen):
 @cache
 def checkpoints(family: str, tier: str) -> tuple[Checkpoint, ...]:
     """Returns the shipped checkpoints of a tier of a preset; none if it has not been trained."""
-    found = _index().get(family, {}).get(tier, ())
+    found = _index().get(STRICT_FAMILIES.get(family, family), {}).get(tier, ())
     return tuple(Checkpoint.parse(each, f"checkpoint of {family}-{tier}") for each in found)
 
 
@@ -215,7 +221,8 @@ def shipped_recipes() -> Mapping[str, Recipe]:
 def _has(family: str, ingredient: str) -> bool:
     """Whether a preset has the policies of an ingredient."""
     is_scripted = ingredient in ("random", "scripted") or family in CONVENTION_FAMILIES
-    return is_scripted or bool(_index().get(family, {}).get(ingredient))
+    known = _index().get(STRICT_FAMILIES.get(family, family), {})
+    return is_scripted or bool(known.get(ingredient))
 
 
 def _recipe(dataset_id: str, family: str, name: str, n_steps: int) -> Recipe:

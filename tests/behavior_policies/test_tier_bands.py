@@ -40,6 +40,15 @@ def test_each_figure_is_checked(policy: str, metric: str, value: float, message:
     assert message in problem
 
 
+def test_policies_of_another_preset_are_held_to_the_bounds_of_this_one_only() -> None:
+    figures = changed("medium", "success", 0.0) | {"expert": {"success": 0.71, "return": 0.0}}
+    assert out_of_band("search-strict", figures, is_borrowed=True) == ()
+    assert len(out_of_band("search-strict", figures)) == 2
+    figures["expert"]["success"] = 0.69
+    (problem,) = out_of_band("search-strict", figures, is_borrowed=True)
+    assert "expected at least 0.7" in problem
+
+
 def test_pushing_may_touch_and_storing_only_now_and_then() -> None:
     figures = changed("expert", "clean_success", 0.74)
     assert out_of_band("transport", figures) == ()
