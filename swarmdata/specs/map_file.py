@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.errors import SpecError
-from swarmdata.runtime.documents import MAX_JSON_BYTES, read_regular
+from swarmdata.runtime.documents import MAX_JSON_BYTES
+from swarmdata.runtime.regular_files import read_regular
 
 FREE = ".GS"
 

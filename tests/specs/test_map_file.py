@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.envs.coop_nav.navigation_rules import GridMap, NavigationRules
 from swarmdata.errors import SpecError
 from swarmdata.registry.presets import find_spec, preset
 
@@ -18,7 +19,9 @@ def write(folder: Path, spec: str, content: str = MAP) -> Path:
 
 def test_a_file_with_a_map_is_a_spec(tmp_path: Path) -> None:
     spec = find_spec(write(tmp_path, "map: x.map\n"))
-    assert spec.rules.arrangement.rows == ("..@", ".@@")
+    arrangement = spec.rules_as(NavigationRules).arrangement
+    assert isinstance(arrangement, GridMap)
+    assert arrangement.rows == ("..@", ".@@")
     assert (spec.arena.width, spec.arena.height) == pytest.approx((2.1, 1.4))
     assert spec.horizon == 70
     assert spec.team == preset("coop_nav").team
@@ -28,7 +31,7 @@ def test_other_fields_are_kept(tmp_path: Path) -> None:
     text = "map: x.map\ncell: 1\nhorizon: 9\nteam: [{count: 8}]\nrules: {goal_radius: 0.1}\n"
     spec = find_spec(write(tmp_path, text))
     assert (spec.arena.width, spec.horizon, spec.n_agents) == (3.0, 9, 8)
-    assert spec.rules.goal_radius == 0.1
+    assert spec.rules_as(NavigationRules).goal_radius == 0.1
 
 
 @pytest.mark.parametrize(
