@@ -1,5 +1,6 @@
 """A team whose robots all run one file of ONNX, of this library or another."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,27 +43,31 @@ class OnnxPolicy:
         except Exception as error:  # the runtime's exceptions have no other base
             raise CheckpointError(f"{path} is no network of ONNX: {error}") from error
         inputs = {each.name: each for each in self._session.get_inputs()}
-        outputs = [each.name for each in self._session.get_outputs()]
         self._n_memory = inputs["memory"].shape[-1] if "memory" in inputs else 0
-        expected = {
-            "observation": ("tensor(float)", spec.observation_size),
-            **({"robot": ("tensor(int64)", None)} if "robot" in inputs else {}),
-            **({"memory": ("tensor(float)", self._n_memory)} if "memory" in inputs else {}),
-        }
-        found = {
-            name: (each.type, None if name == "robot" else each.shape[-1])
-            for name, each in inputs.items()
-        }
         self._outputs = ["action", "next_memory"] if "memory" in inputs else ["action"]
-        if found != expected or outputs != self._outputs or not isinstance(self._n_memory, int):
-            raise CheckpointError(
-                f"{path} has the inputs {found} and the outputs {outputs}, expected {expected}, "
-                f"perhaps robot (int64) and memory, and the outputs {self._outputs}"
-            )
         self._path, self._with_robots = path, "robot" in inputs
         self._shape = spec.n_agents, spec.action_size
+        self._check(inputs, spec.observation_size)
         self._memory = np.zeros((0, spec.n_agents, self._n_memory), np.float32)
         self._last = LastMeans[Float]()
+
+    def _check(self, inputs: Mapping[str, Any], n_features: int) -> None:
+        """Raises CheckpointError unless inputs and outputs are those of a robot of the task."""
+        expected = {"observation": ("tensor(float)", n_features)}
+        if self._with_robots:
+            expected["robot"] = ("tensor(int64)", 0)
+        if "memory" in inputs:
+            expected["memory"] = ("tensor(float)", self._n_memory)
+        found = {
+            name: (each.type, 0 if name == "robot" else each.shape[-1])
+            for name, each in inputs.items()
+        }
+        outputs = [each.name for each in self._session.get_outputs()]
+        if found != expected or outputs != self._outputs or not isinstance(self._n_memory, int):
+            raise CheckpointError(
+                f"{self._path} has the inputs {found} and the outputs {outputs}, expected "
+                f"{expected}, and perhaps robot (int64) and memory, and the outputs {self._outputs}"
+            )
 
     def reset(self, step: Step, copies: Int) -> None:
         if len(self._memory) != len(step.observations):
