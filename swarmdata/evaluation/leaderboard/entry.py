@@ -112,30 +112,22 @@ def submit(
     recipe = find_recipe(dataset)
     digest = published()[recipe.id].digest
     is_onnx = all(run.suffix == ONNX_SUFFIX for run in runs)
-    find_team = _team_of_files if is_onnx else _team
-    team, hashes = find_team(runs, recipe, digest), []
-    for index, policy in enumerate(team.policies):
-        file = out / policy_name(index, is_onnx=is_onnx)
+    team = (_team_of_files if is_onnx else _team)(runs, recipe, digest)
+    files = [out / policy_name(i, is_onnx=is_onnx) for i in range(len(team.policies))]
+    for index, file in enumerate(files):
         if is_onnx:
             write_file(file, runs[index].read_bytes())
         else:
-            save_policy(file, policy)
-        hashes.append(sha256(file))
+            save_policy(file, team.policies[index])
+    hashes = tuple(map(sha256, files))
     description = Description(
         name=name, dataset=recipe.id, digest=digest,
         algorithm=team.provenances[0].algorithm or name, license=license, code=code, trials=trials,
-        tuning_episodes=tuning_episodes, policies=tuple(hashes), is_onnx=is_onnx,
+        tuning_episodes=tuning_episodes, policies=hashes, is_onnx=is_onnx,
     )  # fmt: skip
+    said = {"label": name, "algorithm": description.algorithm, "run": None}
     provenances = tuple(
-        each.model_copy(
-            update={
-                "label": name,
-                "algorithm": description.algorithm,
-                "index": index,
-                "run": None,
-                "content": content,
-            }
-        )
+        each.model_copy(update={**said, "index": index, "content": content})
         for index, (each, content) in enumerate(zip(team.provenances, hashes, strict=True))
     )
     named = replace(team, provenances=provenances)
