@@ -90,7 +90,7 @@ def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> Non
 
 def test_the_shipped_experts_have_settings() -> None:
     trained = {family for family in LEARNED_FAMILIES if checkpoints(family, "expert")}
-    carried_over = {"coop_nav-n8", "pursuit-sight"}  # settings of teams of 4, and of pursuit
+    carried_over = {"coop_nav-n8"}  # from teams of 4
     assert {f"{family}-expert" for family in trained - carried_over} <= set(CONFIGS)
 
 
