@@ -31,7 +31,7 @@ N_STEPS, MINI_STEPS = 1_000_000, 50_000
 
 LEARNED_FAMILIES = (
     "coop_nav", "formation", "transport", "warehouse", "coop_nav-n8", "formation-n8",
-    "intersection", "search",
+    "intersection", "search", "pursuit",
 )  # fmt: skip
 """Presets that have policies of their own."""
 
@@ -39,8 +39,7 @@ STRICT_FAMILIES = MappingProxyType(
     {f"{name}-strict": name for name in ("coop_nav-n8", "intersection", "search", "warehouse")}
 )
 """Presets in which a contact ends the episode without success, and those without this rule, whose
-policies record their data; random and medium teams hardly ever succeed there, so they have no
-datasets."""
+policies record their data; other teams than experts hardly ever succeed there."""
 
 CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
 """Presets that have datasets of scripted teams with conventions; these teams are their experts."""
@@ -72,17 +71,19 @@ class Tier:
     seed: int
     noise: float = ACTION_NOISE_STD
     first_only: bool = False
-    families: tuple[str, ...] = (*LEARNED_FAMILIES, *STRICT_FAMILIES)
+    families: tuple[str, ...] = LEARNED_FAMILIES
 
 
 TIERS = MappingProxyType(
     {
-        "random": Tier(("random",), 1, families=LEARNED_FAMILIES),
+        "random": Tier(("random",), 1),
         "scripted": Tier(("scripted",), 2),
-        "medium": Tier(("medium",), 3, families=LEARNED_FAMILIES),
-        "expert": Tier(("expert",), 4),
+        "medium": Tier(("medium",), 3),
+        "expert": Tier(("expert",), 4, families=(*LEARNED_FAMILIES, *STRICT_FAMILIES)),
         "medium-expert": Tier(("medium", "expert"), 5),
-        "medium-replay": Tier(("medium-replay",), 6),
+        "medium-replay": Tier(
+            ("medium-replay",), 6, families=(*LEARNED_FAMILIES, *STRICT_FAMILIES)
+        ),
         "mixed-conventions": Tier(("mixed-conventions",), 7, noise=0.05, families=("coop_nav",)),
         "narrow": Tier(("expert",), 8, noise=0.02, first_only=True, families=("coop_nav",)),
         "two-conventions": Tier(("two-conventions",), 9, noise=0.05, families=CONVENTION_FAMILIES),
