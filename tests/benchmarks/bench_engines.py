@@ -144,8 +144,8 @@ def text(subjects: Sequence[Subject], timings: dict[str, list[Timing]]) -> str:
     return (
         f"The overhead of [engines](studies.md#engines): empty jobs, {N_WORKERS} processes, "
         f"medians of {rounds} rounds (`python -m tests.benchmarks.bench_engines`; {versions}). The "
-        "first job includes the start of processes or the connection to a running cluster. `none` is "
-        "the standard library's process pool without an engine. SLURM, which starts an "
+        "first job includes the start of processes or the connection to a running cluster. `none` "
+        "is the standard library's process pool without an engine. SLURM, which starts an "
         f"interpreter per job, was extrapolated from {N_SLURM_JOBS} jobs; since real jobs take "
         "seconds to hours, only its overhead can matter.\n\n"
         f"{busy if load > 1.5 else ''}{table(head, rows)}"
