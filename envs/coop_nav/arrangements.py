@@ -11,7 +11,8 @@ Doorway: even robots start left and odd ones right of a wall along y with a door
 goal of (x, y) is (-x, y), so that few straight paths are free.
 Corridor: the same with a passage along x between two solid blocks.
 Lanes: the same with two parallel passages, in each of which one robot fits: teams get through only
-if each takes a lane of its own. Ranks: unassigned goals, in a module of its own (`ranks`).
+if each takes a lane of its own. Ranks: unassigned goals, in a module of its own (`ranks`). Maps:
+walls on a grid with random starts and goals (`grid_map`).
 """
 
 import math
@@ -19,9 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swarmdata.envs.coop_nav.grid_map import MappedPlaces, places_on_map
 from swarmdata.envs.coop_nav.navigation_rules import (
     Corridor,
     Doorway,
+    GridMap,
     Lanes,
     NavigationRules,
     Ranks,
@@ -105,7 +108,7 @@ class Arranged:
         )  # fmt: skip
 
 
-def arrange(spec: TaskSpec) -> Arranged | RankedGoals:
+def arrange(spec: TaskSpec) -> Arranged | RankedGoals | MappedPlaces:
     """Builds the arrangement that the rules of `coop_nav` name.
 
     Raises:
@@ -115,6 +118,8 @@ def arrange(spec: TaskSpec) -> Arranged | RankedGoals:
     kind = rules.arrangement
     if isinstance(kind, Ranks):
         return arrange_ranks(spec)
+    if isinstance(kind, GridMap):
+        return places_on_map(spec, kind.rows, kind.cell)
     if rules.goals != "assigned":
         raise SpecError(
             f"rules.goals is {rules.goals!r} with arrangement {kind.kind!r}: robots that swap "

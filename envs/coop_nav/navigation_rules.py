@@ -1,8 +1,8 @@
 """The rules of `coop_nav`: goals, arrangements of starts and goals, and reward weights."""
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.quantities import Coordinate, Distance, Length, Weight
@@ -82,8 +82,31 @@ class Ranks(Frozen):
     jitter: Distance = 0.1  # m, of each start and goal in x and in y
 
 
+Cells = Annotated[str, Field(pattern=r"^[.@]+$", max_length=1024)]
+
+
+class GridMap(Frozen):
+    """Walls on a grid; starts and goals are drawn in the largest connected part of the free cells.
+
+    Raises:
+        SpecError: rows differ in length.
+    """
+
+    kind: Literal["map"] = "map"
+    rows: Annotated[tuple[Cells, ...], Field(min_length=1, max_length=1024)]
+    """The first at the top; `.` is free, `@` a wall."""
+    cell: Length = 0.7  # m, side of a cell
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len({len(row) for row in self.rows}) > 1:
+            raise ValueError("rows of a map have different lengths, expected the same")
+        return self
+
+
 AnyArrangement = Annotated[
-    RandomArrangement | Swap | Doorway | Corridor | Lanes | Ranks, Field(discriminator="kind")
+    RandomArrangement | Swap | Doorway | Corridor | Lanes | Ranks | GridMap,
+    Field(discriminator="kind"),
 ]
 
 
@@ -114,9 +137,15 @@ class NavigationRules(TaskRules):
     def demand(self, spec: "TaskSpec") -> TaskDemand:
         n, is_shared = spec.n_agents, self.goals == "unassigned"
         return TaskDemand(
-            obstacles={"doorway": 2, "corridor": 2, "lanes": 3}.get(self.arrangement.kind, 0),
+            obstacles=self._n_walls(),
             features=8 * n if is_shared else 24,
             columns=2 * n if is_shared else 16 + 6 * n,
             is_matched=is_shared,
-            is_drawn=self.arrangement.kind == "random",
+            is_drawn=self.arrangement.kind in ("random", "map"),
         )
+
+    def _n_walls(self) -> int:
+        """Obstacles of the arrangement; of a map, at most as many."""
+        if isinstance(self.arrangement, GridMap):
+            return sum(row.count("@") for row in self.arrangement.rows)
+        return {"doorway": 2, "corridor": 2, "lanes": 3}.get(self.arrangement.kind, 0)

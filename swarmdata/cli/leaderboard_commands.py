@@ -14,7 +14,9 @@ Entry = Annotated[Path, typer.Argument(metavar="ENTRY", help="folder of the entr
 
 @leaderboard_app.command("submit")
 def submit_command(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run folders")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="run folders, or files of ONNX")
+    ],
     dataset: Annotated[str, typer.Option(help="published dataset that they were trained on")],
     name: Annotated[str, typer.Option(help="name of the entry's row")],
     license: Annotated[str, typer.Option(help="of the policies, such as Apache-2.0")],

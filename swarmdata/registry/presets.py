@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError
+from swarmdata.runtime.documents import read_document
 from swarmdata.specs.task_spec import TaskSpec
 
 V = TypeVar("V")
@@ -58,6 +59,8 @@ def _read(name: str) -> str:
 def find_spec(task: str | Path | TaskSpec) -> TaskSpec:
     """A preset by name, the spec in a `.yaml` or `.json` file, or a spec itself.
 
+    A file may have `map: FILE`, a map of walls for `coop_nav` (`specs.map_file`).
+
     Raises:
         UnknownNameError: no such preset.
         SpecError: the file cannot be read, or is not a spec.
@@ -68,7 +71,12 @@ def find_spec(task: str | Path | TaskSpec) -> TaskSpec:
     if path.suffix not in SPEC_SUFFIXES:
         return preset(str(task))
     try:
-        return TaskSpec.from_file(path)
+        document = read_document(path)
+        if isinstance(document, dict) and "map" in document:
+            from swarmdata.specs.map_file import with_map  # noqa: PLC0415  (only for maps)
+
+            document = with_map(document, path.parent)
+        return TaskSpec.parse(document, str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise SpecError(
             f"cannot read a spec from {path}: {error}. Give a YAML or JSON file, or one of the "

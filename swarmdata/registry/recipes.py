@@ -39,7 +39,8 @@ STRICT_FAMILIES = MappingProxyType(
     {f"{name}-strict": name for name in ("coop_nav-n8", "intersection", "search", "warehouse")}
 )
 """Presets in which a contact ends the episode without success, and those without this rule, whose
-policies record their data."""
+policies record their data; random and medium teams hardly ever succeed there, so they have no
+datasets."""
 
 CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
 """Presets that have datasets of scripted teams with conventions; these teams are their experts."""
@@ -76,9 +77,9 @@ class Tier:
 
 TIERS = MappingProxyType(
     {
-        "random": Tier(("random",), 1),
+        "random": Tier(("random",), 1, families=LEARNED_FAMILIES),
         "scripted": Tier(("scripted",), 2),
-        "medium": Tier(("medium",), 3),
+        "medium": Tier(("medium",), 3, families=LEARNED_FAMILIES),
         "expert": Tier(("expert",), 4),
         "medium-expert": Tier(("medium", "expert"), 5),
         "medium-replay": Tier(("medium-replay",), 6),

@@ -9,7 +9,7 @@ from swarmdata.interfaces import Policy
 from swarmdata.registry import components
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.registry.recipes import FAMILIES, TRAINED_TIERS, Checkpoint, checkpoints
+from swarmdata.registry.recipes import LEARNED_FAMILIES, TRAINED_TIERS, Checkpoint, checkpoints
 from swarmdata.specs.rules import PACKAGE_RULES, rules_model
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
@@ -21,7 +21,7 @@ SPEC = TaskSpec(horizon=25)
 
 SHIPPED = [
     pytest.param(family, found[0], id=f"{family}-{tier}")
-    for family in FAMILIES
+    for family in LEARNED_FAMILIES
     for tier in TRAINED_TIERS
     if (found := checkpoints(family, tier))
 ]

@@ -16,6 +16,7 @@ from swarmdata.registry.recipes import (
     FAMILIES,
     FAMILY_SPECS,
     LEARNED_FAMILIES,
+    STRICT_FAMILIES,
     TIERS,
     TRAINED_TIERS,
     Checkpoint,
@@ -79,6 +80,7 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
 ) -> None:
     names = {f"coop_nav-{name}" for name in TIERS if name != "two-conventions"}
     names |= {f"{family}-{name}" for family in LEARNED_FAMILIES for name in ("random", "scripted")}
+    names |= {f"{family}-scripted" for family in STRICT_FAMILIES}
     names |= {f"{family}-two-conventions" for family in CONVENTION_FAMILIES}
     names |= {"formation-n8-expert"}
     assert set(trained) == {f"{n}{s}-v1" for n in names for s in ("", "-mini")}
@@ -102,6 +104,15 @@ def test_no_two_tiers_share_their_episodes(trained: Mapping[str, Recipe]) -> Non
     seeds = {recipe.tier: recipe.seed for recipe in trained.values()}
 
     assert len(set(seeds.values())) == len(seeds) == len(TIERS)
+
+
+def test_strict_presets_are_recorded_by_the_policies_of_those_without_the_rule() -> None:
+    for name, base in STRICT_FAMILIES.items():
+        strict, free = FAMILY_SPECS[name], FAMILY_SPECS[base]
+        assert strict.with_updates(on_collision=free.on_collision) == free
+        for tier in ("medium-replay", "expert"):
+            recipes_of = (find_recipe(f"{each}-{tier}") for each in (name, base))
+            assert len({each.policies for each in recipes_of}) == 1
 
 
 def test_mixture_is_half_and_half(trained: Mapping[str, Recipe]) -> None:
@@ -179,7 +190,7 @@ def test_parts_suit_the_smallest_share(shares: list[float], n_steps: int, family
 
 
 @pytest.mark.parametrize("tier", TRAINED_TIERS)
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", LEARNED_FAMILIES)
 def test_shipped_checkpoints_are_those_of_the_index(family: str, tier: str) -> None:
     for shipped in checkpoints(family, tier):
         assert read_checkpoint(shipped.file, shipped.sha256)

@@ -5,9 +5,8 @@ import resource
 import sys
 from pathlib import Path
 
-from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, policy_name
+from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, read_policy
 from swarmdata.evaluation.leaderboard.verify import GIGABYTES, fresh_seeds
-from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.numerics.random import block_seeds
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.rollouts.evaluate import evaluate
@@ -25,10 +24,10 @@ def main(entry: Path, out: Path, n_episodes: int) -> None:
     }
     returns = {
         name: [
-            evaluate(load_policy(entry / policy_name(index)), spec, seeds=seeds, progress=False)
+            evaluate(read_policy(entry / file, spec), spec, seeds=seeds, progress=False)
             .metrics["return"]
             .tolist()
-            for index in range(len(description.policies))
+            for file in description.files
         ]
         for name, seeds in blocks.items()
     }

@@ -1,7 +1,7 @@
 """An entry: a folder with the policies of some training seeds, their results and a description.
 
     entry.json          dataset and its digest, algorithm, tuning, license, hashes of the policies
-    policy-0.safetensors, policy-1.safetensors, ...
+    policy-0.safetensors, policy-1.safetensors, ...; or policy-0.onnx, ... of other libraries
     results/            one file for each policy, as `swarmdata evaluate --out` writes them
 
 Nothing in it can be executed.
@@ -16,16 +16,26 @@ from typing import Literal
 from pydantic import Field
 
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.results.policy_names import Target, find_target
+from swarmdata.evaluation.results.policy_names import (
+    ONNX_SUFFIX,
+    Target,
+    find_target,
+    onnx_target,
+)
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.provenance import FilePart, Natural
-from swarmdata.learn.policies.policy_file import save_policy
+from swarmdata.interfaces import Policy
+from swarmdata.learn.deployment.onnx_policy import OnnxPolicy
+from swarmdata.learn.policies.policy_file import load_policy, save_policy
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins import task_of
 from swarmdata.specs.plain_names import Sha256
+from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
 
 ENTRY, RESULTS = "entry.json", "results"
 
@@ -51,12 +61,18 @@ class Description(Frozen):
     code: str = Field(min_length=1)  # where the training's code is
     trials: Natural  # configurations that were tried
     tuning_episodes: Natural  # simulated episodes that settings were chosen on
-    policies: tuple[Sha256, ...]  # of policy-0.safetensors, policy-1.safetensors, ...
+    policies: tuple[Sha256, ...]  # of policy-0, policy-1, ...
+    is_onnx: bool = False  # whether the policies are files of ONNX, of another library
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the policies' files."""
+        return tuple(policy_name(i, is_onnx=self.is_onnx) for i in range(len(self.policies)))
 
 
-def policy_name(index: int) -> str:
+def policy_name(index: int, *, is_onnx: bool = False) -> str:
     """Returns the name of the file of a policy."""
-    return f"policy-{index}.safetensors"
+    return f"policy-{index}{ONNX_SUFFIX if is_onnx else '.safetensors'}"
 
 
 def submit(
@@ -75,7 +91,7 @@ def submit(
     """Makes an entry of trained runs.
 
     Args:
-        runs: folders of runs, of one algorithm on the dataset.
+        runs: folders of runs, of one algorithm on the dataset; or files of ONNX, a policy each.
         out: folder of the entry, new or empty, or of an earlier entry.
         dataset: published id.
         name: of its row.
@@ -95,17 +111,23 @@ def submit(
     check_marked(out, ENTRY, "leaderboard entry")
     recipe = find_recipe(dataset)
     digest = published()[recipe.id].digest
-    team = _team(runs, recipe.id, digest)
-    for index, policy in enumerate(team.policies):
-        save_policy(out / policy_name(index), policy)
-    hashes = tuple(sha256(out / policy_name(index)) for index in range(len(team.policies)))
+    is_onnx = all(run.suffix == ONNX_SUFFIX for run in runs)
+    team = (_team_of_files if is_onnx else _team)(runs, recipe, digest)
+    files = [out / policy_name(i, is_onnx=is_onnx) for i in range(len(team.policies))]
+    for index, file in enumerate(files):
+        if is_onnx:
+            write_file(file, runs[index].read_bytes())
+        else:
+            save_policy(file, team.policies[index])
+    hashes = tuple(map(sha256, files))
     description = Description(
-        name=name, dataset=recipe.id, digest=digest, algorithm=str(team.provenances[0].algorithm),
-        license=license, code=code, trials=trials, tuning_episodes=tuning_episodes,
-        policies=hashes,
+        name=name, dataset=recipe.id, digest=digest,
+        algorithm=team.provenances[0].algorithm or name, license=license, code=code, trials=trials,
+        tuning_episodes=tuning_episodes, policies=hashes, is_onnx=is_onnx,
     )  # fmt: skip
+    said = {"label": name, "algorithm": description.algorithm, "run": None}
     provenances = tuple(
-        each.model_copy(update={"label": name, "index": index, "run": None, "content": content})
+        each.model_copy(update={**said, "index": index, "content": content})
         for index, (each, content) in enumerate(zip(team.provenances, hashes, strict=True))
     )
     named = replace(team, provenances=provenances)
@@ -114,19 +136,41 @@ def submit(
     return description
 
 
-def _team(runs: Sequence[Path], dataset: str, digest: str) -> Target:
+def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
     """The policies of all runs; refuses runs on other data, or for other rewards."""
     targets = [find_target(str(run)) for run in runs]
     for run, target in zip(runs, targets, strict=True):
-        _check_trained_on(run, target, dataset, digest)
+        _check_trained_on(run, target, recipe.id, digest)
     policies = tuple(policy for target in targets for policy in target.policies)
-    if len(policies) < LEAST_SEEDS:
-        raise SpecError(
-            f"the runs have {len(policies)} policies, expected at least {LEAST_SEEDS} training "
-            "seeds; train with --seeds 5"
-        )
+    _check_number(policies)
     provenances = tuple(each for target in targets for each in target.provenances)
     return Target(targets[0].spec, policies, provenances)
+
+
+def _team_of_files(files: Sequence[Path], recipe: Recipe, digest: str) -> Target:
+    """The policies in files of ONNX, which are said to be trained on the dataset."""
+    _check_number(files)
+    team = onnx_target(files, task_of(recipe, "a leaderboard"), "onnx")
+    said = {"dataset": recipe.id, "digest": digest}
+    provenances = tuple(each.model_copy(update=said) for each in team.provenances)
+    return replace(team, provenances=provenances)
+
+
+def _check_number(policies: Sequence[object]) -> None:
+    if len(policies) < LEAST_SEEDS:
+        raise SpecError(
+            f"there are {len(policies)} policies, expected at least {LEAST_SEEDS} training seeds; "
+            "train with --seeds 5"
+        )
+
+
+def read_policy(file: Path, spec: TaskSpec) -> Policy:
+    """Reads a policy of an entry.
+
+    Raises:
+        SwarmdataError: the file holds none.
+    """
+    return OnnxPolicy(file, spec) if file.suffix == ONNX_SUFFIX else load_policy(file)
 
 
 def _check_trained_on(run: Path, target: Target, dataset: str, digest: str) -> None:

@@ -25,7 +25,6 @@ from swarmdata.evaluation.leaderboard.entry import (
     N_EPISODES,
     RESULTS,
     Description,
-    policy_name,
     sha256,
 )
 from swarmdata.evaluation.results.result_files import Result, load_result
@@ -45,6 +44,9 @@ LEAST_EQUAL = 0.95
 
 FARTHEST = 4.0
 """Standard errors by which the return may be higher on the reserved episodes."""
+
+ONNX_MARGIN = 2.0
+"""Standard errors within which the return of files of ONNX is what their entry says."""
 
 
 class Verdict(NamedTuple):
@@ -100,7 +102,8 @@ def verify(entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECOND
             last = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
             return Verdict((f"its policies could not act: {last}",))
         measured = json.loads((Path(scratch) / "returns.json").read_bytes())
-    return _compared(claimed, *(np.array(measured[name]) for name in ("reserved", "fresh")))
+    reserved, fresh = (np.array(measured[name]) for name in ("reserved", "fresh"))
+    return _compared(claimed, reserved, fresh, is_onnx=description.is_onnx)
 
 
 def fresh_seeds(description: Description, n_episodes: int) -> Seeds:
@@ -122,7 +125,7 @@ def _wrong_data(description: Description) -> Iterator[str]:
 
 def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
     """What is wrong with the files."""
-    names = {policy_name(i): content for i, content in enumerate(description.policies)}
+    names = dict(zip(description.files, description.policies, strict=True))
     files = {path.relative_to(entry).as_posix() for path in entry.rglob("*") if not path.is_dir()}
     known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}
     yield from (f"{name} does not belong there" for name in files - known - {*names, ENTRY})
@@ -144,35 +147,47 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
     found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
     by_content = {each.provenance.content: each for each in found}
     spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)
-    for index, content in enumerate(description.policies):
+    for file, content in zip(description.files, description.policies, strict=True):
         result = by_content.get(content)
         if result is None:
-            raise SchemaError(f"{policy_name(index)} has no result in {RESULTS}")
+            raise SchemaError(f"{file} has no result in {RESULTS}")
         if result.spec != spec or not np.array_equal(result.evaluation.seeds, seeds):
             raise SchemaError(
-                f"the result of {policy_name(index)} is not of the task of {description.dataset} "
+                f"the result of {file} is not of the task of {description.dataset} "
                 f"on its first {n_episodes} reserved episodes"
             )
     return [by_content[content] for content in description.policies]
 
 
-def _compared(claimed: list[Result], reserved: Double, fresh: Double) -> Verdict:
-    """Compares claimed returns with those on reserved and on fresh episodes, both [K, E]."""
+def _compared(
+    claimed: list[Result], reserved: Double, fresh: Double, *, is_onnx: bool = False
+) -> Verdict:
+    """Compares claimed returns with those on reserved and on fresh episodes, both [K, E].
+
+    Runtimes of ONNX round differently, so many episodes may end differently; then the mean must be
+    within `ONNX_MARGIN` standard errors of two evaluations.
+    """
     said = np.stack([each.evaluation.metrics["return"] for each in claimed])
     equal = float(np.isclose(said, reserved, rtol=0, atol=1e-6).mean())
     reasons = []
-    if equal < LEAST_EQUAL:
+    off = abs(said.mean() - reserved.mean())
+    is_near = is_onnx and off <= ONNX_MARGIN * _error(reserved, reserved)
+    if equal < LEAST_EQUAL and not is_near:
         reasons.append(
             f"{equal:.1%} of the reserved episodes ended with the return that it says, expected "
             f"at least {LEAST_EQUAL:.0%}; its mean is {said.mean():.3f}, evaluated again "
             f"{reserved.mean():.3f}"
         )
-    means = [returns.mean(0) for returns in (reserved, fresh)]  # over seeds, [E]
-    error = np.sqrt(sum(each.var(ddof=1) / len(each) for each in means))
-    if means[0].mean() - means[1].mean() > FARTHEST * error:
+    if reserved.mean() - fresh.mean() > FARTHEST * _error(reserved, fresh):
         reasons.append(
-            f"its return is {means[0].mean():.3f} on the reserved episodes and "
-            f"{means[1].mean():.3f} on fresh ones, more than {FARTHEST:.0f} standard errors less: "
+            f"its return is {reserved.mean():.3f} on the reserved episodes and "
+            f"{fresh.mean():.3f} on fresh ones, more than {FARTHEST:.0f} standard errors less: "
             "it was chosen on the reserved ones"
         )
     return Verdict(tuple(reasons), equal, float(reserved.mean()), float(fresh.mean()))
+
+
+def _error(*evaluations: Double) -> float:
+    """Standard error of the difference of two means over episodes, of returns [K, E]."""
+    means = (returns.mean(0) for returns in evaluations)  # over seeds, [E]
+    return float(np.sqrt(sum(each.var(ddof=1) / len(each) for each in means)))

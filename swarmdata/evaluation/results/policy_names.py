@@ -1,5 +1,6 @@
 """Finds the policies that a name on the command line means."""
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,6 +11,7 @@ from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.hub.remotes.outside_names import is_folder, looks_like_path
 from swarmdata.interfaces import Policy
+from swarmdata.learn.deployment.onnx_policy import OnnxPolicy
 from swarmdata.learn.training.run_files import run_folders
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, make_policy, make_task
@@ -30,6 +32,9 @@ from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.recognition import is_dataset as is_dataset_folder
+
+ONNX_SUFFIX = ".onnx"
+"""Of files with a policy."""
 
 DEFAULT_TASK = "coop_nav"
 """Preset in which policies and tiers act unless another is named."""
@@ -95,7 +100,7 @@ def find_target(
     Args:
         name: a registered policy such as `random`; a learned tier such as `expert`: its checkpoints
             without noise; a dataset, by its id or by its folder: its behavior policies as recorded;
-            or a run folder: its newest policies, one per seed.
+            a run folder: its newest policies, one per seed; or a file of ONNX.
         task: where policies, tiers and runs act: a preset's name, or a spec file. None: runs where
             they were trained, the others in `DEFAULT_TASK`. Datasets' policies act in their task.
         observation: observation model, such as `lidar`; None: that of the task, the dataset or the
@@ -109,7 +114,8 @@ def find_target(
         PolicyFitError: the task or the models do not provide what a trained policy needs.
         SpecError: the run was trained on a recording of another environment; a task is given with
             a dataset; or the dataset's policies were not recorded with it.
-        MissingExtraError: a run folder needs torch.
+        MissingExtraError: a run folder needs torch, or a file of ONNX onnxruntime.
+        CheckpointError: a file of ONNX does not fit the task.
     """
     choose = partial(
         chosen_models, observation=observation, communication=communication, backend=backend,
@@ -123,6 +129,9 @@ def find_target(
         check_no_task(name, task)
         return _own_target(own, choose)
     task = DEFAULT_TASK if task is None else task
+    if name.endswith(ONNX_SUFFIX) and Path(name).is_file():
+        spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=True)
+        return onnx_target([Path(name)], spec, Path(name).stem)
     if name in POLICIES and name not in CHECKPOINT_POLICIES:
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=False)
         return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
@@ -132,6 +141,18 @@ def find_target(
         contents = [source.sha256 for source in found]
         return Target(spec, policies, _numbered(name, contents))
     return _dataset_target(name, task, choose)
+
+
+def onnx_target(files: Sequence[Path], spec: TaskSpec, label: str) -> Target:
+    """Returns the team of each file of ONNX, as one row.
+
+    Raises:
+        CheckpointError: a file does not fit the task.
+        MissingExtraError: onnxruntime is not installed.
+    """
+    contents = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
+    policies = tuple(OnnxPolicy(file, spec) for file in files)
+    return Target(spec, policies, _numbered(label, contents))
 
 
 def own_dataset(name: str) -> Path | None:

@@ -33,7 +33,7 @@ from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Reference
-from swarmdata.registry.recipes import FAMILIES, checkpoints
+from swarmdata.registry.recipes import LEARNED_FAMILIES, checkpoints
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.one_process import use_one_process
@@ -89,7 +89,7 @@ def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> Non
 
 
 def test_the_shipped_experts_have_settings() -> None:
-    trained = {family for family in FAMILIES if checkpoints(family, "expert")}
+    trained = {family for family in LEARNED_FAMILIES if checkpoints(family, "expert")}
     carried_over = {"coop_nav-n8"}  # from teams of 4
     assert {f"{family}-expert" for family in trained - carried_over} <= set(CONFIGS)
 

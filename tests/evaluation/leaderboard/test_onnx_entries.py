@@ -1,0 +1,49 @@
+"""Entries of other libraries: policies in files of ONNX."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="policies need torch")
+pytest.importorskip("onnx", reason="the extra 'onnx'")
+pytest.importorskip("onnxruntime", reason="the extra 'onnx'")
+
+from swarmdata.errors import SpecError
+from swarmdata.evaluation.leaderboard.entry import submit
+from swarmdata.evaluation.leaderboard.verify import verify
+from tests.learn.deployment.test_onnx_policy import write
+
+DATASET, N_EPISODES = "coop_nav-random-mini", 4
+
+ABOUT: dict[str, Any] = {
+    "name": "theirs", "license": "MIT", "code": "https://example.org", "trials": 1,
+    "tuning_episodes": 0,
+}  # fmt: skip
+
+
+def test_it_is_verified_and_an_altered_one_is_rejected(tmp_path: Path) -> None:
+    files = [write(tmp_path / f"{seed}.onnx", seed=seed) for seed in range(5)]
+    entry = tmp_path / "entry"
+    found = submit(files, entry, DATASET, n_episodes=N_EPISODES, progress=False, **ABOUT)
+    assert (found.algorithm, found.files[4]) == ("theirs", "policy-4.onnx")
+    assert verify(entry, n_episodes=N_EPISODES).is_verified
+    for file in (entry / "results").iterdir():  # a little, as another runtime would
+        document = json.loads(file.read_text())
+        noise = np.random.default_rng(0).normal(0, 0.01, N_EPISODES)
+        document["metrics"]["return"] = list(np.add(document["metrics"]["return"], noise))
+        file.write_text(json.dumps(document))
+    assert verify(entry, n_episodes=N_EPISODES).is_verified
+    for file in (entry / "results").iterdir():
+        document = json.loads(file.read_text())
+        document["metrics"]["return"] = [value + 50 for value in document["metrics"]["return"]]
+        file.write_text(json.dumps(document))
+    assert "of the reserved episodes" in verify(entry, n_episodes=N_EPISODES).reasons[0]
+
+
+def test_five_policies_are_needed(tmp_path: Path) -> None:
+    file = write(tmp_path / "0.onnx")
+    with pytest.raises(SpecError, match="there are 4 policies"):
+        submit([file] * 4, tmp_path / "entry", DATASET, progress=False, **ABOUT)
