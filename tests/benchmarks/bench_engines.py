@@ -142,13 +142,13 @@ def text(subjects: Sequence[Subject], timings: dict[str, list[Timing]]) -> str:
         "seconds are longer than on a quiet one; compare the ratios.\n\n"
     )
     return (
-        f"Jobs that do nothing, {N_WORKERS} processes, medians of {rounds} rounds "
-        f"(`python -m tests.benchmarks.bench_engines`; {versions}). The first job's time has the "
-        "start of processes, or the connection to a cluster that runs already. `none` is the "
-        "standard library's process pool without an engine: a message through a pipe to a process "
-        f"and back. SLURM was timed over {N_SLURM_JOBS} jobs, from which 1,000 is computed: each "
-        "starts an interpreter. Parts and cells take seconds to hours, so only SLURM's figure "
-        f"matters, where parts are small.\n\n{busy if load > 1.5 else ''}{table(head, rows)}"
+        f"The overhead of [engines](studies.md#engines): empty jobs, {N_WORKERS} processes, "
+        f"medians of {rounds} rounds (`python -m tests.benchmarks.bench_engines`; {versions}). The "
+        "first job includes the start of processes or the connection to a running cluster. `none` "
+        "is the standard library's process pool without an engine. SLURM, which starts an "
+        f"interpreter per job, was extrapolated from {N_SLURM_JOBS} jobs; since real jobs take "
+        "seconds to hours, only its overhead can matter.\n\n"
+        f"{busy if load > 1.5 else ''}{table(head, rows)}"
     )
 
 

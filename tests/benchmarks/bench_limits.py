@@ -125,10 +125,10 @@ ROWS: dict[str, Callable[[], Iterator[Row]]] = {
 }
 
 INTRO = (
-    "Our rate over that of another, on one core: the median of the ratios of 9 pairs of "
-    "neighbouring turns, with the smallest and the largest in brackets. Rates count processor "
-    "time. The limit is, of steps, Munk2D stepping the same worlds with random actions in a "
-    "compiled loop, without skipping free motion; of batches, a contiguous copy of as many bytes."
+    "Our rate over that of another, in processor time: the median of 9 ratios, with the smallest "
+    "and the largest in brackets. The limit of steps is Munk2D stepping the same worlds with "
+    "random actions in a compiled loop, without skipping free motion; the limit of batches is a "
+    "contiguous copy of as many bytes."
 )
 
 

@@ -118,11 +118,11 @@ def main(n_steps: int, folder: Path) -> None:
     body = compare(folder, names)
     print(body)
     text = (
-        f"{dataset.n_steps:,} joint steps of 4 robots, {size_of(folder / OURS) / 1e6:,.0f} MB of "
-        "random numbers (which hardly compress), with a warm page cache, on one core: medians of "
-        f"{ROUNDS} turns in fresh processes. Core seconds are processor time; wall-clock seconds "
-        "are those of a shared machine. Ratios are to ours with every chunk verified. Private "
-        "memory is memory that the system cannot reclaim.\n\n"
+        f"Loading {dataset.n_steps:,} joint steps of 4 robots, "
+        f"{size_of(folder / OURS) / 1e6:,.0f} MB of random numbers, with a warm page cache: "
+        f"medians of {ROUNDS} fresh processes on a shared machine. Core seconds are processor "
+        "time. Ratios are to ours with every chunk verified. Private memory cannot be reclaimed "
+        "by the system.\n\n"
     )
     write_section("Loading", text + body)
 

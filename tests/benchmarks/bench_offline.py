@@ -37,16 +37,14 @@ from tests.benchmarks.plain_loops import PlainBC, PlainTD3BC
 DATASET, HIDDEN, N_SEEDS, ROUNDS, BATCH = "coop_nav-medium-mini", (64, 128), 5, 5, 128
 
 INTRODUCTION = f"""\
-`bc` and `maddpg_bc` on `{DATASET}` (4 robots, batches of {BATCH} joint transitions), without
-evaluation and files, on one core: seed-updates per second of processor time. Five sequential runs
-have the rate of one. The plain loops are written as in single-file implementations, with the same
-networks and batches (`tests/benchmarks/plain_loops.py`); their losses differ in scales and bounds,
-they have no schedule, and robots' views are computed beforehand, which favors them. `maddpg_bc` has
-one stage here.
-The last column is the share of the limit: floating-point operations of the matrix products of an
-update, times updates a second, over the fastest rate that a product of two 1024 x 1024 matrices
-reached on this core in the same run. Everything else that an update does, and products of narrow
-matrices, which no code makes at that rate, keep it below 1.
+Updates of all seeds per second of processor time: `bc` and one-stage `maddpg_bc` on `{DATASET}` (4
+robots, batches of {BATCH} joint transitions), without evaluation and files. The plain loops are
+written like single-file implementations, with the same networks and batches
+(`tests/benchmarks/plain_loops.py`); their losses lack our scales and bounds, and they have no
+schedule and compute frames in advance, which favors them. The last column is the share of the
+limit: floating-point operations in matrix products per second, over the fastest rate of a product
+of two 1024 x 1024 matrices in the same run. No update reaches 1, because its matrices are narrow
+and it does more than multiply them.
 """
 
 Update = Callable[[], object]

@@ -106,11 +106,10 @@ def speed(n_steps: int, folder: Path) -> str:
                  f"{kept / 1e6:,.0f}")
             )  # fmt: skip
     text = (
-        f"{n_steps:,} joint steps of 4 robots, {size_of(published / ID) / 1e6:,.0f} MB, from a web "
-        f"server on this machine: seconds until the first batch of {BATCH} transitions, then "
-        f"batches a second, over {N_BATCHES:,} of them, by the clock and for each second of "
-        "processor time. Windows have 16 blocks. A real network adds its own time to what is "
-        "fetched.\n\n"
+        f"Seconds until the first batch of {BATCH} transitions and then batches a second, over "
+        f"{N_BATCHES:,} of them, with {n_steps:,} joint steps of 4 robots "
+        f"({size_of(published / ID) / 1e6:,.0f} MB) from a web server on the same shared machine. "
+        "Windows have 16 blocks. A real network takes longer.\n\n"
     )
     head = ("way", "first batch s", "batches / s", "batches / core s", "cache MB")
     return text + table(head, rows)
@@ -164,12 +163,11 @@ def lost(name: str) -> str:
         )  # fmt: skip
     n_policies = len(np.unique(data.blocks.table.policy))
     text = (
-        f"\nBatches of {BATCH} transitions of `{data.id}` ({data.n_steps:,} joint steps, "
-        f"{len(data):,} episodes, {n_policies} policies, {n_blocks} blocks), by the blocks of a "
-        f"window, over {N_DRAWN:,} batches: different episodes in a batch; distance of a batch's "
-        "shares of policies from those of the data (total variation, of which some is chance); "
-        "deviation of batches' mean returns over that of independent draws; correlation of the "
-        "mean returns of neighboring batches.\n\n"
+        f"\nHow random are streamed batches? {N_DRAWN:,} batches of {BATCH} transitions of "
+        f"`{data.id}` ({len(data):,} episodes, {n_policies} policies, {n_blocks} blocks), by "
+        "blocks in the window: episodes in a batch; total variation between the batch's and the "
+        "data's shares of policies; deviation of a batch's mean return, over that of independent "
+        "samples; and correlation of the mean returns of consecutive batches.\n\n"
     )
     head = ("window", "episodes", "policies off", "deviation", "correlation")
     return text + table(head, rows)

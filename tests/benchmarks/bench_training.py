@@ -146,16 +146,15 @@ def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
     """The section of docs/measurements.md."""
     parts = [
         "Joint steps (frames) a second of `mappo` training on `coop_nav` with 4 robots and default "
-        "settings: rollouts, updates and resets, from the first update on, without evaluation and "
-        "files. Frames of seeds stacked in one process are added. A process has one core; the "
-        "rates of two processes are added.",
-        "BenchMARL: its MAPPO on VMAS navigation with its defaults, on one core: 3 robots, 60 "
-        f"copies, 6000 frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, networks "
-        f"of 256 units. Ours uses each frame {OUR_EPOCHS} times, in minibatches of 2048 robot "
-        "samples, with networks of 64 units; BenchMARL is therefore also measured with "
-        f"{OUR_EPOCHS} epochs, which is not its default. Ratios compare frames per second of "
-        "processor time in the same round; the ratio of two processes compares two cores with one. "
-        "Where a run got less than all of its cores, compare the ratios only.",
+        "settings: rollouts, updates and resets, without evaluation and files. Each process has "
+        "one core; frames of stacked seeds and of both processes are added up.",
+        "BenchMARL trains its MAPPO on VMAS navigation with its defaults, on one core: 3 robots, "
+        f"60 copies, 6000 frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, "
+        f"networks of 256 units. Ours uses each frame {OUR_EPOCHS} times, in minibatches of 2048 "
+        "robot samples, with networks of 64 units; BenchMARL was therefore also measured with "
+        f"{OUR_EPOCHS} epochs. Ratios compare frames per second of processor time in the same "
+        "round; for two processes, two cores with one. Where a run got less than all of its cores, "
+        "compare the ratios only.",
     ]
     parts.append(speed_table(turns, peers).rstrip())
     return "\n\n".join(parts)

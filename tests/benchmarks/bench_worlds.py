@@ -131,8 +131,8 @@ HEAD = (
 LIMIT = "64 copies / physics alone"
 
 ACTIONS_NOTE = (
-    "Actions are random unless the column says otherwise. Scripted and expert actions were "
-    "recorded with their resets and are replayed, so that the time of the policies does not count."
+    "Actions are random, or replayed from recordings of scripted and expert teams, so that the "
+    "policies' time does not count."
 )
 
 
@@ -141,12 +141,12 @@ def state_section() -> None:
     body = table((*HEAD, "MPE2", LIMIT), compare(0))
     write_section(
         "Low-dimensional observations",
-        "`coop_nav`, environment steps a second, against VMAS 'navigation' with collisions and "
-        "without its lidar, and MPE2 `simple_spread_v3`. Arenas and obstacles of `coop_nav` grow "
-        "with the team (6, 12, 24 and 48 obstacles); the peers' worlds have none. VMAS resets all "
-        "copies at once after 160 steps, which is cheapest but rarely what training needs; ours "
-        "resets each copy when its episode ends. Physics alone: Munk2D steps the same worlds in a "
-        f"compiled loop. {ACTIONS_NOTE}\n\n" + body,
+        "Environment steps a second of `coop_nav`, of VMAS 'navigation' with collisions and "
+        "without its lidar, and of MPE2 `simple_spread_v3`. `coop_nav` has 6, 12, 24 and 48 "
+        "obstacles; the others have none. VMAS resets all copies at once after 160 steps, which "
+        "is cheapest but rarely what training needs; ours resets each copy when its episode ends. "
+        '"Physics alone" is Munk2D stepping the same worlds in a compiled loop. '
+        f"{ACTIONS_NOTE}\n\n" + body,
     )
 
 
@@ -154,9 +154,9 @@ def lidar_section() -> None:
     """Sixteen rays."""
     write_section(
         "Lidar of 16 rays",
-        "`coop_nav`, environment steps a second, against VMAS 'navigation' with collisions and 16 "
-        "rays at its default range of 0.35 m. Our lidar reaches 2 m and detects robots, obstacles "
-        f"and walls; that of VMAS detects robots. {ACTIONS_NOTE}\n\n"
+        "Environment steps a second of `coop_nav` and of VMAS 'navigation' with collisions. Our "
+        "lidar reaches 2 m and detects robots, obstacles and walls; that of VMAS has its default "
+        f"range of 0.35 m and detects robots. {ACTIONS_NOTE}\n\n"
         + table((*HEAD, LIMIT), compare(16)),
     )
 
@@ -186,9 +186,8 @@ def one_section() -> None:
             print(" | ".join(rows[-1]), flush=True)
     head = ("robots", "engine", "steps a second", "ours / it", "ours through PettingZoo / it")
     intro = (
-        "A single copy, as most users run first. VMAS runs without its lidar; MPE2's "
-        "`simple_spread_v3` has no other interface. Actions are random unless the row says "
-        "otherwise."
+        "Steps a second of a single copy of a task. VMAS runs without its lidar. Actions are "
+        "random unless the row says otherwise."
     )
     write_section("One copy", f"{intro}\n\n{table(head, rows)}")
 
@@ -211,9 +210,9 @@ def simulators_section() -> None:
         print(" | ".join(rows[-1]), flush=True)
     write_section(
         "Simulators",
-        "`coop_nav`, control steps a second of processor time on one core, 16 copies, resets "
-        f"included; MuJoCo {version('mujoco')}. `python -m tests.benchmarks.bench_worlds "
-        "simulators` measures it; see [simulators](simulators.md).\n\n"
+        "Control steps of `coop_nav` per second of processor time, 16 copies, resets included; "
+        f"MuJoCo {version('mujoco')} (`python -m tests.benchmarks.bench_worlds simulators`); see "
+        "[simulators](simulators.md).\n\n"
         + table(("robots", *(f"{kind} actions" for kind in kinds)), rows),
     )
 
@@ -234,12 +233,11 @@ def tasks_section() -> None:
         print(" | ".join(models[-1]), flush=True)
     write_section(
         "Tasks and models",
-        "Environment steps a second; rows are measured one after another, not in turns. The "
-        "actions of all teams but the one of the first column were recorded with their resets and "
-        "are replayed. The last column has the share of time that resets take with each of these "
-        "teams. Teams without checkpoints for a preset are left out.\n\n"
+        "Environment steps a second; rows were measured one after another. All actions but those "
+        "of the first column are replayed from recordings. The last column is the share of time "
+        "that resets take with each team. Teams without checkpoints for a preset are left out.\n\n"
         + table(PRESET_HEAD, presets)
-        + "\n`coop_nav` through other sensors and radios:\n\n"
+        + "\n`coop_nav` with other sensors and radios:\n\n"
         + table(("models", "1 copy", "64 copies", "64 copies, expert actions"), models),
     )
 

@@ -77,8 +77,8 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-MAX_ROWS = 9
-"""Of a table in the page; a longer one is a file beside it."""
+MAX_ROWS, MAX_CELLS = 9, 40
+"""Of a table in the page; a larger one is a file beside it."""
 
 
 def write_section(title: str, body: str) -> None:
@@ -92,12 +92,12 @@ def write_section(title: str, body: str) -> None:
 
 
 def long_tables_as_files(title: str, body: str) -> str:
-    """Writes the long tables of a section as CSV, and returns it with links in their place."""
+    """Writes the large tables of a section as CSV, and returns it with links in their place."""
     names = (f"{re.sub('[^a-z]+', '-', title.lower())}{n}.csv" for n in ("", *range(-2, -9, -1)))
 
     def replaced(found: re.Match[str]) -> str:
         head, _, *rows = found[0].splitlines()
-        if len(rows) <= MAX_ROWS:
+        if len(rows) <= MAX_ROWS and len(rows) * (head.count("|") - 1) <= MAX_CELLS:
             return found[0]
         name = next(names)
         lines = ([cell.strip() for cell in row.strip("|").split("|")] for row in (head, *rows))
