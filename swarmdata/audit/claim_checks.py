@@ -69,8 +69,9 @@ def tiers(subject: Subject) -> Remarks:
     if known is None:
         yield note("no references were measured for this spec, so the tier cannot be compared")
         return
-    yield from _rung(subject, origin.tier, known)
     family = next((name for name, spec in FAMILY_SPECS.items() if spec == origin.spec), None)
+    if family not in STRICT_FAMILIES:  # whose policies were selected in another preset
+        yield from _rung(subject, origin.tier, known)
     if family is not None:
         yield from _bands(subject, family, origin.tier, known)
 
