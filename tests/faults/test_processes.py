@@ -17,6 +17,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from tests.faults.kill_points import survive
 from tests.faults.load_one import load_tiny
 from tests.support.at_once import Forked
+from tests.support.pairs import slow
 
 ROOT = Path(__file__).parents[2]
 
@@ -34,6 +35,7 @@ def test_a_kill_before_any_change_of_the_disk_is_survived(tmp_path: Path) -> Non
     assert found["kills"] >= 3
 
 
+@pytest.mark.slow
 def test_a_killed_conversion_is_cleaned_up_by_the_next(tmp_path: Path) -> None:
     """Row 58: before every third change of the disk; no part of a file is ever visible."""
     found = kill_points("export", tmp_path, 3)
@@ -126,7 +128,7 @@ def add_ten_remotes(_: str, letter: str) -> None:
         assert found.exit_code == 0, found.output
 
 
-@pytest.mark.parametrize("what", ["registry", "remotes"])
+@pytest.mark.parametrize("what", ["registry", *slow("remotes")])
 def test_no_update_of_two_processes_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:

@@ -15,6 +15,7 @@ from swarmdata.runtime.atomic import UNFINISHED, is_vacant, new_folder
 from swarmdata.runtime.output_folder import OutputKind, check_output, filled
 from swarmdata.store import open_store
 from tests.faults.kill_points import Operation, survived
+from tests.support.pairs import slow
 from tests.support.tiny import TINY, Shelf, abandoned
 
 REPORT, SITE = OutputKind("report"), OutputKind("site", "site.json")
@@ -149,7 +150,7 @@ def test_an_error_leaves_everything(tmp_path: Path) -> None:
     assert texts(tmp_path / "old") == {"a": "1"}
 
 
-@pytest.mark.parametrize("has_own", [True, False], ids=["files of the user", "nothing else"])
+@pytest.mark.parametrize("has_own", [True, *slow(False)], ids=["files of the user", "nothing else"])
 def test_a_kill_before_any_change_of_the_disk_loses_nothing(tmp_path: Path, has_own: bool) -> None:
     """A folder with files of the user's is filled one file after the other, another in a rename."""
 
@@ -173,6 +174,7 @@ def test_a_kill_before_any_change_of_the_disk_loses_nothing(tmp_path: Path, has_
 
 
 @pytest.mark.usefixtures("one_process")
+@pytest.mark.parametrize("mounted", ["tmpfs", *slow("bind")], indirect=True)
 def test_a_dataset_is_built_and_pulled_to_an_empty_and_to_a_mounted_folder(
     tmp_path: Path, tiny: Path, mounted: Path
 ) -> None:
