@@ -23,7 +23,6 @@ from swarmdata.specs.frozen import differences
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.sensing_models import SensorNoise
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
-from tests.support.pairs import once_each
 
 KINDS = ("state", "lidar", "bearing", "occupancy")
 TALKING = with_models(TaskSpec(), communication="lossy-30")
@@ -108,7 +107,8 @@ def test_every_number_that_leaves_features_alone_is_a_parameter(kind: str) -> No
     assert not (heard.keys() | seen.keys()) & (shapes | {"message_size", "n_nearest"})
 
 
-@pytest.mark.parametrize(("kind", "noise"), once_each(KINDS, tuple(SensorNoise.model_fields)))
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("noise", SensorNoise.model_fields)
 def test_a_noise_is_a_parameter_if_and_only_if_robots_feel_it(kind: str, noise: str) -> None:
     quiet, loud = (with_models(TaskSpec(), {"kind": kind, "noise": {noise: s}}) for s in (0.0, 0.3))
     seen = [make_env(spec).reset(np.array([3], np.uint64)).observations for spec in (quiet, loud)]

@@ -103,7 +103,6 @@ def _killed(*arguments: object, **options: object) -> None:
     raise KeyboardInterrupt
 
 
-@pytest.mark.slow
 def test_damaged_arrays_are_repaired_and_a_damaged_network_is_named(
     mine: swarmdata.Dataset, tmp_path: Path
 ) -> None:

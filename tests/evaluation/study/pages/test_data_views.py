@@ -86,7 +86,6 @@ def test_each_view_is_a_column_and_transfer_a_matrix(
     assert files[0].read_text() == page
 
 
-@pytest.mark.slow
 def test_finished_cells_are_tried_in_other_views_when_that_is_asked_for(
     study: Study, options: StudyOptions, tmp_path: Path
 ) -> None:
