@@ -150,7 +150,7 @@ def test_an_error_leaves_everything(tmp_path: Path) -> None:
     assert texts(tmp_path / "old") == {"a": "1"}
 
 
-@pytest.mark.parametrize("has_own", [True, *slow(False)], ids=["files of the user", "nothing else"])
+@pytest.mark.parametrize("has_own", [True, False], ids=["files of the user", "nothing else"])
 def test_a_kill_before_any_change_of_the_disk_loses_nothing(tmp_path: Path, has_own: bool) -> None:
     """A folder with files of the user's is filled one file after the other, another in a rename."""
 

@@ -310,6 +310,7 @@ FLIPPED_BYTES = st.none() | st.integers(0, 200)  # None: the file is absent
 )
 @example(damage={"recipe.json": None, STATES: 40, "manifest.json": None})
 @example(damage={"recipe.json": 60, "manifest.json": None})
+@example(damage={"card.md": None, STATES: 40})
 def test_any_set_of_files_is_repaired(
     tiny: Path, published: Published, damage: dict[str, int | None]
 ) -> None:
