@@ -7,9 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import WHOLE_FILE
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/faults.md").read_text(encoding="utf-8")
 TESTS = (ROOT / "docs/fault-tests.md").read_text(encoding="utf-8")
+
+SLOW = (69,)
+"""Faults that only long tests plant: those of a real web server."""
 
 
 def promises() -> dict[int, str]:
@@ -26,9 +31,27 @@ def named_tests() -> dict[int, str]:
 
 
 @cache
-def names_in(file: str) -> frozenset[str]:
-    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
-    return frozenset(node.name for node in tree.body if isinstance(node, ast.FunctionDef))
+def functions_of(file: str) -> dict[str, bool]:
+    """The functions of a file, and whether only `make slow` runs them."""
+    text = (ROOT / file).read_text(encoding="utf-8")
+    is_slow = WHOLE_FILE.search(text) is not None
+    return {
+        node.name: is_slow or "pytest.mark.slow" in map(ast.unparse, node.decorator_list)
+        for node in ast.parse(text).body
+        if isinstance(node, ast.FunctionDef)
+    }
+
+
+def planting(number: int) -> dict[str, bool]:
+    """The tests that plant a fault, and whether only `make slow` runs them."""
+    named = re.findall(r"`([\w/]+\.py)::(test_\w+)`", named_tests()[number])
+    assert named, "a fault without a test is a promise without proof"
+    found = {}
+    for file, test in named:
+        where = file if "/" in file else f"tests/faults/{file}"
+        assert test in functions_of(where), f"{promises()[number]}: there is no {test} in {where}"
+        found[f"{where}::{test}"] = functions_of(where)[test]
+    return found
 
 
 def test_every_fault_is_there_once() -> None:
@@ -36,12 +59,8 @@ def test_every_fault_is_there_once() -> None:
 
 
 @pytest.mark.parametrize("number", promises())
-def test_the_named_tests_exist(number: int) -> None:
-    named = re.findall(r"`([\w/]+\.py)::(test_\w+)`", named_tests()[number])
-    assert named, "a fault without a test is a promise without proof"
-    for file, test in named:
-        where = file if "/" in file else f"tests/faults/{file}"
-        assert test in names_in(where), f"{promises()[number]}: there is no {test} in {where}"
+def test_the_named_tests_exist_and_one_is_in_the_default_run(number: int) -> None:
+    assert not all(planting(number).values()) or number in SLOW
 
 
 def test_every_test_of_a_fault_names_it() -> None:

@@ -229,7 +229,7 @@ def test_every_check_has_a_planted_flaw_and_names_a_published_failure() -> None:
 
 
 @settings(
-    max_examples=6,
+    max_examples=3,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(data=st.data())
@@ -252,7 +252,7 @@ EXTREMES = {"f": (np.nan, np.inf, -1e30, 3e38, -0.0), "i": (-1, 1 << 40), "u": (
 
 
 @settings(
-    max_examples=8,
+    max_examples=3,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(data=st.data())

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
+import pytest
 from packaging.requirements import Requirement
 
 import swarmdata
@@ -53,6 +54,7 @@ def make_environment(folder: Path) -> Path:
     return folder / "bin" / "python"
 
 
+@pytest.mark.slow
 def test_commands_need_the_core_only(tmp_path: Path) -> None:
     python = make_environment(tmp_path / "core")
     script = ROOT / "tests" / "support" / "core_commands.py"

@@ -11,6 +11,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.recipe import PolicySource
 from tests.catalogue.conftest import little_published
 from tests.cli.test_option_use import COMMANDS, Reached
+from tests.support.pairs import slow
 from tests.support.tiny import make_tiny
 
 MODELS = ("--observation", "noise-0.02", "--communication", "lossy-30")
@@ -25,14 +26,13 @@ LINES = (
     "task show search",
     "task play search --policy idle --out {out}/a.png",
     "render idle --task search --out {out}/a.png",
-    "render {data} --out {out}/a.png",
     "evaluate idle --task search --episodes 1",
-    "evaluate {data} --episodes 1",
     "generate --task search --policy idle --id search-b-v0 --steps 300 --workers 1 --out {out}/b",
     "train bc {data} --out {out}/run",
     "train-online mappo search --out {out}/run",
     "catalogue build {data} --episodes 1 --out {out}/site",
 )
+OTHER_SOURCES = ("render {data} --out {out}/a.png", "evaluate {data} --episodes 1")
 
 
 BOUNDARIES = (
@@ -64,7 +64,7 @@ def test_every_command_that_takes_models_is_in_the_table() -> None:
     assert shown == taking - {"sweep"}, "whose options are axes"
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", [*LINES, *slow(*OTHER_SOURCES)])
 def test_a_command_names_every_field_that_its_models_change_once(
     line: str, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

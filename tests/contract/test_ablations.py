@@ -17,7 +17,7 @@ from swarmdata.testing.sample_batches import sample_statistics as statistics
 from swarmdata.testing.sample_batches import sample_step as step
 from tests.contract.test_algorithms import SIZES, SMALL, batches_of
 
-N_UPDATES = 20
+N_UPDATES = 8
 ABLATED = {name: ablation for name, ablation in ABLATIONS.items() if ablation is not None}
 
 

@@ -25,6 +25,7 @@ from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
 from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402
 from swarmdata.testing.sample_batches import sample_step as step  # noqa: E402
 from swarmdata.types import Batch, Step  # noqa: E402
+from tests.support.pairs import once_each  # noqa: E402
 
 SIZES = sample_setup((0,)).sizes
 Draw = Callable[[Sequence[int], int], Batch]
@@ -91,8 +92,7 @@ def draw_choices(seeds: Sequence[int], index: int) -> Batch:
     return replace(batch, actions=chosen, next_actions=None)
 
 
-@pytest.mark.parametrize("name", DISCRETE_ALGORITHMS)
-@pytest.mark.parametrize("memory", ["none", "gru"])
+@pytest.mark.parametrize(("name", "memory"), once_each(tuple(DISCRETE_ALGORITHMS), ("none", "gru")))
 def test_algorithms_of_choices_keep_the_contract(name: str, memory: str) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**SMALL[name], **({} if memory == "none" else MEMORY))
@@ -125,24 +125,29 @@ def test_its_policies_can_be_copied_into_a_dataset(name: str, memory: str, tmp_p
 
 
 SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("mac_flow", {"reward": "team", "mixer": "free", "mixer_hidden": 16}),
-    ("mac_flow", {"noise": "own", "redraw": "episode"}),
     ("maddpg_bc", {"joint_gradient": "own"}),
     ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
+    ("mac_flow", {**MEMORY, "noise": "own", "reward": "team", "n_updates": 20}),
+    ("vdn", {**MEMORY, "regulariser": "cql", "parameters": "separate"}),
+    ("oryx", {"joint": False}),
+)
+OTHER_SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("mac_flow", {"reward": "team", "mixer": "free", "mixer_hidden": 16}),
+    ("mac_flow", {"noise": "own", "redraw": "episode"}),
     ("vdn", {"regulariser": "none", "parameters": "separate"}),
     ("qmix", {"regulariser": "bcq"}),
     ("bc", MEMORY),
     ("iql", MEMORY),
     ("bc_flow", MEMORY),
-    ("mac_flow", {**MEMORY, "noise": "own", "reward": "team", "n_updates": 20}),
-    ("vdn", {**MEMORY, "regulariser": "cql", "parameters": "separate"}),
     ("qmix", {**MEMORY, "regulariser": "bcq"}),
     ("oryx", {"reward": "team", "n_components": 1, "n_heads": 2}),
-    ("oryx", {"joint": False}),
 )
 
 
-@pytest.mark.parametrize(("name", "changes"), SETTINGS)
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [*SETTINGS, *(pytest.param(*each, marks=pytest.mark.slow) for each in OTHER_SETTINGS)],
+)
 def test_other_settings_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**{**SMALL[name], **changes})

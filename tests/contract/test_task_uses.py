@@ -45,6 +45,7 @@ from swarmdata.testing.task_contract import check_task
 from swarmdata.types import Float, Int
 from tests.catalogue.conftest import little_published
 from tests.support.own_task import Thrifty, ThriftyRules, nothing_registered, thrifty_installed
+from tests.support.pairs import slow
 from tests.support.tiny import make_tiny
 
 OWN = "thrifty"
@@ -118,6 +119,11 @@ def test_its_rules_are_written_and_read(spec: TaskSpec) -> None:
     assert safe.proximity > spec.rules.rewards.proximity
 
 
+@pytest.mark.parametrize(
+    "spec",
+    ["transport", OWN, *slow(*(each for each in TASKS.own if each != "transport"))],
+    indirect=True,
+)
 def test_a_dataset_of_it_has_a_card_and_passes_the_audit(spec: TaskSpec, dataset: Path) -> None:
     assert audit(dataset, progress=False).problems == ()
     card = card_of(dataset)
@@ -125,7 +131,7 @@ def test_a_dataset_of_it_has_a_card_and_passes_the_audit(spec: TaskSpec, dataset
         assert name in card
 
 
-@pytest.mark.parametrize("spec", ["search", OWN], indirect=True)  # tests/catalogue has others
+@pytest.mark.parametrize("spec", [OWN, *slow("search")], indirect=True)  # tests/catalogue: others
 def test_a_catalogue_replays_it(spec: TaskSpec, dataset: Path, tmp_path: Path) -> None:
     with little_published():
         build_catalogue([str(dataset)], tmp_path / "site", CatalogueChoices())
@@ -152,7 +158,7 @@ def test_returns_have_a_score(spec: TaskSpec, dataset: Path) -> None:
     assert np.isfinite(scores).all()
 
 
-@pytest.mark.parametrize("spec", ["transport", OWN], indirect=True)
+@pytest.mark.parametrize("spec", [OWN, *slow("transport")], indirect=True)
 def test_its_team_is_swept(spec: TaskSpec, file: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="sweeps draw figures")
     axis = parse_axis("max_speed=0.4..0.6", "body", 2)

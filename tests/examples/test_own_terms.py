@@ -11,13 +11,14 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import open_store
 from tests.examples.test_read_with_zarr import differences
+from tests.support.pairs import slow
 from tests.support.tiny import make_tiny
 
 EXAMPLE = Path(__file__).with_name("own_terms.py")
 POLICIES = (PolicySource(label="a", name="scripted"), PolicySource(label="b", name="random"))
 
 
-@pytest.fixture(scope="module", params=["search", "intersection"])
+@pytest.fixture(scope="module", params=["search", *slow("intersection")])
 def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("own") / "coop_nav-tiny-v0"
     return make_tiny(path, spec=preset(request.param), policies=POLICIES, n_steps=600)

@@ -18,6 +18,7 @@ from swarmdata.store import read_manifest
 from tests.faults import disk_trouble
 from tests.faults.disk_trouble import NO_NAMESPACE
 from tests.support.at_once import Forked
+from tests.support.pairs import slow
 from tests.support.tiny import TINY, abandoned, flip, make_tiny
 
 pytestmark = pytest.mark.usefixtures("one_process")
@@ -55,8 +56,8 @@ def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: st
 
 @pytest.mark.parametrize(
     "formats",
-    [["d4rl", "parquet"], pytest.param(list(disk_trouble.FORMATS), marks=pytest.mark.slow)],
-    ids=["two formats", "all formats"],
+    [["d4rl"], *slow(list(disk_trouble.FORMATS))],
+    ids=["one format", "all formats"],
 )
 def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(
     tmp_path: Path, formats: list[str]
@@ -97,7 +98,9 @@ def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> 
     assert "set SWARMDATA_CACHE or NUMBA_CACHE_DIR" in fresh
 
 
-@pytest.mark.parametrize("name", ["ünï çødé 群 [a]*?{b} 'quoted\"", "n" * 200], ids=["all", "long"])
+@pytest.mark.parametrize(
+    "name", ["ünï çødé 群 [a]*?{b} 'quoted\"", *slow("n" * 200)], ids=["all", "long"]
+)
 def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> None:
     """Row 31: a dataset may be anywhere."""
     abandoned(tmp_path / name / name)

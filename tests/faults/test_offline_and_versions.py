@@ -21,6 +21,7 @@ from swarmdata.store.arrays.layout import FORMAT_VERSION
 from swarmdata.store.damage import find_damage
 from tests.support.at_once import Forked
 from tests.support.namespaces import CLONE_NEWNET, enter
+from tests.support.pairs import slow
 from tests.support.tiny import sign
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +57,7 @@ def load_without_network(*names: str, **variables: str) -> list[str]:
     return out.splitlines()
 
 
-@pytest.mark.parametrize("variable", ["HF_HUB_OFFLINE", "SWARMDATA_OFFLINE"])
+@pytest.mark.parametrize("variable", ["SWARMDATA_OFFLINE", *slow("HF_HUB_OFFLINE")])
 def test_offline_a_warm_cache_works_and_a_cold_one_says_what_to_run(
     cache_folder: Path, record: Callable[..., Path], variable: str
 ) -> None:

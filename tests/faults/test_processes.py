@@ -34,6 +34,7 @@ def test_a_kill_before_any_change_of_the_disk_is_survived(tmp_path: Path) -> Non
     assert found["kills"] >= 3
 
 
+@pytest.mark.slow
 def test_a_killed_conversion_is_cleaned_up_by_the_next(tmp_path: Path) -> None:
     """Row 58: before every third change of the disk; no part of a file is ever visible."""
     found = kill_points("export", tmp_path, 3)
@@ -53,7 +54,7 @@ def test_kills_before_many_changes_of_the_disk_are_survived(
 
 
 def test_a_killed_holder_of_the_lock_is_taken_over(tmp_path: Path, cache_folder: Path) -> None:
-    """Row 26: who waits says for whom, and goes on at once when that one is killed."""
+    """Rows 05, 26: who waits says for whom, and goes on at once when that one is killed."""
     notes = tmp_path / "builds"
     holder = Forked(notes, "hold", work=load_tiny)
     holder.wait_for(lambda out, err: notes.exists())

@@ -114,16 +114,16 @@ def sides(policy_of: Oryx, seed: int) -> Float:
     return policy.act(step)[..., 1]
 
 
-def test_only_who_decides_in_order_agrees() -> None:
+@pytest.mark.parametrize(
+    ("joint", "low", "high"),
+    [(True, 0.97, 1.0), pytest.param(False, 0.35, 0.7, marks=pytest.mark.slow)],
+)
+def test_only_who_decides_in_order_agrees(joint: bool, low: float, high: float) -> None:
     """Both sides are right if both robots take it: robots that act alone agree in half of steps."""
-    agreed = {}
-    for joint in (True, False):
-        algorithm, _ = trained(Oryx, hinted_side(), 300, joint=joint, batch_size=64, **SMALL)
-        found = np.stack([sides(algorithm, seed) for seed in (0, 1)])
-        assert (np.abs(np.abs(found) - 0.8) < 0.2).mean() > 0.9  # a side, not the middle
-        agreed[joint] = (found[..., 0] * found[..., 1] > 0).mean()
-    assert agreed[True] > 0.97
-    assert 0.35 < agreed[False] < 0.7
+    algorithm, _ = trained(Oryx, hinted_side(), 300, joint=joint, batch_size=64, **SMALL)
+    found = np.stack([sides(algorithm, seed) for seed in (0, 1)])
+    assert (np.abs(np.abs(found) - 0.8) < 0.2).mean() > 0.9  # a side, not the middle
+    assert low < (found[..., 0] * found[..., 1] > 0).mean() <= high
 
 
 def test_a_run_is_loaded_again(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from swarmdata.runtime.atomic import UNFINISHED, is_vacant, new_folder
 from swarmdata.runtime.output_folder import OutputKind, check_output, filled
 from swarmdata.store import open_store
 from tests.faults.kill_points import Operation, survived
+from tests.support.pairs import slow
 from tests.support.tiny import TINY, Shelf, abandoned
 
 REPORT, SITE = OutputKind("report"), OutputKind("site", "site.json")
@@ -173,6 +174,7 @@ def test_a_kill_before_any_change_of_the_disk_loses_nothing(tmp_path: Path, has_
 
 
 @pytest.mark.usefixtures("one_process")
+@pytest.mark.parametrize("mounted", ["tmpfs", *slow("bind")], indirect=True)
 def test_a_dataset_is_built_and_pulled_to_an_empty_and_to_a_mounted_folder(
     tmp_path: Path, tiny: Path, mounted: Path
 ) -> None:

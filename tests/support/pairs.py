@@ -1,4 +1,4 @@
-"""Of a product of choices, the few cases that hold every pair of two choices, or every choice."""
+"""Which cases of a parametrized test the default run has: the others are slow."""
 
 from collections.abc import Sequence
 from itertools import combinations, product
@@ -7,6 +7,11 @@ from typing import Any
 import pytest
 
 Case = tuple[Any, ...]
+
+
+def slow(*cases: Any) -> list[Any]:
+    """Cases of one parameter, for `parametrize`, that repeat what a default case holds."""
+    return [pytest.param(case, marks=pytest.mark.slow) for case in cases]
 
 
 def pairwise(*choices: Sequence[Any]) -> list[Any]:

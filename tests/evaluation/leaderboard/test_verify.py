@@ -1,6 +1,7 @@
 """Entries of a leaderboard: honest ones are verified, forged ones are rejected with the reason."""
 
 import json
+import subprocess
 from functools import partial
 from pathlib import Path
 from shutil import copytree
@@ -37,6 +38,7 @@ from swarmdata.registry.published import published  # noqa: E402
 from swarmdata.registry.recipes import find_recipe  # noqa: E402
 from swarmdata.runtime.batches import Failures  # noqa: E402
 from swarmdata.specs.origins import task_of  # noqa: E402
+from tests.support.at_once import Forked  # noqa: E402
 
 DATASET, N_SEEDS, N_EPISODES = "coop_nav-random-mini-v1", 5, 4
 
@@ -94,6 +96,24 @@ def change(file: Path, **changes: Any) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
 
 
+def act_again(entry: str, out: str, n_episodes: str) -> None:
+    """What `verify` starts."""
+    from swarmdata.evaluation.leaderboard.act_again import main
+
+    main(Path(entry), Path(out), int(n_episodes))
+
+
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`verify` forks the process instead of starting an interpreter: that takes seconds."""
+
+    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
+        code, out, err = Forked(*command[3:], work=act_again).end()
+        return subprocess.CompletedProcess(command, code or 0, out.encode(), err.encode())
+
+    monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.subprocess.run", run)
+
+
 def test_an_honest_entry_is_verified(honest: Path) -> None:
     verdict = verify(honest, n_episodes=N_EPISODES)
     assert verdict.reasons == ()
@@ -104,6 +124,7 @@ def test_an_honest_entry_is_verified(honest: Path) -> None:
     assert verdict.fresh != verdict.reserved
 
 
+@pytest.mark.usefixtures("forked")
 def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
     for file in (forged / "results").iterdir():
         document = json.loads(file.read_text())
@@ -113,6 +134,7 @@ def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
     assert "0.0% of the reserved episodes" in verdict.reasons[0]
 
 
+@pytest.mark.usefixtures("forked")
 def test_policies_that_cannot_act_are_rejected(honest: Path, tmp_path: Path) -> None:
     """Their results are those of others: what has no numbers cannot be evaluated at all."""
     entry = copytree(honest, tmp_path / "entry")

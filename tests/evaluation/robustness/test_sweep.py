@@ -195,6 +195,7 @@ def test_points_are_run_by_schedulers_in_any_order_and_at_once(
     assert content(out) == content(swept)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_a_run_on_another_dataset_or_view_is_another_line(runs: Path, tmp_path: Path) -> None:
     train_run(tmp_path / "silent", runs / "data", "lossy-30")

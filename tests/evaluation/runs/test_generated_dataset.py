@@ -85,6 +85,7 @@ def test_its_recipe_makes_it_again_without_the_runs(
     assert not (tmp_path / "lost.build").exists()
 
 
+@pytest.mark.slow
 def test_a_killed_build_goes_on_without_the_runs(mine: swarmdata.Dataset, tmp_path: Path) -> None:
     recipe = Recipe.from_file(mine.path / "recipe.json")
     parts = build_folder(tmp_path / "out")

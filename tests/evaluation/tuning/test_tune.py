@@ -156,6 +156,7 @@ def test_policies_that_tell_no_actions_are_chosen_by_validation_only(
     assert (tmp_path / "validation.yaml").exists()
 
 
+@pytest.mark.slow
 def test_data_without_validation_episodes_are_chosen_on_by_validation_only(
     small_tune: Tune, tmp_path: Path
 ) -> None:
@@ -164,6 +165,7 @@ def test_data_without_validation_episodes_are_chosen_on_by_validation_only(
     assert made.without_estimates == "coop_nav-short-v0 has no validation episodes."
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::swarmdata.hub.catalog.catalog.AnotherDatasetWarning")
 def test_a_folder_may_hold_other_data_under_a_published_name(
     small_tune: Tune, tmp_path: Path

@@ -25,6 +25,7 @@ from swarmdata.store.damage import find_damage
 from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from tests.support.one_process import OneProcessCrew, use_one_process
+from tests.support.pairs import slow
 from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign
 
 STATES, ACTIONS = "data.zarr/states/c.0.0", "data.zarr/actions/c.0.0.0"
@@ -114,7 +115,7 @@ def test_the_first_bad_chunk_of_many_is_named(tmp_path: Path) -> None:
     assert damage.chunk == 0
 
 
-@pytest.mark.parametrize("change", ["absent", "other", "cut"])
+@pytest.mark.parametrize("change", ["absent", "other", *slow("cut")])
 def test_a_damaged_card_shows_and_is_written_anew(dataset: Path, change: str) -> None:
     card = dataset / "card.md"
     text = card.read_text()
@@ -221,7 +222,7 @@ def test_other_bits_than_were_written_are_not_swapped_in(
 
 
 @pytest.mark.usefixtures("published")
-@pytest.mark.parametrize("damage", ["absent", "flipped", "empty"])
+@pytest.mark.parametrize("damage", ["flipped", *slow("absent", "empty")])
 def test_a_lost_manifest_is_made_from_files_with_the_published_digests(
     dataset: Path, damage: str
 ) -> None:
@@ -253,6 +254,7 @@ def test_an_unpublished_manifest_needs_all_other_files(dataset: Path) -> None:
         repair(dataset, progress=False)
 
 
+@pytest.mark.slow
 def test_an_unpublished_manifest_comes_from_a_remote_that_has_the_same_files(
     dataset: Path, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -274,7 +276,7 @@ def test_without_a_recipe_nothing_can_be_made_again(dataset: Path) -> None:
 
 
 @pytest.mark.usefixtures("published")
-@pytest.mark.parametrize("lost", [("manifest.json",), ("manifest.json", "recipe.json")])
+@pytest.mark.parametrize("lost", [("manifest.json", "recipe.json"), *slow(("manifest.json",))])
 def test_somebodys_own_dataset_under_a_shipped_name_is_never_replaced(
     tmp_path: Path, lost: tuple[str, ...]
 ) -> None:
@@ -302,12 +304,13 @@ def test_a_recipe_that_nobody_has_is_not_made_up(dataset: Path) -> None:
 FLIPPED_BYTES = st.none() | st.integers(0, 200)  # None: the file is absent
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=3)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=1)
 @given(
     damage=st.dictionaries(st.sampled_from([*FILES, "manifest.json"]), FLIPPED_BYTES, min_size=1)
 )
 @example(damage={"recipe.json": None, STATES: 40, "manifest.json": None})
 @example(damage={"recipe.json": 60, "manifest.json": None})
+@example(damage={"card.md": None, STATES: 40})
 def test_any_set_of_files_is_repaired(
     tiny: Path, published: Published, damage: dict[str, int | None]
 ) -> None:

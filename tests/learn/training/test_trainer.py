@@ -28,6 +28,7 @@ from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch, Episode, no_messages  # noqa: E402
+from tests.support.pairs import slow  # noqa: E402
 
 SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
@@ -198,7 +199,7 @@ def test_checkpoints_of_other_statistics_are_refused_in_one_sentence(finished: P
         load_run(finished)
 
 
-@pytest.mark.parametrize("algorithm", ["bc", "iql", "omiga", "maddpg_bc"])
+@pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc", *slow("iql", "omiga")])
 def test_a_seed_has_the_bits_of_a_lone_run(algorithm: str, tmp_path: Path) -> None:
     both, alone = run(algorithm, tmp_path / "both"), run(algorithm, tmp_path / "alone", seeds=(2,))
     assert is_same(both[1], alone[0])

@@ -34,6 +34,7 @@ from swarmdata.registry.components import (  # noqa: E402
 from swarmdata.rollouts.task_frame import frame_of  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
 from tests.support.one_process import use_one_process  # noqa: E402
+from tests.support.pairs import slow  # noqa: E402
 from tests.support.tiny import TINY, make_tiny  # noqa: E402
 
 SEEDS = (0, 1)
@@ -140,7 +141,7 @@ def test_they_act_alike_bit_for_bit(
     assert not np.array_equal(ours, theirs)
 
 
-@pytest.mark.parametrize("algorithm", ["maddpg", "qmix"])
+@pytest.mark.parametrize("algorithm", ["maddpg", *slow("qmix")])
 def test_a_killed_run_that_started_and_mixes_data_ends_as_a_whole_one(
     algorithm: str, runs: dict[str, Path], task: str, dataset: Path, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -293,6 +293,7 @@ def test_ctrl_c_cancels_what_has_not_begun(engine: str | Executor, tmp_path: Pat
     assert engine.submit(os.getpid).result() > 0, "the user's executor stays open"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", WITH_SLOW_EXECUTOR, indirect=True)
 def test_a_dataset_is_the_same_from_every_engine(
     engine: str | Executor, tmp_path: Path, tiny: Path

@@ -24,7 +24,7 @@ from swarmdata.store.arrays.row_shapes import task_row_shapes
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
 from tests.support.one_process import use_one_process
-from tests.support.pairs import pairwise
+from tests.support.pairs import once_each
 from tests.support.tiny import make_tiny
 
 WITH_COLUMNS = (
@@ -152,7 +152,7 @@ def steps_of(env: VecEnv, n_steps: int) -> Iterator[tuple[Step, Any]]:
 
 
 @pytest.mark.parametrize(
-    ("task", "observation", "channel"), pairwise(tuple(TASKS), OBSERVATIONS, CHANNELS)
+    ("task", "observation", "channel"), once_each(tuple(TASKS), OBSERVATIONS, CHANNELS)
 )
 def test_columns_of_every_model_are_named_and_keep_their_ranges(
     task: str, observation: str, channel: str

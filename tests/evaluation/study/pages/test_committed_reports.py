@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+from tests.support.pairs import slow
 
 STUDIES = Path(__file__).parents[4] / "cards/studies"
 TABLES = ("report.md", "estimates.csv", "differences.csv", "views.csv")
@@ -23,7 +24,7 @@ def _is_made_again(study: Path, folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("empty_figures")
-@pytest.mark.parametrize("study", ["noise", "safe", "hearing"])
+@pytest.mark.parametrize("study", ["noise", "safe", *slow("hearing")])
 def test_a_committed_report_is_what_its_episodes_give(study: str, tmp_path: Path) -> None:
     _is_made_again(STUDIES / study, tmp_path)
 

@@ -85,6 +85,7 @@ def test_everything_is_written_and_again_the_same(study: Study, finished: StudyO
     assert Study.from_file(finished.out / "study.yaml") == Study.parse(public)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_a_mixture_is_a_dataset_of_its_own(
     data: Path, other_data: Path, make_study: Callable[..., Study], tmp_path: Path
@@ -179,6 +180,7 @@ def _run_out_of_space(*_: object) -> None:
     raise DiskFullError("no space is left")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_a_row_with_other_rewards_stands_beside_the_one_without(
     make_study: Callable[..., Study], data: Path, tmp_path: Path
