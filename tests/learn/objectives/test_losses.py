@@ -27,10 +27,10 @@ from swarmdata.learn.objectives.losses import (  # noqa: E402
     tilted_mean,
     value_size,
 )
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode  # noqa: E402
 from tests.offline_algos.toys import statistics  # noqa: E402
 from tests.support.made_episodes import made_episode  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 ETA = torch.tensor([2.0])
 UNBOUNDED = torch.tensor([float("inf")])
