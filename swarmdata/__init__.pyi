@@ -56,7 +56,7 @@ from swarmdata.registry.published import Reference as Reference
 from swarmdata.rollouts.evaluate import evaluate as evaluate
 from swarmdata.rollouts.function_policy import FunctionPolicy as FunctionPolicy
 from swarmdata.rollouts.rollout import rollout as rollout
-from swarmdata.rollouts.task_frame import frame_of as frame_of
+from swarmdata.rollouts.function_policy import frame_of as frame_of
 from swarmdata.specs.origins import RecordedSpec as RecordedSpec
 from swarmdata.specs.recipe import Recipe as Recipe
 from swarmdata.specs.rules import TaskRules as TaskRules

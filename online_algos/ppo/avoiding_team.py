@@ -15,8 +15,8 @@ import math
 import numpy as np
 
 from swarmdata.behavior_policies.navigation.avoidance import robot_half_planes, surface_half_planes
+from swarmdata.behavior_policies.navigation.episode_maps import n_primitives, primitives_of
 from swarmdata.behavior_policies.navigation.orca import solve
-from swarmdata.behavior_policies.navigation.primitives import n_primitives, primitives_of
 from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.errors import SpecError

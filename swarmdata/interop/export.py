@@ -10,7 +10,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.user_choices import absolute_path
 from swarmdata.interop.formats import find_format
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.runtime.atomic import remove_leftovers, staged
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store.arrays.scratch_arrays import new_arrays

@@ -41,14 +41,15 @@ from swarmdata.interop.formats import Format
 from swarmdata.numerics.event_costs import costs_of
 from swarmdata.runtime.atomic import require_space
 from swarmdata.runtime.mapped_pages import MappedReads
-from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import (
     DictSpace,
     as_bytes,
     flatten,
     holds_bytes,
+    space_of,
     stack_agents,
+    to_gymnasium,
     width,
 )
 from swarmdata.specs.task_spec import TaskSpec

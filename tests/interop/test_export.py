@@ -18,7 +18,7 @@ from swarmdata.interop.formats import FORMATS
 from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.perception.frames import in_world
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.specs.model_choice import with_models
 from tests.support.tiny import make_tiny
 

@@ -28,8 +28,7 @@ from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run,
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.reward_weights import RewardChoice
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
@@ -37,6 +36,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models, ranges_of
 from swarmdata.specs.origins import check_installed
 from swarmdata.specs.randomization import Randomization
+from swarmdata.specs.rules import RewardChoice
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64

@@ -31,7 +31,7 @@ from swarmdata.registry.components import (  # noqa: E402
     make_task,
     resolve,
 )
-from swarmdata.rollouts.task_frame import frame_of  # noqa: E402
+from swarmdata.rollouts.function_policy import frame_of  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
 from tests.support.one_process import use_one_process  # noqa: E402
 from tests.support.tiny import TINY, make_tiny  # noqa: E402
