@@ -63,11 +63,9 @@ from swarmdata.learn.networks.sizes import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import LinearSchedule, gaussian
-from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer
-from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.collection.replay_collection import OffPolicy
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
@@ -249,15 +247,8 @@ class Learner:
         self.critics.load_state_dict(state)
 
 
-class MADDPG:
-    """K seeds of MADDPG in worlds of their own.
-
-    Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
+class MADDPG(OffPolicy):
+    """K seeds of MADDPG in worlds of their own."""
 
     Config = MADDPGConfig
     LOSSES = (*Learner.LOSSES, "reward")
@@ -265,28 +256,12 @@ class MADDPG:
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MADDPGConfig, folder: Path | str
     ) -> None:
-        self.config, self.seeds = config, tuple(seeds)
-        self.collector = Collector(env, seeds, Plan.of(config), folder)
-        self.learner = self._new_learner()
+        super().__init__(env, seeds, config, folder)
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
 
-    def _new_learner(self) -> Learner:
-        """Makes an untrained learner, with the collector's statistics of inputs."""
+    def new_learner(self) -> Learner:
         moments = self.collector.moments
         return Learner(self.collector.sizes, moments, self.seeds, self.config)
-
-    @property
-    def frames(self) -> int:
-        """Joint steps that each seed has taken."""
-        return self.collector.frames
-
-    def prepare(self) -> bool:
-        """Does nothing: the first rounds fill the replay."""
-        return False
-
-    def mix_in(self, data: Data, share: float) -> None:
-        """Draws a share of each batch from recorded data, `collection.recorded_rows`."""
-        self.collector.mix_in(data, share)
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
@@ -313,7 +288,7 @@ class MADDPG:
         """
         actor_of(start, squash=True)
         self.collector.moments = start.moments(len(self.seeds))
-        self.learner = self._new_learner()
+        self.learner = self.new_learner()
         actors = self.learner.actors
         for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
             rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
@@ -351,22 +326,3 @@ class MADDPG:
             frame=self.collector.frame,
             parameters=self.config.parameters,
         )
-
-    def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
-        self.collector.worlds.restart()
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes and the rows of the replay, as copies."""
-        learner = {f"learner.{k}": v for k, v in self.learner.state_dict().items()}
-        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; the folder must be that of the same run.
-
-        Raises:
-            CheckpointError: the replay in the folder does not belong to the state.
-        """
-        self.collector.load_state_dict(part(state, "collector"))
-        self.learner = self._new_learner()
-        self.learner.load_state_dict(part(state, "learner"))

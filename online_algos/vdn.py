@@ -17,10 +17,9 @@ Deviations:
   hard copies; Huber loss; actions and observations turned to the robot's target (`frame`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -35,10 +34,9 @@ from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.objectives.losses import td_target, team_reward
 from swarmdata.learn.objectives.value_losses import huber_error
 from swarmdata.learn.policies.choice_policy import BinPolicy
-from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
 from swarmdata.learn.training.training_data import Data
-from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.collection.replay_collection import OffPolicy
 from swarmdata.online_algos.continuation import started_utilities
 from swarmdata.online_algos.continuation.offline_start import OfflineStart
 from swarmdata.specs.features import Feature
@@ -111,6 +109,8 @@ class VDNLearner:
         self.descent = Descent(
             networks, len(seeds), config.learning_rate, config.max_grad_norm, followed=networks
         )
+        self.state_dict = self.descent.state_dict
+        self.load_state_dict = self.descent.load_state_dict
 
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
         """Returns the utility of every bin, [K, J, B, N, D, C].
@@ -183,15 +183,8 @@ def greedy_choices(utilities: Tensor) -> Tensor:
     return bins.greedy(utilities.mean(1))
 
 
-class VDN:
-    """K seeds in K E copies of a task, with their replay in a folder.
-
-    Args:
-        env: copies of the task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
+class VDN(OffPolicy):
+    """K seeds in K E copies of a task, with their replay in a folder."""
 
     Config: type[VDNConfig] = VDNConfig
     Learner: type[VDNLearner] = VDNLearner
@@ -200,19 +193,11 @@ class VDN:
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: VDNConfig, folder: Path | str
     ) -> None:
-        self.config = config
-        self.collector = Collector(env, seeds, Plan.of(config), folder)
-        self.learner = self.Learner(self.collector.sizes, seeds, config)
+        super().__init__(env, seeds, config, folder)
         self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)
 
-    @property
-    def frames(self) -> int:
-        """Joint steps that each seed has taken."""
-        return self.collector.frames
-
-    def prepare(self) -> bool:
-        """Does nothing: the first rounds fill the replay."""
-        return False
+    def new_learner(self) -> VDNLearner:
+        return self.Learner(self.collector.sizes, self.seeds, self.config)
 
     def mix_in(self, data: Data, share: float) -> None:
         """Draws a share of each batch from recorded data, whose actions lie between two bins."""
@@ -266,21 +251,3 @@ class VDN:
             parameters=config.parameters,
             n_critics=config.n_critics,
         )
-
-    def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
-        self.collector.worlds.restart()
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes and the rows of the replay, as copies."""
-        learner = {f"learner.{k}": v for k, v in self.learner.descent.state_dict().items()}
-        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; the folder must be that of the same run.
-
-        Raises:
-            CheckpointError: the replay in the folder does not belong to the state.
-        """
-        self.collector.load_state_dict(part(state, "collector"))
-        self.learner.descent.load_state_dict(part(state, "learner"))

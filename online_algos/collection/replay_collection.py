@@ -1,5 +1,6 @@
-"""Collector of off-policy algorithms: it acts in worlds, stores transitions and samples batches."""
+"""Off-policy algorithms: their collector acts in worlds, stores transitions and samples batches."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -238,3 +239,55 @@ class Collector:
         self.worlds.load_state_dict(part(state, "worlds"))
         if self.recorded is not None:
             self.recorded.load_state_dict(part(state, "recorded"))
+
+
+class OffPolicy(ABC):
+    """K seeds of an algorithm whose learner takes batches from a replay, in worlds of their own.
+
+    Args:
+        env: K E copies of a task.
+        seeds: of everything random, [K].
+        config: settings, with the fields of a `Plan`.
+        folder: of the replay.
+    """
+
+    def __init__(self, env: VecEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
+        self.config, self.seeds = config, tuple(seeds)
+        self.collector = Collector(env, seeds, Plan.of(config), folder)
+        self.learner = self.new_learner()
+
+    @abstractmethod
+    def new_learner(self) -> Any:
+        """Makes an untrained learner, with the collector's sizes and statistics of inputs."""
+
+    @property
+    def frames(self) -> int:
+        """Joint steps that each seed has taken."""
+        return self.collector.frames
+
+    def prepare(self) -> bool:
+        """Does nothing: the first rounds fill the replay."""
+        return False
+
+    def mix_in(self, data: Data, share: float) -> None:
+        """Draws a share of each batch from recorded data, `collection.recorded_rows`."""
+        self.collector.mix_in(data, share)
+
+    def restart_worlds(self) -> None:
+        """Begins new episodes everywhere, as loading a state does."""
+        self.collector.worlds.restart()
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything but the running episodes and the rows of the replay, as copies."""
+        learner = {f"learner.{k}": v for k, v in self.learner.state_dict().items()}
+        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; the folder must be that of the same run.
+
+        Raises:
+            CheckpointError: the replay in the folder does not belong to the state.
+        """
+        self.collector.load_state_dict(part(state, "collector"))
+        self.learner = self.new_learner()
+        self.learner.load_state_dict(part(state, "learner"))

@@ -117,7 +117,7 @@ class PayloadPotential:
         self.paths = PayloadPaths(spec, n_copies)
         self.path_weight, self.behind_weight = path_weight, behind_weight
 
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+    def __call__(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
         """Returns the rewards with both potentials, [E, N]."""
         paths = self.paths
         paths.update(before)
