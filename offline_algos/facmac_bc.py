@@ -45,7 +45,7 @@ from torch import Tensor
 
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
-from swarmdata.learn.networks.network_inputs import Normalizer
+from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, team_reward, value_size
 from swarmdata.learn.policies.set_policy import SetPolicy
@@ -94,7 +94,8 @@ class FACMACBC(LossActorCritic):
             sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
             max_norm=config.max_grad_norm, device=setup.device,
         )  # fmt: skip
-        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
+        self.normalizer = Normalizer(setup.statistics, setup.device)
+        self.rewards = RobotRewards(setup.statistics, "team", clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns normalized states, [K, B, S], and observations, [K, B, N, O]."""
@@ -130,8 +131,8 @@ class FACMACBC(LossActorCritic):
         s_next = known.states(batch.next_states)
         o_next = known.observations(batch.next_observations)
         q_next = self.critics.target_q(s_next, o_next, a_next).amin(1)  # [K, B], the smaller one
-        q_next = q_next.clamp(max=known.max_value)
-        r = team_reward(batch.rewards) * known.reward_scale
+        q_next = q_next.clamp(max=self.rewards.max_value)
+        r = team_reward(batch.rewards) * self.rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def actor_loss(

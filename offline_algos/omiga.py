@@ -42,7 +42,7 @@ from torch import Tensor
 
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import LinearMixer
-from swarmdata.learn.networks.network_inputs import Normalizer, information
+from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Setup
@@ -116,6 +116,7 @@ class OMIGA(OfflineLearner):
         )  # fmt: skip
         self.target_values: StackedMLP = self.descent.targets["values"]
         self.normalizer = Normalizer(setup.statistics, setup.device)
+        self.rewards = RobotRewards(setup.statistics, "team")
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -165,7 +166,7 @@ class OMIGA(OfflineLearner):
         o_next = self.normalizer.observations(batch.next_observations)
         values = self.values(o_next, self.target_values)[..., 0]  # [K, B, N]
         v_next = self.mixer(values, information(s_next, o_next), self.critics.target_mixer)
-        r = team_reward(batch.rewards) * self.normalizer.reward_scale
+        r = team_reward(batch.rewards) * self.rewards.scale
         return td_target(r, batch.terminations, v_next, self.config.discount)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:

@@ -179,8 +179,8 @@ class VDN(OfflineLearner):
         utilities = networks.utilities(seen.slow_next_features, slow["team"])
         x_next = networks.information(batch.next_states, features)
         q_next = self.value(utilities, a_next, x_next, slow.get("mixer")).mean(1)  # [K, B]
-        q_next = q_next.clamp(max=networks.normalizer.max_value)
-        r = team_reward(batch.rewards) * networks.normalizer.reward_scale
+        q_next = q_next.clamp(max=networks.rewards.max_value)
+        r = team_reward(batch.rewards) * networks.rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:

@@ -60,7 +60,8 @@ def tensors_of(data: Any) -> dict[str, Tensor]:
     sampler = data.sampler(BATCH, seed=0)
     raw = sampler.gather(np.sort(sampler.rows.valid)[None])
     sizes, batch = Sizes.of(sampler.gather(np.zeros(1, dtype=np.int64))), raw.to_torch()
-    known = Normalizer(Statistics.measure(data, 0.95), "cpu")
+    statistics = Statistics.measure(data, 0.95)
+    known = Normalizer(statistics, "cpu")
     views = RobotViews(sizes, known, "centralized", "cpu")
     observations, following = (
         with_agent_id(known.observations(seen))[0]
@@ -72,7 +73,7 @@ def tensors_of(data: Any) -> dict[str, Tensor]:
         "actions": batch.actions[0],
         "x": views.view(batch.states, batch.observations).features[0],
         "next_x": views.view(batch.next_states, batch.next_observations).features[0],
-        "rewards": batch.rewards[0] * known.reward_scale,
+        "rewards": batch.rewards[0] * (1 / statistics.return_std),
         "terminations": batch.terminations[0].float()[:, None],
     }
 

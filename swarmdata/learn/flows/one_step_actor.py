@@ -82,7 +82,7 @@ class OneStepActor:
     """
 
     def __init__(self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...]) -> None:
-        self.sizes, self.config, statistics = setup.sizes, config, setup.statistics
+        self.sizes, self.config = setup.sizes, config
         n_seen = self.sizes.observation + self.sizes.n_agents
         n_inputs = n_seen + noise_size(config.noise, self.sizes.n_agents, self.sizes.action)
         self.network: StackedMLP | StackedGates
@@ -94,8 +94,7 @@ class OneStepActor:
             perceptron = MLPShape(n_inputs, hidden, self.sizes.action)
             self.network = StackedMLP(perceptron, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
-        mean, std = statistics.observation_mean, statistics.observation_std
-        self.standard = Standardization(mean, std, setup.device)
+        self.standard = Standardization.of(setup.statistics, setup.device)
 
     def see(self, batch: Batch) -> StudentView:
         """Returns the transitions to learn from, and what the actors see of them.

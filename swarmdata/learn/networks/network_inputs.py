@@ -18,14 +18,15 @@ def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
 
 
 class Standardization:
-    """Centers observations and divides them by their deviation, in training and when acting.
+    """Centers features and divides them by their deviation, in training and when acting.
 
     Attributes:
-        mean: for policies, float64 [O] on the CPU.
+        mean: for policies, float64 [F] on the CPU.
         std: likewise.
+        on_device: both for batches, float32.
 
     Args:
-        mean: of observations, [O].
+        mean: of the features, [F].
         std: likewise.
         device: where batches are.
     """
@@ -33,11 +34,16 @@ class Standardization:
     def __init__(self, mean: Double, std: Double, device: torch.device | str) -> None:
         self.mean = torch.tensor(mean, dtype=torch.float64)
         self.std = torch.tensor(std, dtype=torch.float64)
-        self._mean, self._std = (m.to(device, torch.float32) for m in (self.mean, self.std))
+        self.on_device = tuple(m.to(device, torch.float32) for m in (self.mean, self.std))
 
-    def __call__(self, observations: Tensor) -> Tensor:
-        """Returns observations as recorded, float32 [..., O], as networks see them."""
-        return standardize(observations, self._mean, self._std)
+    @classmethod
+    def of(cls, statistics: Statistics, device: torch.device | str) -> "Standardization":
+        """That of a dataset's observations."""
+        return cls(statistics.observation_mean, statistics.observation_std, device)
+
+    def __call__(self, values: Tensor) -> Tensor:
+        """Returns features as recorded, float32 [..., F], as networks see them."""
+        return standardize(values, *self.on_device)
 
 
 def with_agent_id(features: Tensor) -> Tensor:
@@ -102,38 +108,20 @@ def restore_generators(generators: Sequence[torch.Generator], states: Tensor) ->
 
 
 class Normalizer:
-    """The moments of a dataset on a device, in float32.
+    """States and observations in units of the moments of a dataset, on a device, in float32.
 
     Attributes:
-        reward_scale: 1 / standard deviation of the returns-to-go.
-        max_value: R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing.
-
-    Args:
-        statistics: of the dataset.
-        device: where batches are.
-        clip_target: whether R* bounds values.
+        observations: normalizes observations as recorded, [..., O].
+        states: normalizes states as recorded, [..., S].
+        state_mean: [S].
+        state_std: [S].
     """
 
-    def __init__(
-        self, statistics: Statistics, device: torch.device | str, *, clip_target: bool = False
-    ) -> None:
-        def on_device(moment: object) -> Tensor:
-            return torch.tensor(moment).to(device, torch.float32)
-
-        self.state_mean = on_device(statistics.state_mean)
-        self.state_std = on_device(statistics.state_std)
-        self.observation_mean = on_device(statistics.observation_mean)
-        self.observation_std = on_device(statistics.observation_std)
-        self.reward_scale = 1 / statistics.return_std
-        self.max_value = statistics.max_return * self.reward_scale if clip_target else math.inf
-
-    def states(self, states: Tensor) -> Tensor:
-        """Returns normalized states, [..., S], of states as recorded."""
-        return standardize(states, self.state_mean, self.state_std)
-
-    def observations(self, observations: Tensor) -> Tensor:
-        """Returns normalized observations, [..., O], of observations as recorded."""
-        return standardize(observations, self.observation_mean, self.observation_std)
+    def __init__(self, statistics: Statistics, device: torch.device | str) -> None:
+        moments = statistics.state_mean, statistics.state_std
+        self.states = Standardization(*moments, device)
+        self.state_mean, self.state_std = self.states.on_device
+        self.observations = Standardization.of(statistics, device)
 
     def information(self, states: Tensor, observations: Tensor) -> Tensor:
         """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""

@@ -81,13 +81,12 @@ def flow_policy(actor: OneStepActor, index: int) -> FlowPolicy | RecurrentFlowPo
 
 def utility_policy(networks: UtilityNetworks, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
     """The greedy policy of seed number `index` of utility networks, as it is now."""
-    behavior = networks.behavior
-    mean, std = networks.statistics.observation_mean, networks.statistics.observation_std
+    behavior, standard = networks.behavior, networks.normalizer.observations
     chooser = ChoicePolicy(
         layers=networks.team.extract(index, N_CRITICS),
         behavior=[] if behavior is None else behavior.extract(index),
-        observation_mean=torch.tensor(mean, dtype=torch.float64),
-        observation_std=torch.tensor(std, dtype=torch.float64),
+        observation_mean=standard.mean,
+        observation_std=standard.std,
         choices=networks.choices.to_cpu(),
         ranges=networks.sizes.choices,
         rule=networks.rule,
