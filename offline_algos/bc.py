@@ -34,7 +34,7 @@ from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.types import Batch
 
 

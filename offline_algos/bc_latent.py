@@ -29,7 +29,7 @@ from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initializ
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.drawn_policy import LatentPolicy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.offline_algos.bc import CLONING_SPACE, CloningConfig
 from swarmdata.types import Batch
 

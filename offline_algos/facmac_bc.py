@@ -48,8 +48,7 @@ from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, team_reward, value_size
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -59,7 +58,7 @@ from swarmdata.learn.training.actor_critic import (
     TwoStageConfig,
     Valuer,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 

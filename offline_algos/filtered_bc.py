@@ -27,7 +27,7 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.types import Double
 

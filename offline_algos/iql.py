@@ -73,7 +73,7 @@ from swarmdata.learn.training.actor_critic import (
     Part,
     robot_critics,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 RANGE = 1_000.0

@@ -64,8 +64,7 @@ from swarmdata.learn.networks.critics import (
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards, normal_like
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss, td_error, td_target, value_size
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -78,7 +77,7 @@ from swarmdata.learn.training.actor_critic import (
     robot_critics,
     robot_valuer,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 

@@ -53,8 +53,7 @@ from swarmdata.learn.networks.network_inputs import (
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, value_size
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     EXTRACTION_LOSSES,
@@ -62,7 +61,7 @@ from swarmdata.learn.training.actor_critic import (
     TwoStageConfig,
     Valuer,
 )
-from swarmdata.learn.training.search_space import Choice, Space
+from swarmdata.learn.training.settings import Choice, Space
 from swarmdata.offline_algos.cfcql import CONSERVATIVE_SPACE
 from swarmdata.types import Batch
 

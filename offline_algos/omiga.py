@@ -54,8 +54,7 @@ from swarmdata.learn.objectives.losses import (
     team_reward,
 )
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -65,7 +64,7 @@ from swarmdata.learn.training.actor_critic import (
     Part,
     squashed_actor,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 

@@ -59,13 +59,12 @@ from swarmdata.learn.networks.network_inputs import (
 )
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.exploration import LinearSchedule, gaussian
 from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer
-from swarmdata.online_algos.collection.replay_collection import OffPolicy
+from swarmdata.online_algos.collection.replay_collection import LinearSchedule, OffPolicy, gaussian
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,

@@ -29,14 +29,16 @@ from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, Team
-from swarmdata.learn.objectives.losses import td_target, team_reward
-from swarmdata.learn.objectives.value_losses import huber_error
+from swarmdata.learn.objectives.losses import huber_error, td_target, team_reward
 from swarmdata.learn.policies.choice_policy import BinPolicy
-from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
 from swarmdata.learn.training.training_data import Data
-from swarmdata.online_algos.collection.replay_collection import OffPolicy
+from swarmdata.online_algos.collection.replay_collection import (
+    LinearSchedule,
+    OffPolicy,
+    epsilon_greedy,
+)
 from swarmdata.online_algos.continuation import started_utilities
 from swarmdata.online_algos.continuation.offline_start import OfflineStart
 from swarmdata.specs.features import Feature

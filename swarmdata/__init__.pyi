@@ -36,7 +36,7 @@ from swarmdata.interop.torchrl.torchrl import (
     make_torchrl_env as make_torchrl_env,
     register_torchrl as register_torchrl,
 )
-from swarmdata.learn.training.search_space import Choice as Choice, LogUniform as LogUniform
+from swarmdata.learn.training.settings import Choice as Choice, LogUniform as LogUniform
 from swarmdata.numerics.episode_draws import drawn_values as drawn_values
 from swarmdata.record.foreign_rollout import evaluate_parallel as evaluate_parallel
 from swarmdata.record.jax_environments import record_jax as record_jax

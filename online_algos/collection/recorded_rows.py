@@ -16,8 +16,7 @@ from pydantic import Field
 from torch import Tensor
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.learn.training.framed_dataset import framed
-from swarmdata.learn.training.training_data import Data
+from swarmdata.learn.training.training_data import Data, framed
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.task_spec import TaskSpec

@@ -17,7 +17,7 @@ from swarmdata.learn.memory.gated_networks import (
 )
 from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy

@@ -19,8 +19,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from swarmdata.learn.networks.optimizer import StackedAdam
-from swarmdata.online_algos.collection.seed_generators import standard_normal
-from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
 from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.online_algos.ppo.rollout_samples import minibatches, pick, sample_rows, seed_means
 from swarmdata.types import Float, Int, Step

@@ -26,8 +26,7 @@ from swarmdata.learn.networks.compilation import compiling, uncompiled
 from swarmdata.learn.networks.critics import RobotViews
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.network_inputs import Normalizer, with_agent_id
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.runtime.native_libraries import keep_freed_memory

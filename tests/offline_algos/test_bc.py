@@ -10,8 +10,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402

@@ -11,8 +11,7 @@ import torch
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.perceptrons import StackedMLP
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.learn.training.trainer import sampler_of
 from swarmdata.types import Batch, Episode, Float, Step, no_messages

@@ -19,8 +19,8 @@ from swarmdata.evaluation.runs.trained_policies import load_policies, read_train
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.setup import check_device
-from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table, run_folders
+from swarmdata.learn.training.settings import as_texts, override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start

@@ -9,7 +9,7 @@ from torch.nn.functional import one_hot
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.choices import bins
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 MOST_COMBINATIONS = 4096
 """Most combinations of choices of one robot that are listed."""

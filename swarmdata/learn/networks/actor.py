@@ -12,7 +12,7 @@ from swarmdata.learn.networks.network_inputs import Standardization, with_agent_
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.set_networks import SetShape, StackedSets
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.perception.feature_slots import slots_of
 from swarmdata.types import Batch
 

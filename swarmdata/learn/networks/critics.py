@@ -31,7 +31,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp,
     mlp_of_branches,
 )
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 JointGradient = Literal["all", "own"]
 """Whose actions the policy gives in its own loss: those of all agents, or of one at a time."""

@@ -18,7 +18,7 @@ from swarmdata.learn.networks.mixers import Mixer
 from swarmdata.learn.networks.network_inputs import information, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 MIXER_STREAM, VALUE_STREAM = 2, 3
 """Streams of a seed's initial parameters, beside those of `learn.networks.actor`."""

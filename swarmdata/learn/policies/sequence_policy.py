@@ -11,12 +11,12 @@ from swarmdata.learn.memory.sequence_actor import told_actions
 from swarmdata.learn.memory.sequence_networks import (
     EMBED,
     HEAD,
+    Mixture,
     decide,
     memory_size,
     over_step,
     with_past,
 )
-from swarmdata.learn.networks.mixtures import Mixture
 from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.recurrent_policy import RunningMemory

@@ -16,8 +16,7 @@ from swarmdata.learn.networks.set_networks import StackedSets
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 
 GREEDY = Rule("none", temperature=1.0, threshold=0.0, head="factored")
 """Takes the likeliest choice of each column; the numbers have no effect."""

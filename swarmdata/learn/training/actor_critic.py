@@ -56,7 +56,7 @@ from swarmdata.learn.objectives.losses import (
     tilted_loss,
 )
 from swarmdata.learn.objectives.weighted_rows import ScoredRows, check_share
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 Extraction = Literal["joint", "anchored", "weighted", "tilted"]

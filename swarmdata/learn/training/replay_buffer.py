@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import CheckpointError, SchemaError
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.runtime.atomic import staged
 from swarmdata.types import Batch
 

@@ -12,16 +12,15 @@ from swarmdata.datasets.action_scaling import choices_of
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.training import checkpoint
-from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run import Count, Description, kept_path
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,
     CONFIG,
     KEPT,
 )
+from swarmdata.learn.training.settings import from_json
 from swarmdata.perception.frames import Frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve

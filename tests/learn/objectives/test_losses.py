@@ -14,7 +14,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go  # noqa: E402
 from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 from swarmdata.learn.objectives.losses import (  # noqa: E402
     anchored_loss,
     batch_weights,

@@ -13,7 +13,7 @@ from swarmdata.evaluation.results.policy_names import find_target  # noqa: E402
 from swarmdata.evaluation.results.target_evaluation import evaluate_target  # noqa: E402
 from swarmdata.hub.catalog.catalog import load  # noqa: E402
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
-from swarmdata.learn.policies.set_policy import SetPolicy  # noqa: E402
+from swarmdata.learn.policies.torch_policy import SetPolicy  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402

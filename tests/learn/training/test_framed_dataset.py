@@ -17,9 +17,9 @@ from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
-from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
+from swarmdata.learn.training.training_data import framed  # noqa: E402
 from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry.components import make_task  # noqa: E402

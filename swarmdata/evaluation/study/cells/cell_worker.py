@@ -35,7 +35,6 @@ from swarmdata.evaluation.study.cells.study_data import (
 )
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
-from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,
     CONFIG,
@@ -46,6 +45,7 @@ from swarmdata.learn.training.run_files import (
     saved_policies,
     seeds_of,
 )
+from swarmdata.learn.training.settings import from_json
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
