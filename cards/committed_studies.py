@@ -28,15 +28,10 @@ NUMBERS = ("mean", "low", "high")
 
 @dataclass(frozen=True)
 class CommittedStudy:
-    """A finished study.
+    """A finished study."""
 
-    Attributes:
-        folder: with its plan and its tables.
-        estimates: every mean with its interval.
-    """
-
-    folder: Traversable
-    estimates: tuple[Means, ...]
+    folder: Traversable  # with its plan and its tables
+    estimates: tuple[Means, ...]  # every mean with its interval
 
     @property
     def name(self) -> str:

@@ -31,14 +31,10 @@ class Mixture(TrainingData["MixtureSampler"]):
 
     It has what training needs of a `Dataset`: `moments` are those of rows that are drawn so, and
     `id`, `digest` and `view` say what was mixed, and how.
-
-    Attributes:
-        parts: the datasets; none is empty.
-        weights: probabilities of the parts, which sum to 1.
     """
 
-    parts: tuple[View[Any], ...]
-    weights: tuple[float, ...]
+    parts: tuple[View[Any], ...]  # the datasets; none is empty
+    weights: tuple[float, ...]  # probabilities of the parts, which sum to 1
 
     @property
     def id(self) -> str:

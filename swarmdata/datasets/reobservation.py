@@ -53,17 +53,12 @@ class RecordedEpisodes:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reobservation:
-    """The episodes of a dataset, observed through other models.
+    """The episodes of a dataset, observed through other models."""
 
-    Attributes:
-        recorded: the dataset as it was recorded.
-        spec: the task with the new models.
-        arrays: the recorded ones, with those of `OBSERVED_ARRAYS` computed anew.
-    """
-
-    recorded: StoredDataset
-    spec: TaskSpec
+    recorded: StoredDataset  # the dataset as it was recorded
+    spec: TaskSpec  # the task with the new models
     arrays: Mapping[str, NDArray[Any]]
+    """The recorded ones, with those of `OBSERVED_ARRAYS` computed anew."""
 
     def __repr__(self) -> str:
         """Shows the dataset and what is new."""

@@ -48,19 +48,13 @@ FARTHEST = 4.0
 
 
 class Verdict(NamedTuple):
-    """What a verification found.
+    """What a verification found."""
 
-    Attributes:
-        reasons: why the entry is rejected; empty: it is verified.
-        equal: share of the reserved episodes that ended with the return that the entry says.
-        reserved: mean team return on the reserved episodes, as evaluated again.
-        fresh: the same on fresh episodes.
-    """
-
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...]  # why the entry is rejected; empty: it is verified
     equal: float = 0.0
-    reserved: float = float("nan")
-    fresh: float = float("nan")
+    """Share of the reserved episodes that ended with the return that the entry says."""
+    reserved: float = float("nan")  # mean team return on the reserved episodes, as evaluated again
+    fresh: float = float("nan")  # the same on fresh episodes
 
     @property
     def is_verified(self) -> bool:

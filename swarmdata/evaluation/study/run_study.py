@@ -27,29 +27,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """How a study is run; no option changes its results.
+    """How a study is run; no option changes its results."""
 
-    Attributes:
-        out: folder of tables and figures.
-        work: folder of cells; None: `runs/study-<name>`.
-        workers: processes of the engine `local`.
-        engine: where cells run and policies are evaluated in other conditions, as `build` takes it.
-        only: pattern of the cells to run, such as `bc/*`; sweeps and evaluations in other views
-            and tasks are skipped then.
-        shifts_only: whether no cell of the grid is run, only sweeps, and finished cells in other
-            views and tasks.
-        again: whether stale cells are deleted and run again.
-        progress: whether to show progress bars.
-    """
-
-    out: Path
-    work: Path | None = None
-    workers: int = 2
+    out: Path  # folder of tables and figures
+    work: Path | None = None  # folder of cells; None: `runs/study-<name>`
+    workers: int = 2  # processes of the engine `local`
     engine: str | Executor = LOCAL
+    """Where cells run and policies are evaluated in other conditions, as `build` takes it."""
     only: str | None = None
+    """Pattern of the cells to run, such as `bc/*`; sweeps and evaluations in other views and tasks
+    are skipped then."""
     shifts_only: bool = False
-    again: bool = False
-    progress: bool = True
+    """Whether no cell of the grid is run, only sweeps, and finished cells in other views and
+    tasks."""
+    again: bool = False  # whether stale cells are deleted and run again
+    progress: bool = True  # whether to show progress bars
 
     @property
     def jobs(self) -> JobOptions:

@@ -43,21 +43,15 @@ Cells = Sequence[str] | NDArray[Any] | RaggedColumn
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogTable:
-    """Rows of one table, or messages of one topic.
+    """Rows of one table, or messages of one topic."""
 
-    Attributes:
-        name: file or topic, for errors.
-        cells: texts or numbers of each column, by name, [n] or [n, B], or of several lengths.
-        units: of the columns whose format fixes it, by name.
-        frame: of what it holds, if its messages say so.
-        used: columns that were read.
-    """
-
-    name: str
+    name: str  # file or topic, for errors
     cells: Mapping[str, Cells]
+    """Texts or numbers of each column, by name, [n] or [n, B], or of several lengths."""
     units: Mapping[str, str] = field(default_factory=dict)
-    frame: str = ""
-    used: set[str] = field(default_factory=set)
+    """Of the columns whose format fixes it, by name."""
+    frame: str = ""  # of what it holds, if its messages say so
+    used: set[str] = field(default_factory=set)  # columns that were read
 
     def _column(self, name: str) -> Cells:
         if name not in self.cells:

@@ -168,18 +168,13 @@ class InputNormalizer(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotView:
-    """What critics see of a batch besides actions, and how they see actions.
+    """What critics see of a batch besides actions, and how they see actions."""
 
-    Attributes:
-        features: in each robot's frame, its number included, [K, B, N, F].
-        cosines: of the angle from robot i's frame to that of the robot in each slot, [K, B, N, N];
-            None if critics see their own action only, or nothing is turned.
-        sines: likewise.
-    """
-
-    features: Tensor
+    features: Tensor  # in each robot's frame, its number included, [K, B, N, F]
     cosines: Tensor | None = None
-    sines: Tensor | None = None
+    """Of the angle from robot i's frame to that of the robot in each slot, [K, B, N, N]; None if
+    critics see their own action only, or nothing is turned."""
+    sines: Tensor | None = None  # likewise
 
     @property
     def rows(self) -> Tensor:

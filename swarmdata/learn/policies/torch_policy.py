@@ -67,24 +67,17 @@ class TorchPolicy(Memoryless):
 
     It computes in float64 on the CPU and rounds once at the end: a product's summation order
     depends on how many copies run together, and in float32 that would show in the actions.
-
-    Attributes:
-        layers: the actors' weights, float64; R = 1 if they are shared, else N.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
-        frame: in which the actors see and act; None for the world's. What it adds to observations
-            is part of O.
-        parameters: whether the agents share one actor.
     """
 
-    layers: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
-    squash: bool
+    layers: Sequence[Layer]  # the actors' weights, float64; R = 1 if they are shared, else N
+    observation_mean: Tensor  # subtracted from observations, float64 [O]
+    observation_std: Tensor  # what they are divided by, float64 [O]
+    squash: bool  # whether the output passes through tanh; otherwise it is clipped to [-1, 1]
     frame: Frame | None = None
+    """In which the actors see and act; None for the world's. What it adds to observations is part
+    of O."""
     uses_state: bool = False
-    parameters: Parameters = "shared"
+    parameters: Parameters = "shared"  # whether the agents share one actor
     # by shape [N, O] of observations that were checked, at their first use
     _folded: dict[tuple[int, ...], list[Layer]] = field(
         default_factory=dict, init=False, repr=False
@@ -211,26 +204,16 @@ class SetPolicy(Memoryless):
     """An actor over sets that all robots share and that sees no robot numbers.
 
     It computes in float64 on the CPU and rounds once at the end, as `TorchPolicy` does.
-
-    Attributes:
-        layers: the actor's weights (`set_networks`), float64, R = 1.
-        field_mean: subtracted from what is read, float64 [F], F as in `slots.fields`.
-        field_std: what it is divided by, float64 [F].
-        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
-        slots: what the columns of an observation describe.
-        hidden: sizes of the actor's hidden layers.
-        frame: in which the actor sees and acts; None for the world's.
-        anchor: of that frame, as `frames.find_frame` takes it.
     """
 
-    layers: Sequence[Layer]
-    field_mean: Tensor
-    field_std: Tensor
-    squash: bool
-    slots: Slots
-    hidden: tuple[int, ...]
-    frame: Frame | None = None
-    anchor: str = "world"
+    layers: Sequence[Layer]  # the actor's weights (`set_networks`), float64, R = 1
+    field_mean: Tensor  # subtracted from what is read, float64 [F], F as in `slots.fields`
+    field_std: Tensor  # what it is divided by, float64 [F]
+    squash: bool  # whether the output passes through tanh; otherwise it is clipped to [-1, 1]
+    slots: Slots  # what the columns of an observation describe
+    hidden: tuple[int, ...]  # sizes of the actor's hidden layers
+    frame: Frame | None = None  # in which the actor sees and acts; None for the world's
+    anchor: str = "world"  # of that frame, as `frames.find_frame` takes it
     uses_state: bool = False
 
     @torch.no_grad()

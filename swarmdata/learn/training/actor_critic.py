@@ -161,15 +161,11 @@ class Critics(Part, Protocol):
 
 
 class OfflineLearner(ABC):
-    """K seeds of an offline algorithm: their updates so far, and their state.
+    """K seeds of an offline algorithm: their updates so far, and their state."""
 
-    Attributes:
-        config: settings, with `n_updates` and `final_learning_rate_factor`.
-        generators: of the noise of training, one per seed; empty if there is none.
-    """
-
-    config: Any
+    config: Any  # settings, with `n_updates` and `final_learning_rate_factor`
     generators: Sequence[torch.Generator] = ()
+    """Of the noise of training, one per seed; empty if there is none."""
     n_updates = 0
 
     @property

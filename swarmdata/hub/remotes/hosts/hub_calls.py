@@ -38,17 +38,11 @@ HUB_TAG = "swarmdata"
 
 @dataclass(frozen=True)
 class Listed:
-    """One file of a commit.
+    """One file of a commit."""
 
-    Attributes:
-        size: in bytes.
-        blob: the SHA-1 that git gives a plain file, hex.
-        sha256: of a file in large file storage, None for a plain one.
-    """
-
-    size: int
-    blob: str | None
-    sha256: str | None
+    size: int  # in bytes
+    blob: str | None  # the SHA-1 that git gives a plain file, hex
+    sha256: str | None  # of a file in large file storage, None for a plain one
 
     def is_of(self, path: Path) -> bool:
         """Whether a local file has the same content."""
