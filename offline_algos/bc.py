@@ -101,7 +101,6 @@ class BC(OfflineLearner):
         return {"bc_loss": bc_loss.detach()}
 
     def policy(self, index: int) -> Policy:
-        """The policy of seed number `index`, as it is now."""
         return policy_of(self.actor, index)
 
     @property

@@ -78,7 +78,6 @@ class BCFlow(OfflineLearner):
         return {name: loss.detach() for name, loss in losses.items()}
 
     def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
-        """The policy of seed number `index`, as it is now."""
         return flow_policy(self.copy.actor, index)
 
     @property

@@ -116,7 +116,6 @@ class BCLatent(OfflineLearner):
         return outputs.tanh().view(*o.shape[:3], -1)
 
     def policy(self, index: int) -> LatentPolicy:
-        """The policy of seed number `index`, as it is now."""
         return LatentPolicy(
             layers=self.actor.extract(index, torch.float64),
             latents=self.latents()[index].detach().to("cpu", torch.float64),

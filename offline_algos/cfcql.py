@@ -169,5 +169,4 @@ class CFCQL(LossActorCritic):
         return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor.online, index)

@@ -143,5 +143,4 @@ class FACMACBC(LossActorCritic):
         return Loss(-lam * q.mean(1) + bc_loss, {"policy_q": q.mean(1), "lambda": lam})
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor.online, index)

@@ -44,7 +44,6 @@ class FilteredBCConfig(BCConfig):
     min_episodes: int = 250  # n_min
 
     def __post_init__(self) -> None:
-        """Checks the fraction and the floor."""
         if not 0 < self.fraction <= 1:
             raise SchemaError(
                 f"fraction is {self.fraction}, expected above 0 and at most 1: the part of the "

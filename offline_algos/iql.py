@@ -179,5 +179,4 @@ class IQL(OfflineLearner):
         return td_target(self.rewards(batch.rewards), ends, v_next, self.config.discount)
 
     def policy(self, index: int) -> Policy:
-        """The policy of seed number `index`, as it is now."""
         return policy_of(self.actor, index)

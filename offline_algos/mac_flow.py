@@ -203,7 +203,6 @@ class Climb:
         return {"climb_slope": self.slope.clone(), "climb_weight": self.weight.clone()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         self.slope = state["climb_slope"].to(self.slope.device, copy=True)
         self.weight = state["climb_weight"].to(self.weight.device, copy=True)
 
@@ -344,7 +343,6 @@ class MACFlow(OfflineLearner):
         return Loss(loss, {"policy_q": worth, "lambda": self.climb.weight})
 
     def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
-        """The policy of seed number `index`, as it is now."""
         return flow_policy(self.copy.actor, index)
 
     @property

@@ -189,7 +189,6 @@ class OMAR(LossActorCritic):
         return options.gather(2, best)[:, :, 0]
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor.online, index)
 
 

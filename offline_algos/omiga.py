@@ -169,5 +169,4 @@ class OMIGA(OfflineLearner):
         return td_target(r, batch.terminations, v_next, self.config.discount)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor, index)

@@ -163,7 +163,6 @@ class Oryx(OfflineLearner):
         return take(returns, learned_rows(mask, config.window))
 
     def policy(self, index: int) -> SequencePolicy:
-        """The policy of seed number `index`, as it is now."""
         config, actor = self.config, self.actor
         return SequencePolicy(
             layers=actor.network.extract(index, torch.float64),

@@ -186,7 +186,6 @@ class VDN(OfflineLearner):
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
-        """The greedy policy of seed number `index`, as it is now."""
         return utility_policy(self.networks, index)
 
     @property

@@ -239,7 +239,6 @@ class Learner:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         restore_generators(self.generators, state["generators"])
         self.descent.load_state_dict(state)
@@ -315,7 +314,6 @@ class MADDPG(OffPolicy):
         return self.learner.update(batch, factor)
 
     def policy(self, index: int) -> TorchPolicy:
-        """The greedy policy of seed number `index`, as it is now."""
         mean, std = self.collector.inputs_of(index)
         return TorchPolicy(
             layers=self.learner.actors.extract(index),

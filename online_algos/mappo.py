@@ -378,7 +378,6 @@ class MAPPO:
         return torch.full((len(self.seeds),), std)
 
     def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
-        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
         return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:

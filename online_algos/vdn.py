@@ -242,7 +242,6 @@ class VDN(OffPolicy):
         return self.learner.update(self.collector.normalized(batch), scale)
 
     def policy(self, index: int) -> BinPolicy:
-        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
         config, (mean, std) = self.config, self.collector.inputs_of(index)
         return BinPolicy(
             layers=self.learner.team.extract(index, config.n_critics),

@@ -118,7 +118,6 @@ class RecordedRows:
         return {"samplers": torch.from_numpy(np.frombuffer(text.encode(), np.uint8).copy())}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned."""
         places = json.loads(state["samplers"].numpy().tobytes())
         for sampler, place in zip(self._samplers, places, strict=True):
             sampler.load_state_dict(place)

@@ -57,7 +57,6 @@ class Plan:
     n_measured: int = 64  # steps of every copy that measure the inputs
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         least = (self.n_steps, self.rollout_steps, self.n_gradient_steps, self.batch_size)
         if min(least) < 1 or self.capacity < self.n_copies:
             raise SchemaError(
@@ -307,7 +306,6 @@ class LinearSchedule:
     duration: float = 1.0
 
     def __post_init__(self) -> None:
-        """Checks the duration."""
         if not 0 < self.duration <= 1:
             raise SchemaError(f"{self}: duration is a part of training, expected above 0 and to 1")
 

@@ -62,7 +62,6 @@ class StartConfig:
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if self.clone_rounds < 1:
             raise SpecError(f"clone_rounds is {self.clone_rounds}, expected at least 1")
         if not 0.0 <= self.clone_noise < math.inf:

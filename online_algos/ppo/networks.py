@@ -247,7 +247,6 @@ class Actors:
         return self.network.read(flat, history.transpose(1, 2).flatten(1, 2))
 
     def policy(self, index: int, frame: Frame | None) -> TorchPolicy | RecurrentPolicy:
-        """The greedy policy of seed number `index`, a copy of its weights as they are now."""
         kind = RecurrentPolicy if self.memory_size else TorchPolicy
         return kind(
             layers=self.network.extract(index * self.n_rows, torch.float64, self.n_rows),

@@ -120,7 +120,6 @@ class ShapingConfig:
     behind_payload_weight: float = 0.0  # half the reward for moving from in front to behind
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if len(self.contact_ramp) != 2 or self.contact_ramp[0] >= self.contact_ramp[1]:
             raise SchemaError(
                 f"contact_ramp is {self.contact_ramp}, expected two parts of training, begin "

@@ -87,7 +87,6 @@ class Rule:
     head: Head  # kind of the behavior head
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if self.temperature <= 0 or not 0 <= self.threshold <= 1:
             raise SchemaError(f"{self}: expected temperature above 0 and threshold from 0 to 1")
 

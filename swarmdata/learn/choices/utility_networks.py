@@ -233,7 +233,6 @@ class UtilityNetworks:
         return {f"networks.{k}": v for k, v in self.descent.state_dict().items()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         self.descent.load_state_dict({k.removeprefix("networks."): v for k, v in state.items()})
 
 

@@ -73,7 +73,6 @@ class FQEConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if min(self.n_updates, self.batch_size, self.n_fits) < 1 or not 0 <= self.discount < 1:
             raise SchemaError(
                 f"{self}: expected at least 1 update, row and fit, and a discount from 0 to below 1"

@@ -45,7 +45,6 @@ class SequenceSettings(WindowSettings):
     joint: bool = True  # whether robots hear those before them; without, each acts alone
 
     def __post_init__(self) -> None:
-        """Checks the sizes."""
         if self.n_heads < 1 or self.width < 1 or self.width % self.n_heads:
             raise SchemaError(
                 f"got width={self.width} and n_heads={self.n_heads}, expected a width that is a "

@@ -68,7 +68,6 @@ class StackedAdam:
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor], prefix: str = "") -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         size, fresh = self.network.flat.shape, self._fresh()
         for name, value in fresh.items():
             (unpadded(value, size) if value.ndim else value).copy_(state[prefix + name])
@@ -193,7 +192,6 @@ class Descent:
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         for name, adam in self._adams.items():
             adam.network.load(state[name])
             adam.load_state_dict(state, self._prefix(name))

@@ -116,7 +116,6 @@ class ExtractionConfig:
     effective_share: float = 0.3  # of `weighted`: of the rows, see `objectives.weighted_rows`
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         names = ("inverse_temperature", "slope_limit", "density_floor")
         for name in names:
             if getattr(self, name) <= 0:
@@ -189,7 +188,6 @@ class OfflineLearner(ABC):
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         if self.generators and "generators" in state:  # runs that drew nothing only act now
             restore_generators(self.generators, state["generators"])
@@ -463,7 +461,6 @@ class SecondStage:
         return {"extraction_slope": self._slope.clone(), **adam, **parts}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         self._slope = state["extraction_slope"].to(self._slope.device, copy=True)
         self._adam.load_state_dict(state, "extraction_adam.")
         self.density.load_state_dict(state)

@@ -41,7 +41,6 @@ class Shape:
     margin: int  # rows that may follow a checkpoint
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if min(self.n_seeds, self.n_copies, self.capacity) < 1 or self.margin < 0:
             raise SchemaError(
                 f"{self}: expected at least one seed, copy and row, and no negative margin"

@@ -149,7 +149,6 @@ class LogUniform:
     high: float
 
     def __post_init__(self) -> None:
-        """Checks the ends."""
         if not 0 < self.low < self.high < math.inf:
             raise SchemaError(f"{self}: expected finite ends above 0, the lower one first")
 

@@ -46,7 +46,6 @@ class Schedule:
     evaluate_every: int | None = None  # None: no learning curve
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         numbers = (
             self.log_every,
             self.checkpoint_every,
