@@ -88,10 +88,6 @@ def _estimates_of(folder: Traversable) -> tuple[Means, ...]:
 def read_estimates(text: str, source: str) -> tuple[Means, ...]:
     """Rows of an `estimates.csv`.
 
-    Args:
-        text: of the file.
-        source: what to call it in errors.
-
     Raises:
         StudyError: a column is missing, there is no row, or a value is no number.
     """

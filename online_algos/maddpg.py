@@ -182,12 +182,7 @@ class Learner:
         return self.actors(observations, network).tanh()
 
     def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
-        """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move.
-
-        Args:
-            batch: rows as they were seen.
-            scale: factor on the learning rates.
-        """
+        """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move."""
         x = self.critics.view(batch.states, batch.observations)
         losses = self._update_critics(batch, x, scale)
         self.n_updates += 1

@@ -286,11 +286,7 @@ BLOCK_STEPS = 16
 
 
 class StepMaker:
-    """Makes steps with the shapes of another.
-
-    Args:
-        like: a step of the environment.
-    """
+    """Makes steps with the shapes of another."""
 
     def __init__(self, like: Step) -> None:
         arrays = [getattr(like, name) for name in WRITTEN_FIELDS]

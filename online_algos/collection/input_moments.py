@@ -38,9 +38,6 @@ class SeedNormalizer:
     Attributes:
         state_mean: [K, 1, S].
         state_std: [K, 1, S].
-
-    Args:
-        moments: of K seeds.
     """
 
     def __init__(self, moments: Moments) -> None:

@@ -124,12 +124,7 @@ class RecordedRows:
 
 
 def joined(drawn: Batch, recorded: Batch) -> Batch:
-    """Returns the rows of two batches [K, B, ...] as one; fields of one of them only are left out.
-
-    Args:
-        drawn: from the replay.
-        recorded: from a dataset.
-    """
+    """Returns the rows of two batches [K, B, ...] as one; fields of only one are left out."""
     names = (
         "observations", "actions", "rewards", "next_observations", "states", "next_states",
         "terminations", "truncations", "mask",

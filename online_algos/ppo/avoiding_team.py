@@ -77,12 +77,7 @@ def make_safe(
 
 
 class ActorTeam:
-    """Implements `teacher_cloning.Teacher`: actors in all copies of their seeds.
-
-    Args:
-        actors: of the worlds' seeds.
-        worlds: to act in.
-    """
+    """Implements `teacher_cloning.Teacher`: actors in all copies of their seeds."""
 
     def __init__(self, actors: Actors, worlds: Worlds) -> None:
         self._actors, self._worlds = actors, worlds

@@ -39,10 +39,6 @@ class ValueScale:
     """Mean and standard deviation of the value targets of each seed, averaged over updates.
 
     Yu et al. 2022, section 5.1, value normalization.
-
-    Args:
-        n_seeds: K.
-        decay: weight of the past in each update.
     """
 
     def __init__(self, n_seeds: int, decay: float = 0.99) -> None:
@@ -90,11 +86,6 @@ class LearnedDeviation:
 
     Attributes:
         network: the logarithms, as networks without inputs; its rows are those of the actors.
-
-    Args:
-        n_rows: actors of all seeds, R.
-        action_size: components, A.
-        initial: standard deviation at the start.
     """
 
     def __init__(self, n_rows: int, action_size: int, initial: float) -> None:

@@ -131,10 +131,6 @@ class PayloadPotential:
 class PayloadPaths:
     """The payload's shortest paths in the episodes that run in C copies.
 
-    Args:
-        spec: of a task with a payload.
-        n_copies: C.
-
     Raises:
         SpecError: the task has no payload.
     """

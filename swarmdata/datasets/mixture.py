@@ -156,10 +156,6 @@ class MixtureSampler(BatchStream):
     An index counts the rows of all parts, one after the other. The window of a streamed part moves
     with the rows that are drawn from it, so that each of its transitions is drawn once in a pass on
     average, as without the other parts.
-
-    Args:
-        samplers: of the parts, with one seed and batch size.
-        weights: probabilities of the parts.
     """
 
     def __init__(self, samplers: Sequence[RowSampler], weights: Sequence[float]) -> None:
@@ -191,10 +187,6 @@ class MixtureSampler(BatchStream):
         """Returns the transitions or windows that start at `index`, any shape.
 
         Fields that a part has not recorded are None.
-
-        Args:
-            index: rows of the mixture.
-            wanted: fields to read.
 
         Raises:
             IndexError: an index outside the mixture.

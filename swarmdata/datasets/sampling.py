@@ -225,10 +225,6 @@ class BatchStream(ABC):
     def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         """Returns the transitions or windows that start at `index`, rows of any shape.
 
-        Args:
-            index: rows.
-            wanted: fields to read.
-
         Raises:
             IndexError: an index outside the dataset.
         """

@@ -275,9 +275,6 @@ def natural_anchor(features: Sequence[Feature]) -> str:
     """Returns `own.heading` if some robots are unicycles, else `target`, if they are observed.
 
     Where neither is, as of beams and cells, it returns `world`.
-
-    Args:
-        features: of an observation.
     """
     names = {feature.name for feature in features}
     if f"{HEADING}_x" in names:

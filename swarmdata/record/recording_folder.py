@@ -64,10 +64,6 @@ class Limits:
 class RecordingFolder:
     """The parts of one recording, locked by one process at a time.
 
-    Args:
-        path: where the dataset will be.
-        limits: when a part is written.
-
     Raises:
         BuildError: another process holds the lock.
     """

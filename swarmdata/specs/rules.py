@@ -56,10 +56,6 @@ class Rewards(Frozen):
 def changed_weights(weights: Rewards, changes: Mapping[str, float | str]) -> Rewards:
     """Returns the same weights with some of them changed.
 
-    Args:
-        weights: of a task.
-        changes: new values by name, as numbers or as text.
-
     Raises:
         UnknownNameError: there is no weight of that name; the message lists those that exist.
         SpecError: a weight cannot have the value.

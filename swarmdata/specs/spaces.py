@@ -111,10 +111,6 @@ def holds_bytes(space: Space) -> bool:
 def as_bytes(rows: Float, where: str) -> Counts:
     """Returns whole numbers from 0 to 255 as uint8, of the same shape.
 
-    Args:
-        rows: the numbers.
-        where: names them in errors.
-
     Raises:
         SchemaError: there are other numbers.
     """

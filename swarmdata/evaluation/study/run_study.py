@@ -65,11 +65,6 @@ def run_study(
 ) -> tuple[dict[str, str], list[Path]]:
     """Runs the cells of a study that are not done yet, and writes the pages of all that are.
 
-    Args:
-        study: the plan.
-        options: how to run it.
-        command: that runs the study again, for the page.
-
     Returns:
         Why cells failed, by name, and the files that were written, the page first.
 

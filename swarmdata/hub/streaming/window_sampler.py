@@ -222,10 +222,6 @@ class WindowSampler(RowSampler):
 
         Blocks that are not in memory are fetched, and the next one in the background.
 
-        Args:
-            index: stored rows.
-            wanted: fields to read.
-
         Raises:
             IndexError: an index outside the dataset.
             SchemaError: actions that are to be scaled lie outside their bounds.

@@ -55,11 +55,6 @@ class RawMessage(NamedTuple):
 def raw_messages(path: Path, topics: Collection[str], known: set[str]) -> Iterator[RawMessage]:
     """Yields the messages of some topics, in the order in which they were stored.
 
-    Args:
-        path: of a bag.
-        topics: to read, of those that are there.
-        known: gets the names of all topics.
-
     Raises:
         ConversionError: the bag is damaged, incomplete, or of an unknown kind.
         FileKindError: a file is no regular file.

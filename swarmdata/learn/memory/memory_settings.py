@@ -24,9 +24,6 @@ class WindowSettings:
     def n_windows(self, batch_size: int) -> int:
         """Returns how many segments have as many steps as a batch of transitions.
 
-        Args:
-            batch_size: joint transitions.
-
         Raises:
             SchemaError: a size is out of range, or less than a segment is asked for.
         """

@@ -46,11 +46,7 @@ class StackedAdam:
         self.descend(scale)
 
     def descend(self, scale: float = 1.0) -> None:
-        """Descends one step along the gradient that the network has; clips it first.
-
-        Args:
-            scale: factor on the learning rate, for schedules.
-        """
+        """Descends one step along the gradient that the network has; clips it first."""
         if self.max_norm is not None:
             clip_per_seed(self.network.gradient, self.n_seeds, self.max_norm)
         group = self._adam.param_groups[0]

@@ -107,12 +107,7 @@ def last_policy(run: Path, seed: int) -> Policy:
 
 
 def parse_policy(data: bytes, source: str) -> Policy:
-    """Reads the bytes that `save_policy` wrote; errors are those of `load_policy`.
-
-    Args:
-        data: of the file.
-        source: its name, for errors.
-    """
+    """Reads the bytes that `save_policy` wrote; errors are those of `load_policy`."""
     return _policy(*parse_checkpoint(data, source), source)
 
 

@@ -123,10 +123,6 @@ def _reader(layers: Sequence[Layer], n_features: int) -> list[Layer]:
 
     Recurrent actors read observations, number, memory; policies over choices observations, memory,
     number.
-
-    Args:
-        layers: gates and reader.
-        n_features: of an observation.
     """
     first, *others = layers[N_GATE_LAYERS:]
     n_memory = layers[1].weight.shape[1]

@@ -111,11 +111,6 @@ def load_last(
 ) -> "Loaded":
     """Loads the algorithm of a run folder as of its last checkpoint, a compact one too.
 
-    Args:
-        folder: of the run.
-        device: where it computes.
-        path: of another checkpoint.
-
     Raises:
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """

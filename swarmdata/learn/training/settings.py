@@ -30,10 +30,6 @@ def override(config: C, changes: Mapping[str, str]) -> C:
     or one of these or None (`none`). A field that is a dataclass itself is a section: its settings
     are called `section.name`.
 
-    Args:
-        config: a frozen dataclass.
-        changes: name of the setting to text.
-
     Raises:
         UnknownNameError: there is no such setting; the nearest name is suggested.
         SpecError: the text is not a value of its type.
@@ -184,10 +180,6 @@ Space = Mapping[str, LogUniform | Choice]
 def space_of(kind: Any, name: str) -> Space:
     """Returns the search space of an algorithm.
 
-    Args:
-        kind: the algorithm.
-        name: that it is registered by.
-
     Raises:
         SchemaError: it declares none.
     """
@@ -201,12 +193,7 @@ def space_of(kind: Any, name: str) -> Space:
 
 
 def drawn_settings(space: Space, seed: int) -> Iterator[dict[str, Any]]:
-    """Yields random settings from a space without end; the first n are the same for every n.
-
-    Args:
-        space: to draw from.
-        seed: of the draws.
-    """
+    """Yields random settings from a space without end; the first n are the same for every n."""
     trial = 0
     while True:
         yield {

@@ -52,10 +52,6 @@ class Rates(NamedTuple):
 class Odometry:
     """Adds up the displacements and turns of the robots of E copies.
 
-    Args:
-        spec: of the robots.
-        n_copies: E.
-
     Attributes:
         errors: direction (cosine and sine) of each believed heading from the true one, [E, N, 2].
     """

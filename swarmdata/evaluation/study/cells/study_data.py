@@ -147,10 +147,6 @@ def joint_digest(digests: Iterable[str], weights: Iterable[float]) -> str:
 def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
     """Returns the weights in which chosen rewards differ from those of a dataset, by name.
 
-    Args:
-        dataset: id or folder.
-        choice: weights by name, or the name of a set of them.
-
     Raises:
         UnknownNameError: no such weight or set.
         SpecError: a weight cannot have the value, the dataset's kind of task has no such set, or

@@ -142,12 +142,7 @@ def front_table(fronts: Mapping[str, Fronts]) -> str:
 
 
 def safety_sections(found: Findings, out: Path) -> dict[str, str]:
-    """The sections by title.
-
-    Args:
-        found: what was measured.
-        out: folder for the figures.
-    """
+    """The sections by title."""
     success, clean = (
         make_scoreboard(found.results, found.families, key) for key in ("success", "clean_success")
     )

@@ -291,12 +291,7 @@ NAME_ERRNOS = (errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR, errno.EINVAL)
 
 
 def explained(error: Exception, what: str) -> Exception | None:
-    """Translates an error of the client; None where it is no failure of a remote.
-
-    Args:
-        error: of the client.
-        what: was done, for the message.
-    """
+    """Translates an error of the client; None where it is no failure of a remote."""
     status = status_of(error)
     if status is not None:
         return _of_status(error, status, what)
