@@ -109,11 +109,7 @@ class BC(OfflineLearner):
 
 
 def _make_actor(setup: Setup, config: BCConfig) -> StackedActor | RecurrentActor | ChoiceActor:
-    """Makes the actors of K seeds.
-
-    Raises:
-        SchemaError: a setting does not fit the data's kind of actions, or another setting.
-    """
+    """Makes the actors of K seeds."""
     if not setup.sizes.choices:
         return make_actor(
             setup, config.hidden, config,

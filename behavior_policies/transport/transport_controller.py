@@ -204,11 +204,7 @@ def act_copies(
 
 
 def _payload_of(spec: TaskSpec) -> Payload:
-    """Returns the payload of a spec.
-
-    Raises:
-        SpecError: this controller does not support the task, its goal angle, or a robot.
-    """
+    """Returns the payload of a spec."""
     rules = spec.rules_as(TransportRules)
     if rules.goal_angle is not None:
         raise SpecError(

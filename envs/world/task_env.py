@@ -259,11 +259,7 @@ class TaskEnv:
 
 
 def _begin(block: CopyBlock, actions: Float | Double, before: Step, now: Step) -> int:
-    """Begins a step in one block; returns the number of copies that had not ended.
-
-    Raises:
-        SchemaError: an action is not finite.
-    """
+    """Begins a step in one block; returns the number of copies that had not ended."""
     n_active = block.begin(actions, before, now)
     if n_active < 0:
         raise SchemaError("an action is NaN or infinite; actions must be finite numbers in [-1, 1]")

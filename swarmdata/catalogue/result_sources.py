@@ -285,11 +285,7 @@ def _read_if_there(file: Path, names: Sequence[str]) -> Rows:
 
 
 def _read(file: Path, names: Sequence[str]) -> Rows:
-    """Rows of a CSV file.
-
-    Raises:
-        SchemaError: it lacks one of the columns `names`.
-    """
+    """Rows of a CSV file."""
     with file.open(encoding="utf-8", newline="") as stream:
         reader = csv.DictReader(stream)
         missing = [name for name in names if name not in (reader.fieldnames or ())]

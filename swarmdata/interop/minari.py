@@ -223,11 +223,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 
 
 def _open(folder: Path) -> tuple[Any, str | None, list[str]]:
-    """Minari's dataset, the note of an export if it has one, and the infos of its first episode.
-
-    Raises:
-        ConversionError: it cannot be read, or Minari would follow it to other files or to programs.
-    """
+    """Minari's dataset, the note of an export if it has one, and the infos of its first episode."""
     minari, storage_type = _library()
     with reading(folder, "It is damaged, or not a Minari dataset."):
         raw = storage_type.read_raw_metadata(folder)

@@ -141,11 +141,7 @@ def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[E
 
 
 def _rows_by_agent(spec: RecordedSpec, given: Any, what: str, n_copies: int) -> list[Float]:
-    """Copies of each agent's values as rows, [E, F_i].
-
-    Raises:
-        SchemaError: values do not fit the agent's space or float32.
-    """
+    """Copies of each agent's values as rows, [E, F_i]."""
     values = [given[agent.name] for agent in spec.agents] if isinstance(given, dict) else given
     number = BoxSpace(shape=(1,), dtype="float32")
     found = []

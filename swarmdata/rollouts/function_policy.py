@@ -54,11 +54,7 @@ class FunctionPolicy:
         return noisy_log_probs(self._means(step) if means is None else means, actions, 0.0)
 
     def _means(self, step: Step) -> Double:
-        """Returns the function's actions, clipped and rounded to float32, [E, N, A].
-
-        Raises:
-            SchemaError: the actions are not one finite row for each robot.
-        """
+        """Returns the function's actions, clipped and rounded to float32, [E, N, A]."""
         n_copies, n_agents = step.observations.shape[:2]
         seen = step.observations
         if self._frame is not None:

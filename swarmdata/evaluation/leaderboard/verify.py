@@ -130,11 +130,7 @@ def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
 
 
 def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Result]:
-    """Returns the results of the policies, in their order.
-
-    Raises:
-        SchemaError: a policy has none, or it is of other seeds or another task.
-    """
+    """Returns the results of the policies, in their order."""
     found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
     by_content = {each.provenance.content: each for each in found}
     spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)

@@ -257,11 +257,7 @@ def _teams(
 
 
 def _labels(targets: Sequence[Target]) -> list[str]:
-    """The labels of the teams, with their datasets if a label has several.
-
-    Raises:
-        SpecError: two teams have the same label and dataset, and so the same files.
-    """
+    """The labels of the teams, with their datasets if a label has several."""
     names = [target.label for target in targets]
     keys = [target.provenances[0].dataset_key for target in targets]
     both = list(zip(names, keys, strict=True))

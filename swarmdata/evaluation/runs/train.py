@@ -421,11 +421,7 @@ def last_evaluation(
 
 
 def _check_replay(algorithm: str) -> None:
-    """Refuses data for an algorithm that cannot mix them in.
-
-    Raises:
-        SchemaError: it has no replay.
-    """
+    """Refuses data for an algorithm that cannot mix them in."""
     if not hasattr(resolve("algorithm", ONLINE_ALGORITHMS, algorithm), "mix_in"):
         raise SchemaError(
             f"{algorithm} learns from the steps of its present policies only, so that recorded "

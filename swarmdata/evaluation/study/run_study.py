@@ -122,14 +122,7 @@ def _planned_sweeps(found: Findings) -> "list[PlannedSweep]":
 def _write_pages(
     found: Findings, options: StudyOptions, command: str, *, measure: bool
 ) -> list[Path]:
-    """Writes the pages with what policies reach in other conditions.
-
-    Args:
-        found: what was measured.
-        options: of the study.
-        command: that runs it again.
-        measure: whether to evaluate what is not kept in the folder of cells.
-    """
+    """Writes the pages with what policies reach in other conditions."""
     if found.study.sweeps:
         from swarmdata.evaluation.study.shifts.sweeps import run_sweeps  # noqa: PLC0415  (torch)
 

@@ -174,11 +174,7 @@ def is_match(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _plain(text: str) -> str:
-    """The text of a number as every program writes it: Python also takes `1_0` and other digits.
-
-    Raises:
-        ValueError: it has other characters.
-    """
+    """The text of a number as every program writes it: Python also takes `1_0` and other digits."""
     if "_" in text or not text.isascii():
         raise ValueError("expected digits from 0 to 9")
     return text.strip()
@@ -230,11 +226,7 @@ def read_table(path: Path, forms: Mapping[str, TableForm]) -> LogTable:
 
 
 def _unrolled(table: LogTable, windows: WindowRows) -> LogTable:
-    """A table with a row for each step of each window, and a column `time`.
-
-    Raises:
-        ConversionError: a column is named otherwise, or has other steps than the others.
-    """
+    """A table with a row for each step of each window, and a column `time`."""
     pattern = re.escape(windows.columns).replace(r"\{step\}", r"(?P<step>[0-9]+)")
     steps: dict[str, dict[int, list[str]]] = {}
     for name in table.cells:

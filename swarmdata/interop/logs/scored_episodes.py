@@ -201,11 +201,7 @@ def team_motion(
 
 
 def _unit(track: RobotTrack, robot: Robot, logged: LoggedRobot) -> Float:
-    """Commands as multiples of a robot's maxima, [K, 2].
-
-    Raises:
-        ConversionError: some are greater, and the map does not say `clip`.
-    """
+    """Commands as multiples of a robot's maxima, [K, 2]."""
     second = robot.max_turn_rate if robot.dynamics == "unicycle" else robot.max_speed
     actions: Float = (track.actions / np.array([robot.max_speed, second])).astype(np.float32)
     greatest = float(np.abs(actions).max(initial=0.0))
