@@ -165,7 +165,6 @@ class CFCQL(LossActorCritic):
         return Loss(loss, {"policy_q": mean})
 
     def valuer(self, batch: Batch, x: RobotView) -> Valuer:
-        """Returns the smaller values of the batch's actions, for a second stage."""
         return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:

@@ -118,7 +118,6 @@ class MADDPGBC(TwoStageActorCritic):
         return self.critics.view(batch.states, batch.observations)
 
     def critic_step(self, batch: Batch, x: RobotView, scale: float) -> dict[str, Tensor]:
-        """Moves the critics; returns losses, each [K]."""
         reported = self.critic_gradient(batch, x, normal_like(self.generators, batch.actions))
         self.critics.descend(scale)
         return reported
@@ -158,7 +157,6 @@ class MADDPGBC(TwoStageActorCritic):
     def actor_step(
         self, batch: Batch, x: RobotView, scale: float, is_warmup: bool
     ) -> dict[str, Tensor]:
-        """Moves the actors; returns losses, each [K]."""
         config = self.config
         alpha = config.rl_weight if self.second_stage is None else config.first_rl_weight
         reported = self.actor_gradient(batch, x, 0.0 if is_warmup else alpha)
@@ -187,7 +185,6 @@ class MADDPGBC(TwoStageActorCritic):
         return {name: loss.detach() for name, loss in losses.items()}
 
     def valuer(self, batch: Batch, x: RobotView) -> Valuer:
-        """Returns the smaller values of the batch's actions, for the second stage."""
         return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:

@@ -123,7 +123,6 @@ class OMAR(LossActorCritic):
         return Loss(td_loss + self.config.cql_weight * gap, reported)
 
     def valuer(self, batch: Batch, x: Tensor) -> Valuer:
-        """Returns the smaller values of robots' own actions, for a second stage."""
         critics = self.critics
         return Valuer(
             lambda pi: critics.smallest_q(x, by_agent(pi)).view(pi.shape[:3]),

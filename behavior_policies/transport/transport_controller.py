@@ -204,7 +204,6 @@ def act_copies(
 
 
 def _payload_of(spec: TaskSpec) -> Payload:
-    """Returns the payload of a spec."""
     rules = spec.rules_as(TransportRules)
     if rules.goal_angle is not None:
         raise SpecError(

@@ -28,9 +28,6 @@ class Worlds:
         seeds: of the runs, [K].
         frame: in which the robots observe and act; None for the world's.
 
-    Attributes:
-        current_step: in which the next actions are taken, of all copies, in the world's frame.
-
     Raises:
         SchemaError: the copies cannot be divided among the seeds.
     """
@@ -44,6 +41,7 @@ class Worlds:
         self.n_seeds, self.n_copies = len(seeds), env.n_copies // len(seeds)
         self._seeds: Seeds = np.asarray(seeds, dtype=np.uint64)
         self._episodes: Int = np.zeros(len(seeds), np.int64)  # begun so far, [K]
+        # in which the next actions are taken, of all copies, in the world's frame
         self.current_step = self._begin(np.arange(env.n_copies))
 
     @property

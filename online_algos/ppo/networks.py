@@ -83,12 +83,10 @@ class LearnedDeviation:
     """One standard deviation of each component of each actor's actions, the same in every state.
 
     (Schulman et al. 2017, section 6.1; the code of Yu et al. 2022.)
-
-    Attributes:
-        network: the logarithms, as networks without inputs; its rows are those of the actors.
     """
 
     def __init__(self, n_rows: int, action_size: int, initial: float) -> None:
+        # the logarithms, as networks without inputs; its rows are those of the actors
         self.network = StackedMLP(MLPShape(0, (), action_size), n_rows, "cpu")
         self.network.flat.fill_(math.log(initial))
         self._nothing = torch.zeros(n_rows, 1, 0)
@@ -131,9 +129,6 @@ class Actors:
         moments: of the observations.
         memory_size: numbers that each robot remembers, M; 0: actors without a memory.
         window: steps of the segments through whose memories gradients flow; 1 without a memory.
-
-    Attributes:
-        n_rows: actors of each seed.
     """
 
     def __init__(
@@ -141,7 +136,7 @@ class Actors:
         moments: Moments, memory_size: int = 0, window: int = 1,
     ) -> None:  # fmt: skip
         self.parameters, self.memory_size, self.window = parameters, memory_size, window
-        self.n_rows = 1 if parameters == "shared" else sizes.n_agents
+        self.n_rows = 1 if parameters == "shared" else sizes.n_agents  # actors of each seed
         n_inputs = sizes.observation + (sizes.n_agents if parameters == "shared" else 0)
         shape = MLPShape(n_inputs, (hidden, hidden), sizes.action)
         n_networks = len(seeds) * self.n_rows

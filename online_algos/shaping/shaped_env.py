@@ -137,12 +137,10 @@ class ShapedEnv:
     Args:
         env: the copies.
         terms: applied to the rewards of every step, one after the other.
-
-    Attributes:
-        progress: part of the training that is done, in [0, 1]; set by the trainer.
     """
 
     def __init__(self, env: VecEnv, terms: Sequence[RewardTerm]) -> None:
+        # progress: part of the training that is done, in [0, 1]; set by the trainer
         self.env, self.terms, self.progress = env, tuple(terms), 0.0
         self.spec, self.task, self.n_copies = env.spec, env.task, env.n_copies
         self.features, self.observation_size = env.features, env.observation_size

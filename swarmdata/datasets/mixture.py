@@ -221,7 +221,6 @@ class MixtureSampler(BatchStream):
         return replace(batch, episodes=batch.episodes + self._first_episodes[part])
 
     def identity(self) -> dict[str, int]:
-        """Returns what another sampler needs to have in common to resume the stream."""
         shared = self._samplers[0].settings()
         own = {
             f"{name}_{part}": value

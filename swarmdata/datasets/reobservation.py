@@ -279,9 +279,6 @@ class _Reobserver:
         episodes: those whose rows have the shapes of all that are observed.
         n_copies: E.
         n_agents: N.
-
-    Attributes:
-        fields: what is observed of one state, by name, [E, ...].
     """
 
     def __init__(
@@ -294,6 +291,7 @@ class _Reobserver:
         self._observer = observer
         self._actions = np.zeros((n_copies, *episodes.actions.shape[1:]), dtype=np.float32)
         self._active: Bool = np.zeros(n_copies, dtype=np.bool_)
+        # what is observed of one state, by name, [E, ...]
         self.fields: dict[str, Any] = dict(
             zip(OBSERVED_ARRAYS, observer.allocate((n_copies,), n_agents), strict=True)
         )

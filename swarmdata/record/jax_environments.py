@@ -201,9 +201,6 @@ class _Player:
         world: where.
         policy: who.
         horizon: most steps of an episode; None: see `find_horizon`.
-
-    Attributes:
-        horizon: of the episodes.
     """
 
     def __init__(self, world: _World, policy: JaxPolicy, horizon: int | None) -> None:

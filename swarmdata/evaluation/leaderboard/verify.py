@@ -115,7 +115,6 @@ def _wrong_data(description: Description) -> Iterator[str]:
 
 
 def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
-    """What is wrong with the files."""
     names = {policy_name(i): content for i, content in enumerate(description.policies)}
     files = {path.relative_to(entry).as_posix() for path in entry.rglob("*") if not path.is_dir()}
     known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}

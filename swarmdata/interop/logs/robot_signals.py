@@ -76,13 +76,11 @@ class SignalReader:
         logs: the logs.
         frames: the static transforms.
         max_gap: s, of the map: time that runs back farther is refused.
-
-    Attributes:
-        counts: rows that were put in order, and that repeat the time of another, by what they are.
     """
 
     def __init__(self, logs: OpenLogs, frames: PlanarFrames, max_gap: float) -> None:
         self._logs, self._frames, self._max_gap = logs, frames, max_gap
+        # rows that were put in order, and that repeat the time of another, by what they are
         self.counts: Counter[str] = Counter()
 
     def robot(self, robot: LoggedRobot) -> RobotSignals:

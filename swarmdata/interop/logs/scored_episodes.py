@@ -222,15 +222,12 @@ class EpisodeScorer:
         layout: obstacles, [M, 8].
         motion: of all robots.
         log_map: for the names of robots, and the shortest episode.
-
-    Attributes:
-        counts: steps that were left out, by why.
     """
 
     def __init__(self, spec: TaskSpec, layout: Float, motion: TeamMotion, log_map: LogMap) -> None:
         self._spec, self._layout, self._motion, self._map = spec, layout, motion, log_map
         self._world = LoggedWorld(make_task(spec))
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()  # steps that were left out, by why
 
     def episodes(self, windows: Sequence[Window]) -> list[Episode]:
         """One episode of each window that is long enough.

@@ -48,7 +48,6 @@ class MemorySettings(WindowSettings):
 
     @property
     def has_memory(self) -> bool:
-        """Whether the policy has a memory."""
         return self.memory != "none"
 
     def n_windows(self, batch_size: int) -> int:

@@ -99,10 +99,6 @@ class StackedActor:
 class DelayedActor(Descent):
     """Squashed policies of K seeds, their slow copies for targets, and their optimizer.
 
-    Attributes:
-        online: the policies that are trained.
-        target: parameters of their slow copies.
-
     Args:
         online: the policies; their outputs pass through tanh.
         n_seeds: number of seeds, K.
@@ -113,11 +109,11 @@ class DelayedActor(Descent):
     def __init__(
         self, online: StackedActor, n_seeds: int, *, learning_rate: float, max_norm: float | None
     ) -> None:
-        self.online = online
+        self.online = online  # the policies that are trained
         super().__init__(
             {"actor": online.network}, n_seeds, learning_rate, max_norm, followed=("actor",)
         )
-        self.target = self.targets["actor"]
+        self.target = self.targets["actor"]  # parameters of their slow copies
 
     def __call__(self, observations: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], of observations [K, B, N, O] as recorded."""

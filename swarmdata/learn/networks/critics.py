@@ -179,9 +179,6 @@ class RobotViews:
         normalizer: of observations and states.
         critic: whether critics see the team.
         device: where batches are.
-
-    Attributes:
-        critic: whether critics see the team.
     """
 
     def __init__(

@@ -20,11 +20,6 @@ def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
 class Standardization:
     """Centers features and divides them by their deviation, in training and when acting.
 
-    Attributes:
-        mean: for policies, float64 [F] on the CPU.
-        std: likewise.
-        on_device: both for batches, float32.
-
     Args:
         mean: of the features, [F].
         std: likewise.
@@ -32,8 +27,9 @@ class Standardization:
     """
 
     def __init__(self, mean: Double, std: Double, device: torch.device | str) -> None:
-        self.mean = torch.tensor(mean, dtype=torch.float64)
-        self.std = torch.tensor(std, dtype=torch.float64)
+        self.mean = torch.tensor(mean, dtype=torch.float64)  # for policies, float64 [F] on the CPU
+        self.std = torch.tensor(std, dtype=torch.float64)  # likewise
+        # both for batches, float32
         self.on_device = tuple(m.to(device, torch.float32) for m in (self.mean, self.std))
 
     @classmethod
@@ -108,19 +104,13 @@ def restore_generators(generators: Sequence[torch.Generator], states: Tensor) ->
 
 
 class Normalizer:
-    """States and observations in units of the moments of a dataset, on a device, in float32.
-
-    Attributes:
-        observations: normalizes observations as recorded, [..., O].
-        states: normalizes states as recorded, [..., S].
-        state_mean: [S].
-        state_std: [S].
-    """
+    """States and observations in units of the moments of a dataset, on a device, in float32."""
 
     def __init__(self, statistics: Statistics, device: torch.device | str) -> None:
         moments = statistics.state_mean, statistics.state_std
-        self.states = Standardization(*moments, device)
-        self.state_mean, self.state_std = self.states.on_device
+        self.states = Standardization(*moments, device)  # normalizes states as recorded, [..., S]
+        self.state_mean, self.state_std = self.states.on_device  # each [S]
+        # normalizes observations as recorded, [..., O]
         self.observations = Standardization.of(statistics, device)
 
     def information(self, states: Tensor, observations: Tensor) -> Tensor:
@@ -139,11 +129,6 @@ class RobotRewards:
     the rewards of the others are noise. Own rewards are for tasks in which robots are rewarded for
     what they do themselves.
 
-    Attributes:
-        scale: 1 / standard deviation of the returns-to-go.
-        max_value: R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing.
-        return_range: largest less smallest undiscounted return of an episode, in scaled rewards.
-
     Args:
         statistics: of the dataset.
         reward: whose.
@@ -155,10 +140,13 @@ class RobotRewards:
     ) -> None:
         is_own = reward == "own"
         self._is_own = is_own
+        # 1 / standard deviation of the returns-to-go
         self.scale = 1 / (statistics.own_return_std if is_own else statistics.return_std)
         largest = statistics.own_max_return if is_own else statistics.max_return
+        # R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing
         self.max_value = largest * self.scale if clip_target else math.inf
         width = statistics.own_return_range if is_own else statistics.return_range
+        # largest less smallest undiscounted return of an episode, in scaled rewards
         self.return_range = width * self.scale
 
     def __call__(self, rewards: Tensor) -> Tensor:

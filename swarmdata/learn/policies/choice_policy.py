@@ -35,11 +35,6 @@ class BinPolicy(Memoryless):
     uses_state: bool = False
 
     def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, A], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
         actions = to_actions(self.choices(observations), self.n_bins, torch.float64)
         return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
 
@@ -76,11 +71,6 @@ class ChoicePolicy(Memoryless):
     uses_state: bool = False
 
     def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, D], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
         return self.choose(self._features(observations), observations)
 
     def act_among(self, step: Step, allowed: Bool) -> Float:

@@ -55,7 +55,11 @@ class Memoryless(StepFunction):
 
     @abstractmethod
     def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
+        """Returns joint actions, float32 [E, N, A], for observations [E, N, O].
+
+        Raises:
+            SchemaError: the observations are not those the policy was trained on.
+        """
 
     def step_actions(self, step: Step) -> Float:
         return self.actions(step.observations)
@@ -84,11 +88,6 @@ class TorchPolicy(Memoryless):
     )
 
     def actions(self, observations: Float) -> Float:
-        """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
         framed = observations if self.frame is None else self.frame.inputs(observations)
         layers = self._folded.get(framed.shape[1:])
         if layers is None:
@@ -218,11 +217,6 @@ class SetPolicy(Memoryless):
 
     @torch.no_grad()
     def actions(self, observations: Float) -> Float:
-        """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations have another number of features.
-        """
         framed = observations if self.frame is None else self.frame.inputs(observations)
         if framed.shape[-1] != self.slots.n_columns:
             raise SchemaError(

@@ -98,7 +98,6 @@ def utility_policy(networks: UtilityNetworks, index: int) -> ChoicePolicy | Recu
 
 
 def _likeliest(actor: ChoiceActor, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
-    """The policy that takes the likeliest choices."""
     outputs = policy_of(actor.outputs, index)
     assert isinstance(outputs, TorchPolicy | RecurrentPolicy)  # sets are refused for choices
     has_memory = isinstance(outputs, RecurrentPolicy)

@@ -322,13 +322,11 @@ class LossActorCritic(TwoStageActorCritic):
         """Returns the actors' loss after the warm-up, in which it is `bc_loss` alone."""
 
     def critic_step(self, batch: Batch, x: Any, scale: float) -> dict[str, Tensor]:
-        """Moves the critics; returns losses, each [K]."""
         total, reported = self.critic_loss(batch, x)
         self.critics.step(total, scale)
         return reported
 
     def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:
-        """Moves the actors; returns losses, each [K]."""
         pi = self.actor(batch.observations)  # [K, B, N, A]
         total = bc_loss = cloning_loss(pi, batch.actions)
         reported: dict[str, Tensor] = {}
@@ -363,10 +361,6 @@ def scale_and_stage(
 class SecondStage:
     """Density, optimizer and temperature of the second stage of K seeds.
 
-    Attributes:
-        begins_at: number of updates before the stage.
-        density: of the data's actions.
-
     Args:
         actor: what is extracted into.
         setup: seeds of the runs, [K].
@@ -382,8 +376,10 @@ class SecondStage:
         config: TwoStageConfig,
     ) -> None:
         self._actor, self._generators, self._config = actor, generators, config
+        # number of updates before the stage
         self.begins_at = config.n_updates - round(config.n_updates * config.extraction_share)
         rate, max_norm = config.actor_learning_rate, config.max_grad_norm
+        # of the data's actions
         self.density = BehaviorDensity(
             actor.online, setup.seeds,
             floor=config.density_floor, learning_rate=rate, max_norm=max_norm,

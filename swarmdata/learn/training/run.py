@@ -52,17 +52,13 @@ class Run(Generic[D]):
 
     Raises:
         CheckpointError: the last checkpoint is damaged, or belongs to another run.
-
-    Attributes:
-        now: the time of the last checkpoint; 0 before the first.
-        state: of the algorithm at that time; empty before the first.
-        metadata: of that checkpoint; empty before the first.
     """
 
     def __init__(self, folder: Path, description: D) -> None:
+        # now: the time of the last checkpoint; 0 before the first
         self.folder, self.description, self.now = folder, description, 0
-        self.state: dict[str, Tensor] = {}
-        self.metadata: dict[str, Any] = {}
+        self.state: dict[str, Tensor] = {}  # of the algorithm at that time; empty before the first
+        self.metadata: dict[str, Any] = {}  # of that checkpoint; empty before the first
         path = folder / CHECKPOINT
         if not path.exists():
             return
