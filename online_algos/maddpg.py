@@ -60,11 +60,16 @@ from swarmdata.learn.networks.network_inputs import (
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Sizes
-from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer
-from swarmdata.online_algos.collection.replay_collection import LinearSchedule, OffPolicy, gaussian
+from swarmdata.online_algos.collection.replay_collection import (
+    LinearSchedule,
+    OffPolicy,
+    ReplaySettings,
+    gaussian,
+)
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
@@ -97,32 +102,20 @@ NOISE_STREAM = 2
 
 
 @dataclass(frozen=True)
-class MADDPGConfig:
-    """Settings of MADDPG; steps are joint steps of one seed."""
+class MADDPGConfig(ReplaySettings):
+    """Settings of MADDPG."""
 
-    n_steps: int = 2_000_000
-    n_copies: int = 64
-    rollout_steps: int = 64  # of every copy in one round
-    n_gradient_steps: int = 2  # after each of them
-    batch_size: int = 256  # joint transitions
-    capacity: int = 262_144  # transitions to sample from; with margin 1.1 GB of disk on coop_nav
-    margin: int = 262_144  # most steps between two checkpoints of a run that can be resumed
-    warmup_transitions: int = 8_192  # before the first gradient step
-    warmup_actions: Literal["random", "policy"] = "random"  # in them; `policy`: with noise
+    n_gradient_steps: int = 2
+    batch_size: int = 256
+    warmup_actions: Literal["random", "policy"] = "random"  # in the warm-up; `policy`: with noise
     critic_warmup_updates: int = 0  # gradient steps in which only the critics learn
     corrections: Literal["td3", "none"] = "td3"
     critic: Critic = "centralized"
     joint_gradient: JointGradient = "all"
     actor_hidden: tuple[int, ...] = (64, 64)
     critic_hidden: tuple[int, ...] = (128, 128)
-    parameters: Parameters = "shared"
-    frame: str = "target"  # in which robots observe and act, `frames.find_frame`
-    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
     actor_learning_rate: float = 1e-3
     critic_learning_rate: float = 1e-3
-    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
-    discount: float = 0.97
-    reward_scale: float = 1.0
     tau: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
     policy_delay: int = 2  # Fujimoto et al. 2018, section 6.1
     smoothing: float = 0.1  # half of the paper's; not compared alone
@@ -131,7 +124,6 @@ class MADDPGConfig:
     noise: float = 0.5  # deviation of exploring actions
     final_noise: float = 0.1
     exploration: float = 0.5  # part of training in which the noise falls
-    max_grad_norm: float | None = 10.0  # per seed, of each network kind
 
     @property
     def n_critics(self) -> int:

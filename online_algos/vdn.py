@@ -30,13 +30,14 @@ from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Sizes
-from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import huber_error, td_target, team_reward
 from swarmdata.learn.policies.choice_policy import BinPolicy
 from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.replay_collection import (
     LinearSchedule,
     OffPolicy,
+    ReplaySettings,
     epsilon_greedy,
 )
 from swarmdata.online_algos.continuation import started_utilities
@@ -51,33 +52,18 @@ UTILITY_STREAM, MIXER_STREAM = 0, 1
 
 
 @dataclass(frozen=True)
-class VDNConfig:
-    """Settings of VDN; counts of steps are joint steps of one seed."""
+class VDNConfig(ReplaySettings):
+    """Settings of VDN."""
 
-    n_steps: int = 2_000_000
-    n_copies: int = 64
-    rollout_steps: int = 64  # of every copy in one round
-    n_gradient_steps: int = 1  # after each of them
-    batch_size: int = 512  # joint transitions
-    capacity: int = 262_144  # transitions to draw from; with margin 1.1 GB of disk on coop_nav
-    margin: int = 262_144  # most joint steps between two checkpoints of a run that can be resumed
-    warmup_transitions: int = 8_192  # joint steps before the first gradient step
     n_bins: int = 9  # of each action dimension; odd, so that standing still is one
     hidden: tuple[int, ...] = (64, 64)
     n_critics: int = 1  # utility networks of a seed, J, whose mean chooses
     layer_norm: bool = False  # in the utility networks
-    parameters: Parameters = "shared"
-    frame: str = "target"  # in which robots see and act, `frames.find_frame`
-    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
     learning_rate: float = 1e-3
-    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
-    discount: float = 0.97
-    reward_scale: float = 1.0
     tau: float = 0.01  # per gradient step
     epsilon: float = 1.0
     final_epsilon: float = 0.05
     exploration: float = 0.3  # part of training in which epsilon falls
-    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
 
 class VDNLearner:

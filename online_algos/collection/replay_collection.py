@@ -19,6 +19,7 @@ from swarmdata.learn.networks.network_inputs import (
     restore_generators,
 )
 from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.replay_buffer import Replay, Shape
 from swarmdata.learn.training.training_data import Data
@@ -36,25 +37,33 @@ Act = Callable[[Tensor], tuple[Tensor, Tensor]]
 """Normalized observations [K, E, N, O] to actions [K, E, N, A] and what is stored of them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """How much is collected and sampled; counts are joint steps of one seed.
+N_MEASURED = 64
+"""Steps of every copy that measure the inputs."""
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """Settings of every algorithm with a replay; steps are joint steps of one seed.
 
     Raises:
         SchemaError: a number is out of its range.
     """
 
-    n_steps: int
-    n_copies: int
-    rollout_steps: int  # of every copy in one round
-    n_gradient_steps: int  # after each of them
-    batch_size: int
-    capacity: int  # joint steps that are sampled from
-    margin: int  # joint steps that may follow a checkpoint, see `training.replay_buffer`
-    warmup_transitions: int  # joint steps before the first gradient step
-    frame: str
-    reward_weights: tuple[str, ...] = ()  # that replace the task's, `shaped_env.reweighted`
-    n_measured: int = 64  # steps of every copy that measure the inputs
+    n_steps: int = 2_000_000
+    n_copies: int = 64
+    rollout_steps: int = 64  # of every copy in one round
+    n_gradient_steps: int = 1  # after each of them
+    batch_size: int = 512  # joint transitions
+    capacity: int = 262_144  # transitions to sample from; with margin 1.1 GB of disk on coop_nav
+    margin: int = 262_144  # most steps between two checkpoints of a run that can be resumed
+    warmup_transitions: int = 8_192  # before the first gradient step
+    parameters: Parameters = "shared"
+    frame: str = "target"  # in which robots observe and act, `frames.find_frame`
+    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
+    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
+    discount: float = 0.97
+    reward_scale: float = 1.0
+    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
     def __post_init__(self) -> None:
         least = (self.n_steps, self.rollout_steps, self.n_gradient_steps, self.batch_size)
@@ -63,15 +72,6 @@ class Plan:
                 f"{self}: expected positive counts, and a capacity of at least one step of every "
                 "copy"
             )
-
-    @classmethod
-    def of(cls, config: Any) -> "Plan":
-        """Reads the fields of the same names from an algorithm's config."""
-        names = (
-            "n_steps", "n_copies", "rollout_steps", "n_gradient_steps", "batch_size", "capacity",
-            "margin", "warmup_transitions", "frame", "reward_weights",
-        )  # fmt: skip
-        return cls(**{name: getattr(config, name) for name in names})
 
 
 class Collector:
@@ -93,7 +93,9 @@ class Collector:
         recorded: the part of each batch that a dataset gives; None: batches are from the replay.
     """
 
-    def __init__(self, env: VecEnv, seeds: Sequence[int], plan: Plan, folder: Path | str) -> None:
+    def __init__(
+        self, env: VecEnv, seeds: Sequence[int], plan: ReplaySettings, folder: Path | str
+    ) -> None:
         self.plan, self.frames = plan, 0
         self.frame = find_frame(env.features, plan.frame)
         self.worlds = Worlds(reweighted(env, plan.reward_weights), seeds, self.frame)
@@ -108,7 +110,7 @@ class Collector:
         self.acting = generators(seeds, "cpu", ACTING_STREAM)
         self._sampling = generators(seeds, "cpu", SAMPLING_STREAM)
         measuring = generators(seeds, "cpu", MEASURING_STREAM)
-        self.moments = measure_moments(self.worlds, measuring, plan.n_measured)
+        self.moments = measure_moments(self.worlds, measuring, N_MEASURED)
         self.recorded: RecordedRows | None = None
         self.seeds = tuple(seeds)
 
@@ -247,13 +249,13 @@ class OffPolicy(ABC):
     Args:
         env: K E copies of a task.
         seeds: of everything random, [K].
-        config: settings, with the fields of a `Plan`.
+        config: settings.
         folder: of the replay.
     """
 
     def __init__(self, env: VecEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
         self.config, self.seeds = config, tuple(seeds)
-        self.collector = Collector(env, seeds, Plan.of(config), folder)
+        self.collector = Collector(env, seeds, config, folder)
         self.learner = self.new_learner()
 
     @abstractmethod
