@@ -4,8 +4,6 @@ Each robot aims at its slot and adds the slot's velocity to its own, so that it 
 (feed-forward). Where its slot is blocked, it looks along the slot's path, which it knows from the
 reference's path, for the next free position. It drives there, around the obstacle, so that it is in
 the slot when the slot comes out.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 from typing import NamedTuple, Self

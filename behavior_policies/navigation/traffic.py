@@ -5,8 +5,6 @@ approaches surfaces and robots only so fast that it can still brake (`avoidance.
 limits: reciprocal avoidance, half and half, and all the room for those that have the right of way.
 
 `velocity_tracking` turns the velocity into a command, so robots of every drive can be mixed.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 from collections.abc import Callable

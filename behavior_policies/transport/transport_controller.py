@@ -16,8 +16,6 @@ The controller remembers the faces, the slots, and whether the robots push, so t
 not send robots around the payload.
 
 It brings the payload to a position; it does not turn it to a wanted direction.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import numpy as np
