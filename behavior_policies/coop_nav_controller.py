@@ -13,8 +13,7 @@ they keep right unless another is given. Of unassigned goals, robot i takes the 
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.envs.coop_nav.navigation_rules import (
     GOAL_CONVENTIONS,
     LANE_CONVENTIONS,
@@ -74,7 +73,7 @@ def turns_at_door(robots: Float, through: float) -> Double:
     return targets
 
 
-class CoopNavController:
+class CoopNavController(Scripted):
     """Navigates, assigns unassigned goals, and lets teams take turns at a doorway.
 
     Args:
@@ -88,14 +87,11 @@ class CoopNavController:
             no such convention.
     """
 
-    uses_state = True
-
     def __init__(
         self, spec: TaskSpec, *, noise: float = 0.0, convention: str | None = None
     ) -> None:
-        rules = spec.rules_as(NavigationRules)
-        self._noisy, self._n_agents = NoisyCommands(spec, noise), spec.n_agents
-        self._navigator = Navigator(spec)
+        super().__init__(spec, noise=noise)
+        rules, self._n_agents = spec.rules_as(NavigationRules), spec.n_agents
         arrangement, self._is_shared = rules.arrangement, rules.goals == "unassigned"
         self._targets: Double = np.zeros((0, spec.n_agents, 2))
         self._work = assignment_work(spec.n_agents)
@@ -107,7 +103,7 @@ class CoopNavController:
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and assigns their goals if they are unassigned."""
-        self._navigator.reset(step, copies)
+        super().reset(step, copies)
         if not self._is_shared:
             return
         if len(self._targets) != len(step.seeds):
@@ -118,17 +114,14 @@ class CoopNavController:
             axis = GOAL_CONVENTIONS.index(self._convention)
             order_goals(step.states, copies, self._n_agents, axis, self._targets)
 
-    def act(self, step: Step) -> Float:
+    def commands(self, step: Step) -> Double:
         targets = self._targets if self._is_shared else None
         robots = robots_of(step.states, self._n_agents)
         if self._through is not None:
             targets = turns_at_door(robots, self._through)
         if self._lanes is not None:
             targets = lane_targets(robots, self._lanes, self._convention or LANE_CONVENTIONS[0])
-        return self._noisy.actions(step, self._navigator.commands(step, targets))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions)
+        return self._navigator.commands(step, targets)
 
 
 PAST_LANE = 0.5
