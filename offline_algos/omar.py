@@ -125,8 +125,8 @@ class OMAR(LossActorCritic):
     def valuer(self, batch: Batch, x: Tensor) -> Valuer:
         critics = self.critics
         return Valuer(
-            lambda pi: critics.smallest_q(x, by_agent(pi)).view(pi.shape[:3]),
-            lambda each: critics.smallest_q(x, each.flatten(1, 2)).view(each.shape[:4]),
+            lambda pi: critics.smallest_of(x, by_agent(pi)).view(pi.shape[:3]),
+            lambda each: critics.smallest_of(x, each.flatten(1, 2)).view(each.shape[:4]),
         )
 
     @torch.no_grad()
