@@ -7,7 +7,7 @@ from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.noise import Controller, counters
 from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.numerics.random import uniform
-from swarmdata.rollouts.action_probabilities import noisy_log_probs, uniform_log_probs
+from swarmdata.rollouts.action_probabilities import uniform_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -17,22 +17,17 @@ APPROACH_RATE = 2.0
 """Commanded speed per metre of distance to the goal, 1/s: robots brake over the last 0.3 m."""
 
 
-class Idle:
+class Idle(Controller):
     """Every robot commands zero velocity."""
 
-    uses_state = False
+    uses_state = has_memory = False
 
     def __init__(self, spec: TaskSpec) -> None:
-        self._shape = spec.n_agents, spec.action_size
+        super().__init__(spec)
+        self._n_agents = spec.n_agents
 
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        return np.zeros((len(step.seeds), *self._shape), dtype=np.float32)
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
+    def commands(self, step: Step) -> Double:
+        return np.zeros((len(step.seeds), self._n_agents, 2))
 
 
 class Random:
