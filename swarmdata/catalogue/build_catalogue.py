@@ -55,17 +55,24 @@ DEFAULT_EPISODES = 1000
 
 @dataclass(frozen=True)
 class CatalogueChoices:
-    """What a catalogue shows."""
+    """What a catalogue shows.
 
-    episodes: int | None = DEFAULT_EPISODES  # most episodes of each dataset; None: all
-    results: tuple[Path, ...] = ()  # folders and files with results of one's own
+    Attributes:
+        episodes: most episodes of each dataset; None: all.
+        results: folders and files with results of one's own.
+        observation: observation model through which replays are shown; None: the recorded one.
+        communication: communication model, likewise.
+        workers: processes that build datasets.
+        published: whether published datasets whose episodes are not shown have pages too, and all
+            committed results; if not, there are only the datasets that are named and their results.
+    """
+
+    episodes: int | None = DEFAULT_EPISODES
+    results: tuple[Path, ...] = ()
     observation: Source | None = None
-    """Observation model through which replays are shown; None: the recorded one."""
-    communication: Source | None = None  # communication model, likewise
-    workers: int | None = None  # processes that build datasets
+    communication: Source | None = None
+    workers: int | None = None
     published: bool = True
-    """Whether published datasets whose episodes are not shown have pages too, and all committed
-    results; if not, there are only the datasets that are named and their results."""
 
 
 def build_catalogue(

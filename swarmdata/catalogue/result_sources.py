@@ -58,14 +58,23 @@ class LineSet:
 
 @dataclass(frozen=True)
 class ResultSource:
-    """The results of one source."""
+    """The results of one source.
 
-    title: str  # of the source
-    place: str  # where it comes from: the name of its folder, or its path in this repository
-    outcomes: tuple[Outcome, ...]  # by dataset and label
-    data: Mapping[str, float]  # mean score of each dataset's own episodes, where it is known
-    charts: tuple[LineSet, ...] = ()  # learning curves and sweeps
-    is_own: bool = False  # whether it is no study of this installation
+    Attributes:
+        title: of the source.
+        place: where it comes from: the name of its folder, or its path in this repository.
+        outcomes: by dataset and label.
+        data: mean score of each dataset's own episodes, where it is known.
+        charts: learning curves and sweeps.
+        is_own: whether it is no study of this installation.
+    """
+
+    title: str
+    place: str
+    outcomes: tuple[Outcome, ...]
+    data: Mapping[str, float]
+    charts: tuple[LineSet, ...] = ()
+    is_own: bool = False
 
 
 def committed_sources(shown: Container[str] | None = None) -> list[ResultSource]:
@@ -285,7 +294,11 @@ def _read_if_there(file: Path, names: Sequence[str]) -> Rows:
 
 
 def _read(file: Path, names: Sequence[str]) -> Rows:
-    """Rows of a CSV file."""
+    """Rows of a CSV file.
+
+    Raises:
+        SchemaError: it lacks one of the columns `names`.
+    """
     with file.open(encoding="utf-8", newline="") as stream:
         reader = csv.DictReader(stream)
         missing = [name for name in names if name not in (reader.fieldnames or ())]

@@ -48,13 +48,19 @@ FARTHEST = 4.0
 
 
 class Verdict(NamedTuple):
-    """What a verification found."""
+    """What a verification found.
 
-    reasons: tuple[str, ...]  # why the entry is rejected; empty: it is verified
+    Attributes:
+        reasons: why the entry is rejected; empty: it is verified.
+        equal: share of the reserved episodes that ended with the return that the entry says.
+        reserved: mean team return on the reserved episodes, as evaluated again.
+        fresh: the same on fresh episodes.
+    """
+
+    reasons: tuple[str, ...]
     equal: float = 0.0
-    """Share of the reserved episodes that ended with the return that the entry says."""
-    reserved: float = float("nan")  # mean team return on the reserved episodes, as evaluated again
-    fresh: float = float("nan")  # the same on fresh episodes
+    reserved: float = float("nan")
+    fresh: float = float("nan")
 
     @property
     def is_verified(self) -> bool:
@@ -115,6 +121,7 @@ def _wrong_data(description: Description) -> Iterator[str]:
 
 
 def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
+    """What is wrong with the files."""
     names = {policy_name(i): content for i, content in enumerate(description.policies)}
     files = {path.relative_to(entry).as_posix() for path in entry.rglob("*") if not path.is_dir()}
     known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}
@@ -129,7 +136,11 @@ def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
 
 
 def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Result]:
-    """Returns the results of the policies, in their order."""
+    """Returns the results of the policies, in their order.
+
+    Raises:
+        SchemaError: a policy has none, or it is of other seeds or another task.
+    """
     found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
     by_content = {each.provenance.content: each for each in found}
     spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)
