@@ -37,7 +37,7 @@ class Appearance:
     mark: Literal["ring", "slot", "pose"] = "ring"
     """Of a target; a pose is the outline of the first movable body at robot 0's target."""
     radius: float | None = None
-    """M, within which a target is reached; None: the radius of its robot."""
+    """Distance, m, within which a target is reached; None: the radius of its robot."""
     shared: SharedTargets | None = None
     """Targets of no robot, which are drawn in the place of the robots' own."""
     is_linked: bool = False  # whether dashes lead from each robot to its own target

@@ -26,7 +26,7 @@ class Choices:
     n_agents: int | None = None  # number of agents whose columns are concatenated
     action_low: float | None = None  # least value of every action; None: unbounded
     action_high: float | None = None  # greatest value of every action; None: unbounded
-    agents: tuple[str, ...] | None = None  # names, in order; by default `agent_0`, `agent_1`,
+    agents: tuple[str, ...] | None = None  # names, in order; by default `agent_0`, `agent_1`, ...
 
     def __post_init__(self) -> None:
         """Checks the ranges.
