@@ -90,8 +90,8 @@ class CoopNavController(Scripted):
     def __init__(
         self, spec: TaskSpec, *, noise: float = 0.0, convention: str | None = None
     ) -> None:
-        super().__init__(spec, noise=noise)
         rules, self._n_agents = spec.rules_as(NavigationRules), spec.n_agents
+        super().__init__(spec, noise=noise)
         arrangement, self._is_shared = rules.arrangement, rules.goals == "unassigned"
         self._targets: Double = np.zeros((0, spec.n_agents, 2))
         self._work = assignment_work(spec.n_agents)

@@ -135,8 +135,8 @@ class FormationController(Scripted):
     """
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
-        super().__init__(spec, noise=noise)
         self._paths = SlotPaths.of(Formation(spec))
+        super().__init__(spec, noise=noise)
 
     def commands(self, step: Step) -> Double:
         targets, drifts = np.empty((2, len(step.states), len(self._paths.radii), 2))

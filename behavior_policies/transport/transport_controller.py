@@ -233,8 +233,8 @@ class TransportController(Controller):
     """
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
-        super().__init__(spec, noise)
         self._setup = setup = PushSetup.of(spec, _payload_of(spec))
+        super().__init__(spec, noise)
         self._maps = EpisodeMaps(spec, 2, max(setup.path_radius, setup.max_radius))
         self._by_velocity = np.array([robot.command == "velocity" for robot in spec.robots])
         accelerations = [robot.acceleration for robot in spec.robots]
