@@ -5,15 +5,15 @@ doorway that one robot fits through at a time, robots that meet in it would wait
 ever. So the left team goes first, and the right team stays where it is and makes room until every
 robot of the left team is through.
 
-Teams can follow a convention (`conventions`). In `lanes`, where they need one, they keep right
-unless another is given.
+Teams can follow a convention, a rule that coordinates a team only if all of its robots keep it. In
+lanes, robots that `keep-right` take the lane on their right, those that `keep-left` the other one;
+they keep right unless another is given. Of unassigned goals, robot i takes the i-th from the left
+(`by-x`), or from the bottom (`by-y`).
 """
 
 import numpy as np
 
-from swarmdata.behavior_policies.conventions import check_convention, lane_targets, order_goals
-from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.envs.coop_nav.navigation_rules import (
     GOAL_CONVENTIONS,
     LANE_CONVENTIONS,
@@ -22,6 +22,7 @@ from swarmdata.envs.coop_nav.navigation_rules import (
     NavigationRules,
 )
 from swarmdata.envs.coop_nav.unassigned_goals import fill_distances
+from swarmdata.errors import SpecError
 from swarmdata.numerics.assignment import assign, assignment_work
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
@@ -72,13 +73,13 @@ def turns_at_door(robots: Float, through: float) -> Double:
     return targets
 
 
-class CoopNavController:
+class CoopNavController(Scripted):
     """Navigates, assigns unassigned goals, and lets teams take turns at a doorway.
 
     Args:
         spec: a spec of `coop_nav`.
         noise: standard deviation of the Gaussian noise on each command.
-        convention: that all robots follow (`conventions`); None: goals are assigned, lanes are
+        convention: that all robots follow; None: goals are assigned, lanes are
             taken on the right.
 
     Raises:
@@ -86,14 +87,11 @@ class CoopNavController:
             no such convention.
     """
 
-    uses_state = True
-
     def __init__(
         self, spec: TaskSpec, *, noise: float = 0.0, convention: str | None = None
     ) -> None:
-        rules = spec.rules_as(NavigationRules)
-        self._noisy, self._n_agents = NoisyCommands(spec, noise), spec.n_agents
-        self._navigator = Navigator(spec)
+        rules, self._n_agents = spec.rules_as(NavigationRules), spec.n_agents
+        super().__init__(spec, noise=noise)
         arrangement, self._is_shared = rules.arrangement, rules.goals == "unassigned"
         self._targets: Double = np.zeros((0, spec.n_agents, 2))
         self._work = assignment_work(spec.n_agents)
@@ -105,7 +103,7 @@ class CoopNavController:
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and assigns their goals if they are unassigned."""
-        self._navigator.reset(step, copies)
+        super().reset(step, copies)
         if not self._is_shared:
             return
         if len(self._targets) != len(step.seeds):
@@ -116,14 +114,71 @@ class CoopNavController:
             axis = GOAL_CONVENTIONS.index(self._convention)
             order_goals(step.states, copies, self._n_agents, axis, self._targets)
 
-    def act(self, step: Step) -> Float:
+    def commands(self, step: Step) -> Double:
         targets = self._targets if self._is_shared else None
         robots = robots_of(step.states, self._n_agents)
         if self._through is not None:
             targets = turns_at_door(robots, self._through)
         if self._lanes is not None:
             targets = lane_targets(robots, self._lanes, self._convention or LANE_CONVENTIONS[0])
-        return self._noisy.actions(step, self._navigator.commands(step, targets))
+        return self._navigator.commands(step, targets)
 
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions)
+
+PAST_LANE = 0.5
+"""Metres beyond the end of its lane that a robot aims at, so that it does not brake in the lane."""
+
+
+def check_convention(spec: TaskSpec, convention: str | None) -> str | None:
+    """Returns `convention` if the task has it.
+
+    Raises:
+        SpecError: it has not.
+    """
+    known = spec.rules.conventions
+    if convention is not None and convention not in known:
+        raise SpecError(
+            f"convention is {convention!r}, expected {' or '.join(known) or 'none'} in this task"
+        )
+    return convention
+
+
+def lane_targets(robots: Float, lanes: Lanes, convention: str) -> Double:
+    """Returns the points that robots aim at, [E, N, 2].
+
+    They are the middle of its lane for a robot before it, then a point beyond the lane's end, then
+    the robot's goal.
+
+    Args:
+        robots: columns `state_layout.ROBOT`, [E, N, 8]; even robots start on the left.
+        lanes: the arrangement.
+        convention: one of `LANE_CONVENTIONS`.
+    """
+    targets = robots[..., [TX, TY]].astype(np.float64)
+    heading = np.where(np.arange(robots.shape[1]) % 2 == 0, 1.0, -1.0)
+    side = -heading if convention == "keep-right" else heading
+    end, lane = lanes.length / 2, np.broadcast_to(side * (lanes.spread / 2), robots.shape[:2])
+    along = heading * robots[..., X]
+    aim = heading * np.where(along < -end, 0.0, end + PAST_LANE)
+    is_through = (along > end)[..., None]
+    return np.where(is_through, targets, np.stack([aim, lane], axis=-1))
+
+
+@kernel
+def order_goals(states: Float, copies: Int, n: int, axis: int, out: Double) -> None:
+    """Writes the goal of each robot: robot i takes the i-th along an axis, ties by their numbers.
+
+    Args:
+        states: [E, S].
+        copies: rows to read and write.
+        n: number of robots and goals.
+        axis: 0 for x, 1 for y.
+        out: written, m, [E, N, 2].
+    """
+    for b in copies:
+        for k in range(n):
+            first, rank = N_COLUMNS * n + 2 * k, 0
+            for other in range(n):
+                difference = states[b, N_COLUMNS * n + 2 * other + axis] - states[b, first + axis]
+                if difference < 0.0 or (difference == 0.0 and other < k):
+                    rank += 1
+            out[b, rank, 0], out[b, rank, 1] = states[b, first], states[b, first + 1]

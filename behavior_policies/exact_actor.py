@@ -121,11 +121,6 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     frame adds. An actor with `output.tanh` [1] has
     outputs that pass through tanh.
 
-    Args:
-        data: the file.
-        n_agents: N.
-        source: name of the file for error messages.
-
     Raises:
         CheckpointError: the file is not an actor, or is outside the bounds of exact inference.
     """

@@ -4,16 +4,13 @@ Each robot aims at its slot and adds the slot's velocity to its own, so that it 
 (feed-forward). Where its slot is blocked, it looks along the slot's path, which it knows from the
 reference's path, for the next free position. It drives there, around the obstacle, so that it is in
 the slot when the slot comes out.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.envs.formation.formation import Formation
 from swarmdata.envs.formation.reference_path import write_pose
 from swarmdata.envs.formation.slots import slot_velocity
@@ -123,7 +120,7 @@ def aim_at_slots(
                 drifts[b, i, 0], drifts[b, i, 1] = 0.0, 0.0
 
 
-class FormationController:
+class FormationController(Scripted):
     """Drives every robot to its slot, or to the next free position on the slot's path.
 
     It knows more than the robots observe: the map (`step.layouts`), the positions and velocities of
@@ -137,20 +134,11 @@ class FormationController:
         SpecError: the spec is another task's, or `noise` is not a standard deviation.
     """
 
-    uses_state = True
-
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
         self._paths = SlotPaths.of(Formation(spec))
-        self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
+        super().__init__(spec, noise=noise)
 
-    def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`."""
-        self._navigator.reset(step, copies)
-
-    def act(self, step: Step) -> Float:
+    def commands(self, step: Step) -> Double:
         targets, drifts = np.empty((2, len(step.states), len(self._paths.radii), 2))
         aim_at_slots(step.states, step.times, step.layouts, self._paths, targets, drifts)
-        return self._noisy.actions(step, self._navigator.commands(step, targets, drifts))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions)
+        return self._navigator.commands(step, targets, drifts)

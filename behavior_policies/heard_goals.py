@@ -20,11 +20,7 @@ _TOLD = ("mask", "position_x", "position_y", "target_x", "target_y")
 
 
 class HeardGoals:
-    """Reads the newest message of every robot from observations.
-
-    Args:
-        task: of the robots.
-    """
+    """Reads the newest message of every robot from observations."""
 
     def __init__(self, task: Task) -> None:
         self._n_agents = task.spec.n_agents

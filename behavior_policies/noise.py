@@ -1,6 +1,7 @@
-"""Gaussian action noise that depends on the episode, the time and the robot only."""
+"""Action noise that depends on the episode, the time and the robot only; controllers with it."""
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from swarmdata.errors import SpecError
 from swarmdata.numerics.random import STREAMS, derive, normal
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Seeds, Step
+from swarmdata.types import Double, Float, Int, Seeds, Step
 
 
 def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
@@ -57,8 +58,8 @@ def add_noise(actions: Double, step: Step, noise: float) -> Double:
     return np.clip(actions, -1.0, 1.0)
 
 
-class NoisyCommands:
-    """Adds noise to a controller's commands, and gives the log-probabilities of its actions.
+class Controller(ABC):
+    """A scripted policy: commands of all robots with noise, and zeros for messages.
 
     Args:
         spec: the task.
@@ -68,31 +69,28 @@ class NoisyCommands:
         SpecError: `noise` is not a standard deviation.
     """
 
-    def __init__(self, spec: TaskSpec, noise: float) -> None:
+    uses_state = True
+    has_memory: ClassVar[bool] = True  # whether commands depend on more than the step
+
+    def __init__(self, spec: TaskSpec, noise: float = 0.0) -> None:
         self._noise, self._action_size = check_noise(noise), spec.action_size
         self._last = LastMeans[Double]()
 
-    def actions(self, step: Step, commands: Double) -> Float:
-        """Returns commands [E, N, 2] with noise, then zeros for messages, as actions [E, N, A]."""
-        self._last.keep(step, commands)
+    @abstractmethod
+    def commands(self, step: Step) -> Double:
+        """Returns the commands of all robots without noise, [E, N, 2]."""
+
+    def reset(self, step: Step, copies: Int) -> None:  # noqa: B027  (there is nothing to forget)
+        """Does nothing: the policy has no memory."""
+
+    def act(self, step: Step) -> Float:
+        commands = self._last.keep(step, self.commands(step))
         actions = np.zeros((*commands.shape[:2], self._action_size), dtype=np.float32)
         actions[..., :2] = add_noise(commands, step, self._noise)
         return actions
 
-    def log_probs(
-        self, step: Step, actions: Float, recompute: Callable[[Step], Double] | None = None
-    ) -> Float:
-        """Returns the log-probabilities of actions.
-
-        Args:
-            step: the step for which the actions are.
-            actions: [E, N, A].
-            recompute: gives the commands of a step, for controllers without memory.
-
-        Raises:
-            SchemaError: without `recompute`, `step` is not the last one that `actions` got.
-        """
+    def log_probs(self, step: Step, actions: Float) -> Float:
         commands = self._last.recall(step)
         if commands is None:
-            commands = recompute(step) if recompute else self._last.require(step)
+            commands = self._last.require(step) if self.has_memory else self.commands(step)
         return noisy_log_probs(commands, actions, self._noise)

@@ -19,12 +19,12 @@ All times and distances are those of the default robot, scaled for others (`robo
 """
 
 from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.noise import Controller
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Float, Int, Step
+from swarmdata.types import Double, Int, Step
 
 
-class Scripted:
+class Scripted(Controller):
     """Drives every robot to its target: paths on a map, reciprocal avoidance, any drive.
 
     It knows more than the robots observe: the map (`step.layouts`) and the positions, velocities
@@ -38,18 +38,13 @@ class Scripted:
         SpecError: `noise` is not a standard deviation.
     """
 
-    uses_state = True
-
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
-        self._noisy = NoisyCommands(spec, noise)
+        super().__init__(spec, noise)
         self._navigator = Navigator(spec)
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`."""
         self._navigator.reset(step, copies)
 
-    def act(self, step: Step) -> Float:
-        return self._noisy.actions(step, self._navigator.commands(step))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions)
+    def commands(self, step: Step) -> Double:
+        return self._navigator.commands(step)

@@ -4,10 +4,10 @@ import numpy as np
 
 from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, scales_of
 from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
-from swarmdata.behavior_policies.noise import counters
+from swarmdata.behavior_policies.noise import Controller, counters
 from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.numerics.random import uniform
-from swarmdata.rollouts.action_probabilities import noisy_log_probs, uniform_log_probs
+from swarmdata.rollouts.action_probabilities import uniform_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -17,22 +17,17 @@ APPROACH_RATE = 2.0
 """Commanded speed per metre of distance to the goal, 1/s: robots brake over the last 0.3 m."""
 
 
-class Idle:
+class Idle(Controller):
     """Every robot commands zero velocity."""
 
-    uses_state = False
+    uses_state = has_memory = False
 
     def __init__(self, spec: TaskSpec) -> None:
-        self._shape = spec.n_agents, spec.action_size
+        super().__init__(spec)
+        self._n_agents = spec.n_agents
 
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        return np.zeros((len(step.seeds), *self._shape), dtype=np.float32)
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
+    def commands(self, step: Step) -> Double:
+        return np.zeros((len(step.seeds), self._n_agents, 2))
 
 
 class Random:
@@ -54,35 +49,28 @@ class Random:
         return uniform_log_probs(actions)
 
 
-class Straight:
+class Straight(Controller):
     """Every robot drives straight to its target and brakes near it; it avoids nothing.
 
     It reads positions and targets from `step.states`, so that it is the same policy with every
     observation model. A unicycle turns towards its target while it drives.
     """
 
-    uses_state = True
+    has_memory = False
 
     def __init__(self, spec: TaskSpec) -> None:
+        super().__init__(spec)
+        self._n_agents = spec.n_agents
         self._limits, self._dt = limits_of(spec), spec.control_dt
         self._rates = APPROACH_RATE / scales_of(spec)[:, TIME_SCALE:LENGTH_SCALE]  # [N, 1]
         self._max_speeds = self._limits[:, SPEED:ACCELERATION]  # [N, 1]
-        self._shape = spec.n_agents, spec.action_size
 
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        robots = robots_of(step.states, self._shape[0]).astype(np.float64)
+    def commands(self, step: Step) -> Double:
+        robots = robots_of(step.states, self._n_agents).astype(np.float64)
         wishes = self._rates * (robots[..., TX:] - robots[..., : Y + 1]) / self._max_speeds
         commands = clip_norm(wishes)
         _track(robots, self._max_speeds * commands, self._limits, self._dt, commands)
-        actions = np.zeros((len(robots), *self._shape), dtype=np.float32)
-        actions[..., :2] = commands
-        return actions
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
+        return commands
 
 
 @kernel

@@ -20,11 +20,7 @@ MESSAGE_PREFIX = "message_"
 
 
 class Deaf:
-    """The scripted team to which no message arrives.
-
-    Args:
-        spec: the task.
-    """
+    """The scripted team to which no message arrives."""
 
     uses_state = True
 
@@ -49,11 +45,7 @@ class Deaf:
 
 
 class Naive:
-    """Each robot runs the scripted controller, and takes the others for parked where they are.
-
-    Args:
-        spec: the task.
-    """
+    """Each robot runs the scripted controller, and takes the others for parked where they are."""
 
     uses_state = True
 

@@ -28,15 +28,10 @@ NUMBERS = ("mean", "low", "high")
 
 @dataclass(frozen=True)
 class CommittedStudy:
-    """A finished study.
+    """A finished study."""
 
-    Attributes:
-        folder: with its plan and its tables.
-        estimates: every mean with its interval.
-    """
-
-    folder: Traversable
-    estimates: tuple[Means, ...]
+    folder: Traversable  # with its plan and its tables
+    estimates: tuple[Means, ...]  # every mean with its interval
 
     @property
     def name(self) -> str:
@@ -92,10 +87,6 @@ def _estimates_of(folder: Traversable) -> tuple[Means, ...]:
 
 def read_estimates(text: str, source: str) -> tuple[Means, ...]:
     """Rows of an `estimates.csv`.
-
-    Args:
-        text: of the file.
-        source: what to call it in errors.
 
     Raises:
         StudyError: a column is missing, there is no row, or a value is no number.

@@ -34,7 +34,7 @@ from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -101,7 +101,6 @@ class BC(OfflineLearner):
         return {"bc_loss": bc_loss.detach()}
 
     def policy(self, index: int) -> Policy:
-        """The policy of seed number `index`, as it is now."""
         return policy_of(self.actor, index)
 
     @property
@@ -110,11 +109,7 @@ class BC(OfflineLearner):
 
 
 def _make_actor(setup: Setup, config: BCConfig) -> StackedActor | RecurrentActor | ChoiceActor:
-    """Makes the actors of K seeds.
-
-    Raises:
-        SchemaError: a setting does not fit the data's kind of actions, or another setting.
-    """
+    """Makes the actors of K seeds."""
     if not setup.sizes.choices:
         return make_actor(
             setup, config.hidden, config,

@@ -11,7 +11,7 @@ Li & Levine 2025, arXiv 2502.02538, without values):
 where z(i) is what robot i knows of the noise and z' is independent of z. A squared error to the
 data, as `bc` has, averages the modes of the data; this one averages only what neither o_i nor z(i)
 tells. Deviation from Flow Q-learning: its target is F(c, z). The rest of T takes the flow's error
-of the mean out of the students, `learn.flows.distillation`; without `debiased` it is left out.
+of the mean out of the students, `learn.flows.one_step_actor`; without `debiased` it is left out.
 
 z is drawn independently of the mode that c already tells: after a few steps the flow reads the mode
 from all observations, and a robot that sees less than all can read it neither there nor from z.
@@ -27,15 +27,14 @@ network and whose students copied F(c, z).
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from swarmdata.learn.flows.distillation import Distillation
-from swarmdata.learn.flows.one_step_actor import FlowSettings
+from swarmdata.learn.flows.one_step_actor import Distillation, FlowSettings
 from swarmdata.learn.networks.network_inputs import Normalizer, normal_like
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.trained import flow_policy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.offline_algos.bc import CLONING_SPACE, CloningConfig
 from swarmdata.types import Batch
 
@@ -79,7 +78,6 @@ class BCFlow(OfflineLearner):
         return {name: loss.detach() for name, loss in losses.items()}
 
     def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
-        """The policy of seed number `index`, as it is now."""
         return flow_policy(self.copy.actor, index)
 
     @property

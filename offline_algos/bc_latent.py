@@ -23,13 +23,13 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.network_inputs import Normalizer, with_agent_id
+from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.drawn_policy import LatentPolicy
 from swarmdata.learn.training.actor_critic import OfflineLearner, Part
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.offline_algos.bc import CLONING_SPACE, CloningConfig
 from swarmdata.types import Batch
 
@@ -84,7 +84,7 @@ class BCLatent(OfflineLearner):
             {"actor": config.learning_rate, "latents": config.latent_learning_rate},
             config.max_grad_norm,
         )  # fmt: skip
-        self._setup, self.normalizer = setup, Normalizer(setup.statistics, setup.device)
+        self.frame, self.standard = sizes.frame, Standardization.of(setup.statistics, setup.device)
 
     def latents(self) -> Tensor:
         """Returns w, the latents of all episodes, [K, M, D]."""
@@ -110,20 +110,18 @@ class BCLatent(OfflineLearner):
 
     def _act(self, observations: Tensor, w: Tensor) -> Tensor:
         """Returns mu, [K, B, N, A], of observations [K, B, N, O] and latents [K, B, D]."""
-        o = self.normalizer.observations(observations)
+        o = self.standard(observations)
         team = w[:, :, None].expand(-1, -1, o.shape[2], -1)
         outputs = self.actor(with_agent_id(torch.cat([o, team], 3)).flatten(1, 2))
         return outputs.tanh().view(*o.shape[:3], -1)
 
     def policy(self, index: int) -> LatentPolicy:
-        """The policy of seed number `index`, as it is now."""
-        statistics = self._setup.statistics
         return LatentPolicy(
             layers=self.actor.extract(index, torch.float64),
             latents=self.latents()[index].detach().to("cpu", torch.float64),
-            observation_mean=torch.tensor(statistics.observation_mean, dtype=torch.float64),
-            observation_std=torch.tensor(statistics.observation_std, dtype=torch.float64),
-            frame=self._setup.sizes.frame,
+            observation_mean=self.standard.mean,
+            observation_std=self.standard.std,
+            frame=self.frame,
         )
 
     @property

@@ -52,8 +52,7 @@ from swarmdata.learn.objectives.conservative import (
     uniform_samples,
 )
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, value_size
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -65,7 +64,7 @@ from swarmdata.learn.training.actor_critic import (
     robot_critics,
     robot_valuer,
 )
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -166,9 +165,7 @@ class CFCQL(LossActorCritic):
         return Loss(loss, {"policy_q": mean})
 
     def valuer(self, batch: Batch, x: RobotView) -> Valuer:
-        """Returns the smaller values of the batch's actions, for a second stage."""
         return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor.online, index)

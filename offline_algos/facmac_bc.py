@@ -45,11 +45,10 @@ from torch import Tensor
 
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
-from swarmdata.learn.networks.network_inputs import Normalizer
+from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, team_reward, value_size
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -59,7 +58,7 @@ from swarmdata.learn.training.actor_critic import (
     TwoStageConfig,
     Valuer,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -94,7 +93,8 @@ class FACMACBC(LossActorCritic):
             sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
             max_norm=config.max_grad_norm, device=setup.device,
         )  # fmt: skip
-        self.normalizer = Normalizer(setup.statistics, setup.device, clip_target=config.clip_target)
+        self.normalizer = Normalizer(setup.statistics, setup.device)
+        self.rewards = RobotRewards(setup.statistics, "team", clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns normalized states, [K, B, S], and observations, [K, B, N, O]."""
@@ -130,8 +130,8 @@ class FACMACBC(LossActorCritic):
         s_next = known.states(batch.next_states)
         o_next = known.observations(batch.next_observations)
         q_next = self.critics.target_q(s_next, o_next, a_next).amin(1)  # [K, B], the smaller one
-        q_next = q_next.clamp(max=known.max_value)
-        r = team_reward(batch.rewards) * known.reward_scale
+        q_next = q_next.clamp(max=self.rewards.max_value)
+        r = team_reward(batch.rewards) * self.rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def actor_loss(
@@ -143,5 +143,4 @@ class FACMACBC(LossActorCritic):
         return Loss(-lam * q.mean(1) + bc_loss, {"policy_q": q.mean(1), "lambda": lam})
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor.online, index)

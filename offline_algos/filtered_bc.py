@@ -27,7 +27,7 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.types import Double
 
@@ -44,7 +44,6 @@ class FilteredBCConfig(BCConfig):
     min_episodes: int = 250  # n_min
 
     def __post_init__(self) -> None:
-        """Checks the fraction and the floor."""
         if not 0 < self.fraction <= 1:
             raise SchemaError(
                 f"fraction is {self.fraction}, expected above 0 and at most 1: the part of the "

@@ -73,7 +73,7 @@ from swarmdata.learn.training.actor_critic import (
     Part,
     robot_critics,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 RANGE = 1_000.0
@@ -179,5 +179,4 @@ class IQL(OfflineLearner):
         return td_target(self.rewards(batch.rewards), ends, v_next, self.config.discount)
 
     def policy(self, index: int) -> Policy:
-        """The policy of seed number `index`, as it is now."""
         return policy_of(self.actor, index)

@@ -15,7 +15,7 @@ team of which robot i knows z(i), and its own reward r_i:
 
 With `reward` "team", critics give Q_tot = g(Q_1, ..., Q_N; c) as those of `facmac_bc` do, and y is
 made of the team's reward, the mean of the robots'. T is F(c, z) about the mean of the data, see
-`learn.flows.distillation`.
+`learn.flows.one_step_actor`.
 
 Deviations:
 - `reward` "own": each robot's critic learns from its own reward, where the paper decomposes a
@@ -68,8 +68,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.flows.distillation import Distillation
-from swarmdata.learn.flows.one_step_actor import FlowSettings, StudentView
+from swarmdata.learn.flows.one_step_actor import Distillation, FlowSettings, StudentView
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import (
@@ -97,7 +96,7 @@ from swarmdata.learn.training.actor_critic import (
     OfflineLearner,
     Part,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 N_DRAWS = 4
@@ -204,7 +203,6 @@ class Climb:
         return {"climb_slope": self.slope.clone(), "climb_weight": self.weight.clone()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         self.slope = state["climb_slope"].to(self.slope.device, copy=True)
         self.weight = state["climb_weight"].to(self.weight.device, copy=True)
 
@@ -345,7 +343,6 @@ class MACFlow(OfflineLearner):
         return Loss(loss, {"policy_q": worth, "lambda": self.climb.weight})
 
     def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
-        """The policy of seed number `index`, as it is now."""
         return flow_policy(self.copy.actor, index)
 
     @property

@@ -64,8 +64,7 @@ from swarmdata.learn.networks.critics import (
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards, normal_like
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss, td_error, td_target, value_size
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -78,7 +77,7 @@ from swarmdata.learn.training.actor_critic import (
     robot_critics,
     robot_valuer,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -119,7 +118,6 @@ class MADDPGBC(TwoStageActorCritic):
         return self.critics.view(batch.states, batch.observations)
 
     def critic_step(self, batch: Batch, x: RobotView, scale: float) -> dict[str, Tensor]:
-        """Moves the critics; returns losses, each [K]."""
         reported = self.critic_gradient(batch, x, normal_like(self.generators, batch.actions))
         self.critics.descend(scale)
         return reported
@@ -159,7 +157,6 @@ class MADDPGBC(TwoStageActorCritic):
     def actor_step(
         self, batch: Batch, x: RobotView, scale: float, is_warmup: bool
     ) -> dict[str, Tensor]:
-        """Moves the actors; returns losses, each [K]."""
         config = self.config
         alpha = config.rl_weight if self.second_stage is None else config.first_rl_weight
         reported = self.actor_gradient(batch, x, 0.0 if is_warmup else alpha)
@@ -188,9 +185,7 @@ class MADDPGBC(TwoStageActorCritic):
         return {name: loss.detach() for name, loss in losses.items()}
 
     def valuer(self, batch: Batch, x: RobotView) -> Valuer:
-        """Returns the smaller values of the batch's actions, for the second stage."""
         return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor.online, index)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from swarmdata.learn.training.actor_critic import ACTOR_CRITIC_SPACE, Extraction
-from swarmdata.learn.training.search_space import LogUniform, Space
+from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 
 

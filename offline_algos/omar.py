@@ -53,8 +53,7 @@ from swarmdata.learn.networks.network_inputs import (
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, value_size
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     EXTRACTION_LOSSES,
@@ -62,7 +61,7 @@ from swarmdata.learn.training.actor_critic import (
     TwoStageConfig,
     Valuer,
 )
-from swarmdata.learn.training.search_space import Choice, Space
+from swarmdata.learn.training.settings import Choice, Space
 from swarmdata.offline_algos.cfcql import CONSERVATIVE_SPACE
 from swarmdata.types import Batch
 
@@ -124,11 +123,10 @@ class OMAR(LossActorCritic):
         return Loss(td_loss + self.config.cql_weight * gap, reported)
 
     def valuer(self, batch: Batch, x: Tensor) -> Valuer:
-        """Returns the smaller values of robots' own actions, for a second stage."""
         critics = self.critics
         return Valuer(
-            lambda pi: critics.smallest_q(x, by_agent(pi)).view(pi.shape[:3]),
-            lambda each: critics.smallest_q(x, each.flatten(1, 2)).view(each.shape[:4]),
+            lambda pi: critics.smallest_of(x, by_agent(pi)).view(pi.shape[:3]),
+            lambda each: critics.smallest_of(x, each.flatten(1, 2)).view(each.shape[:4]),
         )
 
     @torch.no_grad()
@@ -190,7 +188,6 @@ class OMAR(LossActorCritic):
         return options.gather(2, best)[:, :, 0]
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor.online, index)
 
 

@@ -42,7 +42,7 @@ from torch import Tensor
 
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import LinearMixer
-from swarmdata.learn.networks.network_inputs import Normalizer, information
+from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Setup
@@ -54,8 +54,7 @@ from swarmdata.learn.objectives.losses import (
     team_reward,
 )
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
@@ -65,7 +64,7 @@ from swarmdata.learn.training.actor_critic import (
     Part,
     squashed_actor,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -116,6 +115,7 @@ class OMIGA(OfflineLearner):
         )  # fmt: skip
         self.target_values: StackedMLP = self.descent.targets["values"]
         self.normalizer = Normalizer(setup.statistics, setup.device)
+        self.rewards = RobotRewards(setup.statistics, "team")
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -165,9 +165,8 @@ class OMIGA(OfflineLearner):
         o_next = self.normalizer.observations(batch.next_observations)
         values = self.values(o_next, self.target_values)[..., 0]  # [K, B, N]
         v_next = self.mixer(values, information(s_next, o_next), self.critics.target_mixer)
-        r = team_reward(batch.rewards) * self.normalizer.reward_scale
+        r = team_reward(batch.rewards) * self.rewards.scale
         return td_target(r, batch.terminations, v_next, self.config.discount)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
-        """The policy of seed number `index`, as it is now."""
         return actor_policy(self.actor, index)

@@ -12,7 +12,7 @@ mix them: the first robot settles on one, the others are told. The team acts joi
 in each step, robot i needs to hear from the robots before it. With `joint` false it does not.
 
 pi is a `memory.sequence_networks`: retention over time and attention over the robots before. Its
-answers are mixtures of Gaussians of a fixed deviation (`networks.mixtures`), and it acts by the
+answers are mixtures of Gaussians of a fixed deviation (`Mixture`), and it acts by the
 likeliest mode. A value network V learns from the data's own actions; with x_{t,i} what a central
 critic sees, lambda-returns (Sutton & Barto 2018, equation 12.20) within a segment, and the target
 copy V' of V,
@@ -46,9 +46,9 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.segments import learned_rows, take
 from swarmdata.learn.memory.sequence_actor import SequenceActor, SequenceSettings
+from swarmdata.learn.memory.sequence_networks import Mixture
 from swarmdata.learn.networks.critics import RobotViews
 from swarmdata.learn.networks.factored_critics import VALUE_STREAM
-from swarmdata.learn.networks.mixtures import Mixture
 from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
@@ -56,7 +56,7 @@ from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import batch_weights, standard_advantages
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.training.actor_critic import TRANSITION, OfflineLearner, Part
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 
@@ -163,7 +163,6 @@ class Oryx(OfflineLearner):
         return take(returns, learned_rows(mask, config.window))
 
     def policy(self, index: int) -> SequencePolicy:
-        """The policy of seed number `index`, as it is now."""
         config, actor = self.config, self.actor
         return SequencePolicy(
             layers=actor.network.extract(index, torch.float64),

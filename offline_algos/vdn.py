@@ -61,12 +61,14 @@ from swarmdata.learn.choices.utility_networks import (
 )
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.objectives.losses import Loss, td_target, team_reward
-from swarmdata.learn.objectives.value_losses import (
+from swarmdata.learn.objectives.losses import (
+    Loss,
     behavior_loss,
     conservative_gap,
     huber_error,
     robot_values,
+    td_target,
+    team_reward,
 )
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.trained import utility_policy
@@ -75,7 +77,7 @@ from swarmdata.learn.training.actor_critic import (
     OfflineLearner,
     Part,
 )
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 GREEDY_EVERY = 10
@@ -179,12 +181,11 @@ class VDN(OfflineLearner):
         utilities = networks.utilities(seen.slow_next_features, slow["team"])
         x_next = networks.information(batch.next_states, features)
         q_next = self.value(utilities, a_next, x_next, slow.get("mixer")).mean(1)  # [K, B]
-        q_next = q_next.clamp(max=networks.normalizer.max_value)
-        r = team_reward(batch.rewards) * networks.normalizer.reward_scale
+        q_next = q_next.clamp(max=networks.rewards.max_value)
+        r = team_reward(batch.rewards) * networks.rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
-        """The greedy policy of seed number `index`, as it is now."""
         return utility_policy(self.networks, index)
 
     @property

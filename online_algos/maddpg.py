@@ -59,15 +59,17 @@ from swarmdata.learn.networks.network_inputs import (
 )
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.networks.team_networks import Parameters, Team
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.exploration import LinearSchedule, gaussian
-from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer
-from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.collection.replay_collection import (
+    LinearSchedule,
+    OffPolicy,
+    ReplaySettings,
+    gaussian,
+)
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
@@ -100,32 +102,20 @@ NOISE_STREAM = 2
 
 
 @dataclass(frozen=True)
-class MADDPGConfig:
-    """Settings of MADDPG; steps are joint steps of one seed."""
+class MADDPGConfig(ReplaySettings):
+    """Settings of MADDPG."""
 
-    n_steps: int = 2_000_000
-    n_copies: int = 64
-    rollout_steps: int = 64  # of every copy in one round
-    n_gradient_steps: int = 2  # after each of them
-    batch_size: int = 256  # joint transitions
-    capacity: int = 262_144  # transitions to sample from; with margin 1.1 GB of disk on coop_nav
-    margin: int = 262_144  # most steps between two checkpoints of a run that can be resumed
-    warmup_transitions: int = 8_192  # before the first gradient step
-    warmup_actions: Literal["random", "policy"] = "random"  # in them; `policy`: with noise
+    n_gradient_steps: int = 2
+    batch_size: int = 256
+    warmup_actions: Literal["random", "policy"] = "random"  # in the warm-up; `policy`: with noise
     critic_warmup_updates: int = 0  # gradient steps in which only the critics learn
     corrections: Literal["td3", "none"] = "td3"
     critic: Critic = "centralized"
     joint_gradient: JointGradient = "all"
     actor_hidden: tuple[int, ...] = (64, 64)
     critic_hidden: tuple[int, ...] = (128, 128)
-    parameters: Parameters = "shared"
-    frame: str = "target"  # in which robots observe and act, `frames.find_frame`
-    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
     actor_learning_rate: float = 1e-3
     critic_learning_rate: float = 1e-3
-    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
-    discount: float = 0.97
-    reward_scale: float = 1.0
     tau: float = 0.03  # per step of the actors; 0.01 follows in 200 gradient steps
     policy_delay: int = 2  # Fujimoto et al. 2018, section 6.1
     smoothing: float = 0.1  # half of the paper's; not compared alone
@@ -134,7 +124,6 @@ class MADDPGConfig:
     noise: float = 0.5  # deviation of exploring actions
     final_noise: float = 0.1
     exploration: float = 0.5  # part of training in which the noise falls
-    max_grad_norm: float | None = 10.0  # per seed, of each network kind
 
     @property
     def n_critics(self) -> int:
@@ -185,12 +174,7 @@ class Learner:
         return self.actors(observations, network).tanh()
 
     def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
-        """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move.
-
-        Args:
-            batch: rows as they were seen.
-            scale: factor on the learning rates.
-        """
+        """One step on tensors [K, B, ...]; returns losses [K], the actors' only when they move."""
         x = self.critics.view(batch.states, batch.observations)
         losses = self._update_critics(batch, x, scale)
         self.n_updates += 1
@@ -242,22 +226,14 @@ class Learner:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         restore_generators(self.generators, state["generators"])
         self.descent.load_state_dict(state)
         self.critics.load_state_dict(state)
 
 
-class MADDPG:
-    """K seeds of MADDPG in worlds of their own.
-
-    Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
+class MADDPG(OffPolicy):
+    """K seeds of MADDPG in worlds of their own."""
 
     Config = MADDPGConfig
     LOSSES = (*Learner.LOSSES, "reward")
@@ -265,28 +241,12 @@ class MADDPG:
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MADDPGConfig, folder: Path | str
     ) -> None:
-        self.config, self.seeds = config, tuple(seeds)
-        self.collector = Collector(env, seeds, Plan.of(config), folder)
-        self.learner = self._new_learner()
+        super().__init__(env, seeds, config, folder)
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
 
-    def _new_learner(self) -> Learner:
-        """Makes an untrained learner, with the collector's statistics of inputs."""
+    def new_learner(self) -> Learner:
         moments = self.collector.moments
         return Learner(self.collector.sizes, moments, self.seeds, self.config)
-
-    @property
-    def frames(self) -> int:
-        """Joint steps that each seed has taken."""
-        return self.collector.frames
-
-    def prepare(self) -> bool:
-        """Does nothing: the first rounds fill the replay."""
-        return False
-
-    def mix_in(self, data: Data, share: float) -> None:
-        """Draws a share of each batch from recorded data, `collection.recorded_rows`."""
-        self.collector.mix_in(data, share)
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
@@ -313,7 +273,7 @@ class MADDPG:
         """
         actor_of(start, squash=True)
         self.collector.moments = start.moments(len(self.seeds))
-        self.learner = self._new_learner()
+        self.learner = self.new_learner()
         actors = self.learner.actors
         for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
             rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
@@ -341,7 +301,6 @@ class MADDPG:
         return self.learner.update(batch, factor)
 
     def policy(self, index: int) -> TorchPolicy:
-        """The greedy policy of seed number `index`, as it is now."""
         mean, std = self.collector.inputs_of(index)
         return TorchPolicy(
             layers=self.learner.actors.extract(index),
@@ -351,22 +310,3 @@ class MADDPG:
             frame=self.collector.frame,
             parameters=self.config.parameters,
         )
-
-    def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
-        self.collector.worlds.restart()
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes and the rows of the replay, as copies."""
-        learner = {f"learner.{k}": v for k, v in self.learner.state_dict().items()}
-        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; the folder must be that of the same run.
-
-        Raises:
-            CheckpointError: the replay in the folder does not belong to the state.
-        """
-        self.collector.load_state_dict(part(state, "collector"))
-        self.learner = self._new_learner()
-        self.learner.load_state_dict(part(state, "learner"))

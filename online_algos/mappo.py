@@ -36,7 +36,7 @@ Deviations:
 - every robot is trained on its own reward, which `shaping` changes;
 - a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
   that was trained;
-- training may start from other policies (`start`, or an offline run: `ppo.offline_actors`) or from
+- training may start from other policies (`start`, or an offline run: `ppo.initial_weights`) or from
   a clone of a teacher; then only the critic learns at first (`critic_warmup_fraction`), since the
   advantages of an untrained critic would undo the clone;
 - the actor's and the critic's gradients are clipped separately.
@@ -63,13 +63,18 @@ from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.collection.input_moments import measure_moments
-from swarmdata.online_algos.collection.seed_generators import (
+from swarmdata.online_algos.collection.training_worlds import (
+    Worlds,
     pack_generators,
     standard_normal,
     unpack_generators,
 )
-from swarmdata.online_algos.collection.training_worlds import Worlds
-from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
+from swarmdata.online_algos.ppo.initial_weights import (
+    StartConfig,
+    initial_weights,
+    settings_of,
+    start_from,
+)
 from swarmdata.online_algos.ppo.networks import (
     Actors,
     ActorWeights,
@@ -77,7 +82,6 @@ from swarmdata.online_algos.ppo.networks import (
     LearnedDeviation,
     fill_values,
 )
-from swarmdata.online_algos.ppo.offline_actors import settings_of, start_from
 from swarmdata.online_algos.ppo.rollout_samples import (
     Rollout,
     critic_states,
@@ -374,7 +378,6 @@ class MAPPO:
         return torch.full((len(self.seeds),), std)
 
     def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
-        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
         return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:

@@ -29,7 +29,7 @@ from torch import Tensor
 
 from swarmdata.learn.networks.mixers import MonotonicMixer
 from swarmdata.learn.networks.perceptrons import StackedMLP
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.online_algos.vdn import MIXER_STREAM, VDN, VDNConfig, VDNLearner
 
 

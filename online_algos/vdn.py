@@ -17,10 +17,9 @@ Deviations:
   hard copies; Huber loss; actions and observations turned to the robot's target (`frame`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -30,15 +29,17 @@ from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.networks.team_networks import Parameters, Team
-from swarmdata.learn.objectives.losses import td_target, team_reward
-from swarmdata.learn.objectives.value_losses import huber_error
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.team_networks import Team
+from swarmdata.learn.objectives.losses import huber_error, td_target, team_reward
 from swarmdata.learn.policies.choice_policy import BinPolicy
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy
 from swarmdata.learn.training.training_data import Data
-from swarmdata.online_algos.collection.replay_collection import Collector, Plan
+from swarmdata.online_algos.collection.replay_collection import (
+    LinearSchedule,
+    OffPolicy,
+    ReplaySettings,
+    epsilon_greedy,
+)
 from swarmdata.online_algos.continuation import started_utilities
 from swarmdata.online_algos.continuation.offline_start import OfflineStart
 from swarmdata.specs.features import Feature
@@ -51,33 +52,18 @@ UTILITY_STREAM, MIXER_STREAM = 0, 1
 
 
 @dataclass(frozen=True)
-class VDNConfig:
-    """Settings of VDN; counts of steps are joint steps of one seed."""
+class VDNConfig(ReplaySettings):
+    """Settings of VDN."""
 
-    n_steps: int = 2_000_000
-    n_copies: int = 64
-    rollout_steps: int = 64  # of every copy in one round
-    n_gradient_steps: int = 1  # after each of them
-    batch_size: int = 512  # joint transitions
-    capacity: int = 262_144  # transitions to draw from; with margin 1.1 GB of disk on coop_nav
-    margin: int = 262_144  # most joint steps between two checkpoints of a run that can be resumed
-    warmup_transitions: int = 8_192  # joint steps before the first gradient step
     n_bins: int = 9  # of each action dimension; odd, so that standing still is one
     hidden: tuple[int, ...] = (64, 64)
     n_critics: int = 1  # utility networks of a seed, J, whose mean chooses
     layer_norm: bool = False  # in the utility networks
-    parameters: Parameters = "shared"
-    frame: str = "target"  # in which robots see and act, `frames.find_frame`
-    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
     learning_rate: float = 1e-3
-    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
-    discount: float = 0.97
-    reward_scale: float = 1.0
     tau: float = 0.01  # per gradient step
     epsilon: float = 1.0
     final_epsilon: float = 0.05
     exploration: float = 0.3  # part of training in which epsilon falls
-    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
 
 class VDNLearner:
@@ -111,6 +97,8 @@ class VDNLearner:
         self.descent = Descent(
             networks, len(seeds), config.learning_rate, config.max_grad_norm, followed=networks
         )
+        self.state_dict = self.descent.state_dict
+        self.load_state_dict = self.descent.load_state_dict
 
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
         """Returns the utility of every bin, [K, J, B, N, D, C].
@@ -183,15 +171,8 @@ def greedy_choices(utilities: Tensor) -> Tensor:
     return bins.greedy(utilities.mean(1))
 
 
-class VDN:
-    """K seeds in K E copies of a task, with their replay in a folder.
-
-    Args:
-        env: copies of the task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
+class VDN(OffPolicy):
+    """K seeds in K E copies of a task, with their replay in a folder."""
 
     Config: type[VDNConfig] = VDNConfig
     Learner: type[VDNLearner] = VDNLearner
@@ -200,19 +181,11 @@ class VDN:
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: VDNConfig, folder: Path | str
     ) -> None:
-        self.config = config
-        self.collector = Collector(env, seeds, Plan.of(config), folder)
-        self.learner = self.Learner(self.collector.sizes, seeds, config)
+        super().__init__(env, seeds, config, folder)
         self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)
 
-    @property
-    def frames(self) -> int:
-        """Joint steps that each seed has taken."""
-        return self.collector.frames
-
-    def prepare(self) -> bool:
-        """Does nothing: the first rounds fill the replay."""
-        return False
+    def new_learner(self) -> VDNLearner:
+        return self.Learner(self.collector.sizes, self.seeds, self.config)
 
     def mix_in(self, data: Data, share: float) -> None:
         """Draws a share of each batch from recorded data, whose actions lie between two bins."""
@@ -255,7 +228,6 @@ class VDN:
         return self.learner.update(self.collector.normalized(batch), scale)
 
     def policy(self, index: int) -> BinPolicy:
-        """The greedy policy of seed number `index`, a copy of its parameters as they are now."""
         config, (mean, std) = self.config, self.collector.inputs_of(index)
         return BinPolicy(
             layers=self.learner.team.extract(index, config.n_critics),
@@ -266,21 +238,3 @@ class VDN:
             parameters=config.parameters,
             n_critics=config.n_critics,
         )
-
-    def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
-        self.collector.worlds.restart()
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes and the rows of the replay, as copies."""
-        learner = {f"learner.{k}": v for k, v in self.learner.descent.state_dict().items()}
-        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; the folder must be that of the same run.
-
-        Raises:
-            CheckpointError: the replay in the folder does not belong to the state.
-        """
-        self.collector.load_state_dict(part(state, "collector"))
-        self.learner.descent.load_state_dict(part(state, "learner"))

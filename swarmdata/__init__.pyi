@@ -36,7 +36,7 @@ from swarmdata.interop.torchrl.torchrl import (
     make_torchrl_env as make_torchrl_env,
     register_torchrl as register_torchrl,
 )
-from swarmdata.learn.training.search_space import Choice as Choice, LogUniform as LogUniform
+from swarmdata.learn.training.settings import Choice as Choice, LogUniform as LogUniform
 from swarmdata.numerics.episode_draws import drawn_values as drawn_values
 from swarmdata.record.foreign_rollout import evaluate_parallel as evaluate_parallel
 from swarmdata.record.jax_environments import record_jax as record_jax
@@ -56,7 +56,7 @@ from swarmdata.registry.published import Reference as Reference
 from swarmdata.rollouts.evaluate import evaluate as evaluate
 from swarmdata.rollouts.function_policy import FunctionPolicy as FunctionPolicy
 from swarmdata.rollouts.rollout import rollout as rollout
-from swarmdata.rollouts.task_frame import frame_of as frame_of
+from swarmdata.rollouts.function_policy import frame_of as frame_of
 from swarmdata.specs.origins import RecordedSpec as RecordedSpec
 from swarmdata.specs.recipe import Recipe as Recipe
 from swarmdata.specs.rules import TaskRules as TaskRules

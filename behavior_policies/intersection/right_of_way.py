@@ -11,8 +11,6 @@ robots may. A robot halts at the stop line before the middle square
 
 The robot that is nearest to its stop line waits only for robots inside and for a place in its exit
 arm, and robots inside have both. So robots that keep to the rules do not block each other.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 from typing import NamedTuple, Self

@@ -1,8 +1,6 @@
 """Velocity limits of one robot: half-planes for the surfaces and for the robots near it.
 
 Times and distances are those of the reference robot; `robot_scales` scales them for others.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math

@@ -2,8 +2,6 @@
 
 The reusable part of scripted controllers: a task's own controller gives each robot's target and, if
 the target moves, its velocity.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math

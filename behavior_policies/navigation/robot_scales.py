@@ -7,8 +7,6 @@ m/s, 1.5 m/s^2). For another robot they are multiplied by two factors, both 1 fo
             cross its own radius r / v to the reference's; and, for a unicycle, its time for a
             right-angle turn to twice the reference's braking time
     length  the ratio of the distances driven at full speed in these times
-
-Float64 `+ - * /` only, so that the bits are the same on every platform.
 """
 
 from typing import NamedTuple, Self

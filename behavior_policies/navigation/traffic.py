@@ -5,8 +5,6 @@ approaches surfaces and robots only so fast that it can still brake (`avoidance.
 limits: reciprocal avoidance, half and half, and all the room for those that have the right of way.
 
 `velocity_tracking` turns the velocity into a command, so robots of every drive can be mixed.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 from collections.abc import Callable
@@ -23,12 +21,12 @@ from swarmdata.behavior_policies.navigation.avoidance import (
 from swarmdata.behavior_policies.navigation.orca import solve
 from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
 from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.noise import Controller
 from swarmdata.envs.physics.dynamics import SPEED, UNICYCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Step
+from swarmdata.types import Double, Float, Step
 
 TRAFFIC_HORIZON = 0.8
 """Seconds for which robots avoid each other: 2 v / a of the default robot, so that it can brake.
@@ -70,7 +68,7 @@ def drive_in_traffic(
         command_of(velocity, heading, wish, limits[i], planes, n, dt, out[i])
 
 
-class TrafficController:
+class TrafficController(Controller):
     """A policy without memory whose robots keep to the lanes and tracks of their task.
 
     It knows the floor, and the positions, velocities and targets of all robots (`step.states`).
@@ -85,30 +83,22 @@ class TrafficController:
         SpecError: `noise` is not a standard deviation.
     """
 
-    uses_state = True
+    has_memory = False
 
     def __init__(
         self, spec: TaskSpec, noise: float, act_copies: Callable[..., None], rules: Any
     ) -> None:
-        self._noisy, self._act_copies, self._rules = NoisyCommands(spec, noise), act_copies, rules
+        super().__init__(spec, noise)
+        self._act_copies, self._rules = act_copies, rules
         self._team, self._n_agents = Team.of(spec), spec.n_agents
         self._half = np.array(spec.half_size)
-
-    def reset(self, step: Step, copies: Int) -> None:
-        """Does nothing: the policy has no memory."""
-
-    def act(self, step: Step) -> Float:
-        return self._noisy.actions(step, self._commands(step))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions, self._commands)
 
     def _robots(self, states: Float) -> Double:
         """What the kernel reads of each robot, [E, N, C]."""
         robots = robots_of(states, self._n_agents)[..., [X, Y, VX, VY, TX, TY, UX, UY]]
         return robots.astype(np.float64)
 
-    def _commands(self, step: Step) -> Double:
+    def commands(self, step: Step) -> Double:
         robots = np.ascontiguousarray(self._robots(step.states))
         commands: Double = np.empty((*robots.shape[:2], 2))
         self._act_copies(robots, self._team, self._half, step.layouts, self._rules, commands)

@@ -3,8 +3,6 @@
 A holonomic robot takes the velocity as it is. A unicycle turns towards it, and drives along its
 heading as fast as the velocity's component along it, limited to what the half-planes of safe
 velocities allow along that heading. The heading may lag behind: safety does not depend on it.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math

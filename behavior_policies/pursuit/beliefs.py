@@ -8,8 +8,6 @@ own view:
 - A message holds where its sender is, and where it saw an evader last. If that place is another
   than in the message before, the sender has just seen it; how far it moved is its velocity.
 - A teammate that it neither sees nor hears is where it was.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 from typing import NamedTuple

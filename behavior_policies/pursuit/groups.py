@@ -4,8 +4,6 @@ An evader gets as many robots as capture it, those that are nearest, the evader 
 are nearest of all. Groups stay as they are until another evader becomes known, or one is captured
 or lost. Robots without a group search while an evader is unknown, each in its own sector of the
 arena; otherwise they stay.
-
-Float64 `+ - * /`, `sqrt` and tables only, so that the bits are the same on every platform.
 """
 
 import math

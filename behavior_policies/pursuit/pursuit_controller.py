@@ -11,8 +11,6 @@ everything know only what they see, of their teammates too.
 import numpy as np
 
 from swarmdata.behavior_policies.heard_goals import HeardGoals
-from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.noise import NoisyCommands
 from swarmdata.behavior_policies.pursuit.beliefs import (
     Beliefs,
     Hunt,
@@ -21,6 +19,7 @@ from swarmdata.behavior_policies.pursuit.beliefs import (
 )
 from swarmdata.behavior_policies.pursuit.groups import Plans, blank_plans, choose_goals
 from swarmdata.behavior_policies.pursuit.ring import N_DIRECTIONS
+from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.envs.pursuit.evader import EvaderModel, direction_table
 from swarmdata.envs.pursuit.pursuit import Pursuit
 from swarmdata.envs.pursuit.pursuit_rules import PursuitRules
@@ -60,7 +59,7 @@ def choose_all(
         choose_goals(seeds[b], times[b], layouts[b], leads, hunt, believed, planned, goals[b])
 
 
-class PursuitController:
+class PursuitController(Scripted):
     """Surrounds evaders and closes in; with leads, each robot chases the nearest one instead.
 
     It knows the map (`step.layouts`). Where robots see everything, it knows all robots and evaders
@@ -77,11 +76,9 @@ class PursuitController:
             too large to be mapped.
     """
 
-    uses_state = True
-
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0, leads: Double = RINGS) -> None:
         rules, task = spec.rules_as(PursuitRules), Pursuit(spec)
-        self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
+        super().__init__(spec, noise=noise)
         self._n_agents, self._heard, self._leads = spec.n_agents, HeardGoals(task), leads
         model = EvaderModel.of(spec, rules)
         self._hunt = Hunt(
@@ -95,7 +92,7 @@ class PursuitController:
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and forgets what their robots had in mind."""
-        self._navigator.reset(step, copies)
+        super().reset(step, copies)
         if len(step.seeds) != len(self._beliefs.ages):
             self._beliefs = blank_beliefs(len(step.seeds), *self._sizes)
             self._plans = blank_plans(len(step.seeds), *self._sizes)
@@ -105,13 +102,10 @@ class PursuitController:
         starts = robots_of(step.states[copies], self._n_agents)[:, None, :, X : Y + 1]
         self._beliefs.mates[copies] = starts
 
-    def act(self, step: Step) -> Float:
+    def commands(self, step: Step) -> Double:
         goals: Double = np.empty((len(step.seeds), self._n_agents, 2))
         choose_all(
             step.seeds, step.times, step.states, self._heard.of(step), step.layouts, self._leads,
             self._hunt, self._beliefs, self._plans, goals,
         )  # fmt: skip
-        return self._noisy.actions(step, self._navigator.commands(step, goals))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions)
+        return self._navigator.commands(step, goals)

@@ -7,8 +7,7 @@
 3. They close in once no open direction is farther than `CLOSE_COS` from all of them, or once all
    have been at their slots for `PATIENCE_STEPS`; and open again when one of them is far from them.
 
-Angles are compared by their cosines. Float64 `+ - * /`, `sqrt` and tables only, so that the bits
-are the same on every platform.
+Angles are compared by their cosines.
 """
 
 import math

@@ -10,8 +10,7 @@ what it has seen, and two robots meet at a victim by chance.
 import numpy as np
 
 from swarmdata.behavior_policies.heard_goals import HeardGoals
-from swarmdata.behavior_policies.navigation.navigator import Navigator
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.behavior_policies.search.search_team import (
     GIVEN_UP_TIME,
     NO_INDEX,
@@ -46,7 +45,7 @@ def choose_all(
         choose_goals(states[b], heard[b], layouts[b], times[b], floor, own, goals[b])
 
 
-class SearchController:
+class SearchController(Scripted):
     """Searches, tells, and rescues together.
 
     It knows the map (`step.layouts`). Each robot knows its own position and what it has seen itself
@@ -64,11 +63,9 @@ class SearchController:
             too large to be mapped.
     """
 
-    uses_state = True
-
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0, remembers: bool = True) -> None:
         rules, task = spec.rules_as(SearchRules), Search(spec)
-        self._noisy, self._navigator = NoisyCommands(spec, noise), Navigator(spec)
+        super().__init__(spec, noise=noise)
         self._n_agents, self._heard = spec.n_agents, HeardGoals(task)
         dt = spec.control_dt
         self._floor = Floor(
@@ -80,7 +77,7 @@ class SearchController:
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and forgets what their robots had in mind."""
-        self._navigator.reset(step, copies)
+        super().reset(step, copies)
         if len(step.seeds) != len(self._notes.looked_at):
             self._notes = self._blank(len(step.seeds))
         columns, notes = self._floor.columns, self._notes
@@ -91,14 +88,11 @@ class SearchController:
         notes.goal_squares[copies] = notes.arrivals[copies] = NO_INDEX
         notes.returns[copies] = 0
 
-    def act(self, step: Step) -> Float:
+    def commands(self, step: Step) -> Double:
         goals: Double = np.empty((len(step.seeds), self._n_agents, 2))
         heard = self._heard.of(step)
         choose_all(step.states, heard, step.layouts, step.times, self._floor, self._notes, goals)
-        return self._noisy.actions(step, self._navigator.commands(step, goals))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions)
+        return self._navigator.commands(step, goals)
 
     def _blank(self, n_copies: int) -> Notes:
         n, columns = self._n_agents, self._floor.columns

@@ -16,8 +16,6 @@ message holds where its sender is, and which victim it knows, or that it knows n
 
 Robots without notes never give up, and search one of the squares that they observe: the nearest one
 of which no sender is nearer, or else the nearest.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 from typing import NamedTuple

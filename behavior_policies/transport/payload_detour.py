@@ -2,8 +2,6 @@
 
 The inner ring is close to the payload, the outer one passes behind robots that stand at it. Points
 are joined along their ring, and to the point beside them on the other ring.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""How a robot of a pushing team moves: in its slot, on its way there, and out of the way.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
-"""
+"""How a robot of a pushing team moves: in its slot, on its way there, and out of the way."""
 
 import math
 

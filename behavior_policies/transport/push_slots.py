@@ -3,8 +3,6 @@
 A face is numbered by the push it takes in the payload's frame: 0 along +x (the face on the -x
 side), 1 along -x, 2 along +y, 3 along -y. Circular payloads have no faces; their slots are on an
 arc behind them.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""How a team pushes: who takes which slot, who is in its slot, and how hard each robot pushes.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
-"""
+"""How a team pushes: who takes which slot, who is in its slot, and how hard each robot pushes."""
 
 import numpy as np
 

@@ -16,8 +16,6 @@ The controller remembers the faces, the slots, and whether the robots push, so t
 not send robots around the payload.
 
 It brings the payload to a position; it does not turn it to a wanted direction.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
 """
 
 import numpy as np
@@ -31,7 +29,7 @@ from swarmdata.behavior_policies.navigation.avoidance import (
 from swarmdata.behavior_policies.navigation.episode_maps import NODE_SPACING, EpisodeMaps, Maps
 from swarmdata.behavior_policies.navigation.navigator import turned_right
 from swarmdata.behavior_policies.navigation.orca import solve
-from swarmdata.behavior_policies.noise import NoisyCommands
+from swarmdata.behavior_policies.noise import Controller
 from swarmdata.behavior_policies.transport.payload_detour import (
     N_POINTS,
     Pushers,
@@ -69,7 +67,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Step
+from swarmdata.types import Double, Int, Step
 
 PAYLOAD_REPLAN_DISTANCE = 0.25
 """Metres that the payload moves before the robots' paths to it are planned anew."""
@@ -204,11 +202,6 @@ def act_copies(
 
 
 def _payload_of(spec: TaskSpec) -> Payload:
-    """Returns the payload of a spec.
-
-    Raises:
-        SpecError: this controller does not support the task, its goal angle, or a robot.
-    """
     rules = spec.rules_as(TransportRules)
     if rules.goal_angle is not None:
         raise SpecError(
@@ -225,7 +218,7 @@ def _payload_of(spec: TaskSpec) -> Payload:
     return rules.payload
 
 
-class TransportController:
+class TransportController(Controller):
     """Makes holonomic robots push a payload together.
 
     It knows more than the robots observe: the map and the positions and velocities of all.
@@ -239,11 +232,9 @@ class TransportController:
             `noise` is not a standard deviation.
     """
 
-    uses_state = True
-
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
         self._setup = setup = PushSetup.of(spec, _payload_of(spec))
-        self._noisy = NoisyCommands(spec, noise)
+        super().__init__(spec, noise)
         self._maps = EpisodeMaps(spec, 2, max(setup.path_radius, setup.max_radius))
         self._by_velocity = np.array([robot.command == "velocity" for robot in spec.robots])
         accelerations = [robot.acceleration for robot in spec.robots]
@@ -258,7 +249,7 @@ class TransportController:
             self._memory = np.zeros((len(step.seeds), self._memory.shape[1]), dtype=np.int64)
         self._memory[copies] = NO_INDEX
 
-    def act(self, step: Step) -> Float:
+    def commands(self, step: Step) -> Double:
         setup, maps, n = self._setup, self._maps.of(step), len(self._setup.radii)
         robots = robots_of(step.states, n).astype(np.float64)
         robots = np.ascontiguousarray(robots[..., [X, Y, VX, VY, TX, TY]])
@@ -268,7 +259,4 @@ class TransportController:
         act_copies(robots, bodies, setup, maps, self._memory, velocities)
         push = (velocities - robots[..., 2:4]) / (setup.control_dt * self._max_accelerations)
         by_speed = velocities / setup.max_speeds[:, None]
-        return self._noisy.actions(step, np.where(self._by_velocity[:, None], by_speed, push))
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return self._noisy.log_probs(step, actions)
+        return np.where(self._by_velocity[:, None], by_speed, push)

@@ -105,14 +105,7 @@ def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
 
 
 def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> None:
-    """The same of any episodes.
-
-    Args:
-        axes: the panel.
-        table: the episodes.
-        horizon: most steps of an episode.
-        xlabel: what a step is.
-    """
+    """The same of any episodes."""
     edges = np.linspace(0.0, horizon, 33)
     bottom = np.zeros(32)
     for code, reason in enumerate(END_REASONS):

@@ -300,9 +300,6 @@ def _check_warnings(numbers: Int) -> None:
 
     Args:
         numbers: of warnings of each kind, [E, W].
-
-    Raises:
-        SimulationError: it warned.
     """
     if numbers.any():
         kinds = [mujoco.mjtWarning(k).name for k in np.flatnonzero(numbers.any(0)).tolist()]

@@ -145,14 +145,11 @@ class WorldModel:
     Positions of joints are those of bodies in the world, and angles those of payloads: x and y of
     each planar robot and `mujoco_wheels.N_POSITIONS` of each other one, then x, y, height and angle
     of each payload.
-
-    Attributes:
-        source: a `mujoco.MjSpec`; models are made from it.
     """
 
     def __init__(self, plan: Plan) -> None:
         spec = plan.spec
-        self.source = mujoco.MjSpec()
+        self.source = mujoco.MjSpec()  # models are made from it
         self.source.memory = MEMORY_BYTES * (1 + spec.n_agents // 8)
         option = self.source.option
         option.timestep = spec.physics_dt / steps_in(spec.physics_dt)

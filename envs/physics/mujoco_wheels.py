@@ -98,14 +98,7 @@ class Wheeled(NamedTuple):
 
 
 def add_wheeled(model: Any, name: str, robot: Robot, contact: dict[str, Any]) -> Wheeled:
-    """Adds a robot to a `mujoco.MjSpec`; its motors follow those of the robots before it.
-
-    Args:
-        model: to add it to.
-        name: of its body and hull.
-        robot: what it is.
-        contact: of its hull, as of all bodies.
-    """
+    """Adds a robot to a `mujoco.MjSpec`; its motors follow those of the robots before it."""
     solid = {"explicitinertial": True, "mass": 1.0, "inertia": (1.0, 1.0, 1.0)}
     chassis = model.worldbody.add_body(
         name=name, ipos=(-MASS_CENTRE * robot.radius, 0.0, 0.0), **solid

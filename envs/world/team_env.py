@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from swarmdata.envs.world.pettingzoo import RENDER_MODES, ParallelWorld
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.frames import Frame, find_frame, in_world
-from swarmdata.specs.gymnasium_spaces import to_gymnasium
-from swarmdata.specs.spaces import DictSpace
+from swarmdata.specs.spaces import DictSpace, to_gymnasium
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 

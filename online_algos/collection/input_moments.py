@@ -33,19 +33,11 @@ class Moments(NamedTuple):
 
 
 class SeedNormalizer:
-    """Inputs in units of the moments of their seed, in float32.
-
-    Attributes:
-        state_mean: [K, 1, S].
-        state_std: [K, 1, S].
-
-    Args:
-        moments: of K seeds.
-    """
+    """Inputs in units of the moments of their seed, in float32."""
 
     def __init__(self, moments: Moments) -> None:
         o_mean, o_std, s_mean, s_std = (torch.from_numpy(m).float()[:, None] for m in moments)
-        self.state_mean, self.state_std = s_mean, s_std
+        self.state_mean, self.state_std = s_mean, s_std  # each [K, 1, S]
         self._observation_mean, self._observation_std = o_mean[:, None], o_std[:, None]
 
     def observations(self, observations: Tensor) -> Tensor:

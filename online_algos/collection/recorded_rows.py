@@ -16,8 +16,7 @@ from pydantic import Field
 from torch import Tensor
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.learn.training.framed_dataset import framed
-from swarmdata.learn.training.training_data import Data
+from swarmdata.learn.training.training_data import Data, framed
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.task_spec import TaskSpec
@@ -119,19 +118,13 @@ class RecordedRows:
         return {"samplers": torch.from_numpy(np.frombuffer(text.encode(), np.uint8).copy())}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned."""
         places = json.loads(state["samplers"].numpy().tobytes())
         for sampler, place in zip(self._samplers, places, strict=True):
             sampler.load_state_dict(place)
 
 
 def joined(drawn: Batch, recorded: Batch) -> Batch:
-    """Returns the rows of two batches [K, B, ...] as one; fields of one of them only are left out.
-
-    Args:
-        drawn: from the replay.
-        recorded: from a dataset.
-    """
+    """Returns the rows of two batches [K, B, ...] as one; fields of only one are left out."""
     names = (
         "observations", "actions", "rewards", "next_observations", "states", "next_states",
         "terminations", "truncations", "mask",

@@ -1,5 +1,6 @@
-"""Collector of off-policy algorithms: it acts in worlds, stores transitions and samples batches."""
+"""Off-policy algorithms: their collector acts in worlds, stores transitions and samples batches."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +15,11 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.network_inputs import (
     generator_states,
     generators,
+    normal_like,
     restore_generators,
 )
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.replay_buffer import Replay, Shape
 from swarmdata.learn.training.training_data import Data
@@ -34,43 +37,41 @@ Act = Callable[[Tensor], tuple[Tensor, Tensor]]
 """Normalized observations [K, E, N, O] to actions [K, E, N, A] and what is stored of them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """How much is collected and sampled; counts are joint steps of one seed.
+N_MEASURED = 64
+"""Steps of every copy that measure the inputs."""
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """Settings of every algorithm with a replay; steps are joint steps of one seed.
 
     Raises:
         SchemaError: a number is out of its range.
     """
 
-    n_steps: int
-    n_copies: int
-    rollout_steps: int  # of every copy in one round
-    n_gradient_steps: int  # after each of them
-    batch_size: int
-    capacity: int  # joint steps that are sampled from
-    margin: int  # joint steps that may follow a checkpoint, see `training.replay_buffer`
-    warmup_transitions: int  # joint steps before the first gradient step
-    frame: str
-    reward_weights: tuple[str, ...] = ()  # that replace the task's, `shaped_env.reweighted`
-    n_measured: int = 64  # steps of every copy that measure the inputs
+    n_steps: int = 2_000_000
+    n_copies: int = 64
+    rollout_steps: int = 64  # of every copy in one round
+    n_gradient_steps: int = 1  # after each of them
+    batch_size: int = 512  # joint transitions
+    capacity: int = 262_144  # transitions to sample from; with margin 1.1 GB of disk on coop_nav
+    margin: int = 262_144  # most steps between two checkpoints of a run that can be resumed
+    warmup_transitions: int = 8_192  # before the first gradient step
+    parameters: Parameters = "shared"
+    frame: str = "target"  # in which robots observe and act, `frames.find_frame`
+    reward_weights: tuple[str, ...] = ()  # to learn with, `shaped_env.reweighted`
+    final_learning_rate_factor: float = 0.05  # at the end of training, reached linearly
+    discount: float = 0.97
+    reward_scale: float = 1.0
+    max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         least = (self.n_steps, self.rollout_steps, self.n_gradient_steps, self.batch_size)
         if min(least) < 1 or self.capacity < self.n_copies:
             raise SchemaError(
                 f"{self}: expected positive counts, and a capacity of at least one step of every "
                 "copy"
             )
-
-    @classmethod
-    def of(cls, config: Any) -> "Plan":
-        """Reads the fields of the same names from an algorithm's config."""
-        names = (
-            "n_steps", "n_copies", "rollout_steps", "n_gradient_steps", "batch_size", "capacity",
-            "margin", "warmup_transitions", "frame", "reward_weights",
-        )  # fmt: skip
-        return cls(**{name: getattr(config, name) for name in names})
 
 
 class Collector:
@@ -92,7 +93,9 @@ class Collector:
         recorded: the part of each batch that a dataset gives; None: batches are from the replay.
     """
 
-    def __init__(self, env: VecEnv, seeds: Sequence[int], plan: Plan, folder: Path | str) -> None:
+    def __init__(
+        self, env: VecEnv, seeds: Sequence[int], plan: ReplaySettings, folder: Path | str
+    ) -> None:
         self.plan, self.frames = plan, 0
         self.frame = find_frame(env.features, plan.frame)
         self.worlds = Worlds(reweighted(env, plan.reward_weights), seeds, self.frame)
@@ -107,7 +110,7 @@ class Collector:
         self.acting = generators(seeds, "cpu", ACTING_STREAM)
         self._sampling = generators(seeds, "cpu", SAMPLING_STREAM)
         measuring = generators(seeds, "cpu", MEASURING_STREAM)
-        self.moments = measure_moments(self.worlds, measuring, plan.n_measured)
+        self.moments = measure_moments(self.worlds, measuring, N_MEASURED)
         self.recorded: RecordedRows | None = None
         self.seeds = tuple(seeds)
 
@@ -238,3 +241,109 @@ class Collector:
         self.worlds.load_state_dict(part(state, "worlds"))
         if self.recorded is not None:
             self.recorded.load_state_dict(part(state, "recorded"))
+
+
+class OffPolicy(ABC):
+    """K seeds of an algorithm whose learner takes batches from a replay, in worlds of their own.
+
+    Args:
+        env: K E copies of a task.
+        seeds: of everything random, [K].
+        config: settings.
+        folder: of the replay.
+    """
+
+    def __init__(self, env: VecEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
+        self.config, self.seeds = config, tuple(seeds)
+        self.collector = Collector(env, seeds, config, folder)
+        self.learner = self.new_learner()
+
+    @abstractmethod
+    def new_learner(self) -> Any:
+        """Makes an untrained learner, with the collector's sizes and statistics of inputs."""
+
+    @property
+    def frames(self) -> int:
+        """Joint steps that each seed has taken."""
+        return self.collector.frames
+
+    def prepare(self) -> bool:
+        """Does nothing: the first rounds fill the replay."""
+        return False
+
+    def mix_in(self, data: Data, share: float) -> None:
+        """Draws a share of each batch from recorded data, `collection.recorded_rows`."""
+        self.collector.mix_in(data, share)
+
+    def restart_worlds(self) -> None:
+        """Begins new episodes everywhere, as loading a state does."""
+        self.collector.worlds.restart()
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything but the running episodes and the rows of the replay, as copies."""
+        learner = {f"learner.{k}": v for k, v in self.learner.state_dict().items()}
+        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; the folder must be that of the same run.
+
+        Raises:
+            CheckpointError: the replay in the folder does not belong to the state.
+        """
+        self.collector.load_state_dict(part(state, "collector"))
+        self.learner = self.new_learner()
+        self.learner.load_state_dict(part(state, "learner"))
+
+
+@dataclass(frozen=True, slots=True)
+class LinearSchedule:
+    """Goes from `start` to `end` over the first `duration` of training, and stays there.
+
+    Raises:
+        SchemaError: the duration is not in (0, 1].
+    """
+
+    start: float
+    end: float
+    duration: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.duration <= 1:
+            raise SchemaError(f"{self}: duration is a part of training, expected above 0 and to 1")
+
+    def at(self, progress: float) -> float:
+        """Returns the value when a part `progress` of training, 0 to 1, is done."""
+        return self.start + (self.end - self.start) * min(1.0, progress / self.duration)
+
+
+def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: float) -> Tensor:
+    """Returns actions with Gaussian noise, clipped to [-1, 1].
+
+    Args:
+        generators: one per seed, [K].
+        actions: [K, ...].
+        deviation: of the noise.
+    """
+    noise = normal_like(generators, actions)
+    return (actions + deviation * noise).clamp(-1, 1)
+
+
+def epsilon_greedy(
+    generators: Sequence[torch.Generator], choices: Tensor, n_choices: int, epsilon: float
+) -> Tensor:
+    """Returns choices of which each robot replaces all its dimensions with probability epsilon.
+
+    Args:
+        generators: one per seed, [K].
+        choices: greedy ones, whole numbers [K, E, N, D].
+        n_choices: how many there are in each dimension.
+        epsilon: probability that a robot chooses uniformly in this step.
+    """
+    e, n = choices.shape[1:3]
+    device = choices.device
+    fresh = torch.stack([
+        torch.randint(n_choices, choices.shape[1:], generator=g, device=g.device)
+        for g in generators
+    ])  # fmt: skip
+    coin = torch.stack([torch.rand((e, n, 1), generator=g, device=g.device) for g in generators])
+    return torch.where((coin < epsilon).to(device), fresh.to(device), choices)

@@ -1,5 +1,6 @@
 """The worlds that K seeds of an online algorithm learn in: E copies of a task for each seed."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.frames import Frame
 from swarmdata.store.arrays.column_meanings import state_layout
@@ -27,9 +28,6 @@ class Worlds:
         seeds: of the runs, [K].
         frame: in which the robots observe and act; None for the world's.
 
-    Attributes:
-        current_step: in which the next actions are taken, of all copies, in the world's frame.
-
     Raises:
         SchemaError: the copies cannot be divided among the seeds.
     """
@@ -43,6 +41,7 @@ class Worlds:
         self.n_seeds, self.n_copies = len(seeds), env.n_copies // len(seeds)
         self._seeds: Seeds = np.asarray(seeds, dtype=np.uint64)
         self._episodes: Int = np.zeros(len(seeds), np.int64)  # begun so far, [K]
+        # in which the next actions are taken, of all copies, in the world's frame
         self.current_step = self._begin(np.arange(env.n_copies))
 
     @property
@@ -118,3 +117,21 @@ class Worlds:
         self._episodes += counts
         seeds = derive(self._seeds[groups], numbers) % np.uint64(EVALUATION_BASE)
         return self.env.reset(seeds, copies)
+
+
+def standard_normal(generators: Sequence[np.random.Generator], shape: tuple[int, ...]) -> Float:
+    """Returns standard normal numbers, [K, *shape], those of a seed from its own generator."""
+    return np.stack([g.standard_normal(shape, dtype=np.float32) for g in generators])
+
+
+def pack_generators(generators: Sequence[np.random.Generator]) -> Tensor:
+    """Returns the states of some generators as bytes, uint8."""
+    text = json.dumps([generator.bit_generator.state for generator in generators])
+    return torch.from_numpy(np.frombuffer(text.encode(), np.uint8).copy())
+
+
+def unpack_generators(packed: Tensor, generators: Sequence[np.random.Generator]) -> None:
+    """Restores what `pack_generators` returned."""
+    states = json.loads(packed.numpy().tobytes())
+    for generator, state in zip(generators, states, strict=True):
+        generator.bit_generator.state = state

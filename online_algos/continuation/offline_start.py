@@ -228,12 +228,6 @@ def checked_actors(
 def check_fit(start: OfflineStart, what: str, fitting: Startable, theirs: Startable) -> None:
     """Checks that the networks of a run can be copied.
 
-    Args:
-        start: the run.
-        what: they are, for the message.
-        fitting: a policy of the algorithm that is to begin with them.
-        theirs: a policy of the run.
-
     Raises:
         CheckpointError: they have another frame or other sizes.
     """

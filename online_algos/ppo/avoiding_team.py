@@ -15,8 +15,8 @@ import math
 import numpy as np
 
 from swarmdata.behavior_policies.navigation.avoidance import robot_half_planes, surface_half_planes
+from swarmdata.behavior_policies.navigation.episode_maps import n_primitives, primitives_of
 from swarmdata.behavior_policies.navigation.orca import solve
-from swarmdata.behavior_policies.navigation.primitives import n_primitives, primitives_of
 from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TIME_SCALE, Team
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.errors import SpecError
@@ -77,12 +77,7 @@ def make_safe(
 
 
 class ActorTeam:
-    """Implements `teacher_cloning.Teacher`: actors in all copies of their seeds.
-
-    Args:
-        actors: of the worlds' seeds.
-        worlds: to act in.
-    """
+    """Implements `teacher_cloning.Teacher`: actors in all copies of their seeds."""
 
     def __init__(self, actors: Actors, worlds: Worlds) -> None:
         self._actors, self._worlds = actors, worlds

@@ -1,10 +1,15 @@
-"""The weights that MAPPO's actors start from: random ones, other policies, or a teacher's clone."""
+"""The weights that MAPPO's actors start from: random, of other policies, or of a teacher's clone.
+
+MAPPO learns from the steps of its present policies only, so that recorded data cannot be mixed in.
+Of an offline run, it takes over actors whose actions are clipped; its critic begins anew.
+"""
 
 import inspect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,6 +20,14 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.continuation.offline_start import (
+    OfflineStart,
+    actor_of,
+    as_text,
+    checked_actors,
+    frame_name,
+    hidden_sizes,
+)
 from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam
 from swarmdata.online_algos.ppo.networks import Actors, ActorWeights
 from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clone_teacher
@@ -27,6 +40,7 @@ from swarmdata.registry.recipes import (
     TRAINED_TIERS,
     checkpoints,
 )
+from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
 
 
@@ -48,7 +62,6 @@ class StartConfig:
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if self.clone_rounds < 1:
             raise SpecError(f"clone_rounds is {self.clone_rounds}, expected at least 1")
         if not 0.0 <= self.clone_noise < math.inf:
@@ -189,3 +202,65 @@ def copy_weights(
     actors.network.load_layers(rows, policy.layers)
     actors.input_mean[index] = policy.observation_mean.numpy()
     actors.input_std[index] = policy.observation_std.numpy()
+
+
+WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
+"""Settings of a training that starts from an offline run, where the user gives no others.
+
+The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
+
+
+class HasActors(Protocol):
+    """MAPPO, or an algorithm like it."""
+
+    seeds: tuple[int, ...]
+    actors: Actors
+
+    @property
+    def config(self) -> Any: ...
+    def policy(self, index: int) -> TorchPolicy: ...
+
+
+def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+    """Returns the settings of the run's actors, and `WHEN_STARTED`.
+
+    Args:
+        start: the run.
+        features: of the task's observations.
+
+    Raises:
+        CheckpointError: the run's policies are no actors whose actions are clipped, or have other
+            hidden layers than two of one width.
+    """
+    actor = actor_of(start, squash=False)
+    hidden = hidden_sizes(actor.layers)
+    if len(hidden) != 2 or hidden[0] != hidden[1]:
+        raise CheckpointError(
+            f"the actors of {start.name} have hidden layers of {as_text(hidden)} units, expected "
+            "two of the same width, as mappo has them."
+        )
+    frame = frame_name(actor.frame, features)
+    return {
+        "hidden": str(hidden[0]), "parameters": actor.parameters, "frame": frame, **WHEN_STARTED
+    }  # fmt: skip
+
+
+def start_from(self: HasActors, start: OfflineStart) -> list[str]:
+    """Takes over actors and the statistics of their inputs.
+
+    Raises:
+        CheckpointError: the actors do not fit.
+        SpecError: `config.start` names other policies or a teacher.
+    """
+    if self.config.start != StartConfig():
+        raise SpecError(
+            f"the settings start.* name other policies or a teacher, but training starts from "
+            f"{start.name}; leave one of them out"
+        )
+    actors = self.actors
+    actor_of(start, squash=False)
+    for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
+        rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
+        actors.network.load_layers(rows, actor.layers)
+    actors.input_mean, actors.input_std = start.moments(len(self.seeds))[:2]
+    return [f"The critic begins anew: {start.run.algorithm} has none of mappo's kind."]

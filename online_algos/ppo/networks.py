@@ -17,7 +17,7 @@ from swarmdata.learn.memory.gated_networks import (
 )
 from swarmdata.learn.networks.network_inputs import standardize, with_agent_id
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
@@ -39,10 +39,6 @@ class ValueScale:
     """Mean and standard deviation of the value targets of each seed, averaged over updates.
 
     Yu et al. 2022, section 5.1, value normalization.
-
-    Args:
-        n_seeds: K.
-        decay: weight of the past in each update.
     """
 
     def __init__(self, n_seeds: int, decay: float = 0.99) -> None:
@@ -87,17 +83,10 @@ class LearnedDeviation:
     """One standard deviation of each component of each actor's actions, the same in every state.
 
     (Schulman et al. 2017, section 6.1; the code of Yu et al. 2022.)
-
-    Attributes:
-        network: the logarithms, as networks without inputs; its rows are those of the actors.
-
-    Args:
-        n_rows: actors of all seeds, R.
-        action_size: components, A.
-        initial: standard deviation at the start.
     """
 
     def __init__(self, n_rows: int, action_size: int, initial: float) -> None:
+        # the logarithms, as networks without inputs; its rows are those of the actors
         self.network = StackedMLP(MLPShape(0, (), action_size), n_rows, "cpu")
         self.network.flat.fill_(math.log(initial))
         self._nothing = torch.zeros(n_rows, 1, 0)
@@ -140,9 +129,6 @@ class Actors:
         moments: of the observations.
         memory_size: numbers that each robot remembers, M; 0: actors without a memory.
         window: steps of the segments through whose memories gradients flow; 1 without a memory.
-
-    Attributes:
-        n_rows: actors of each seed.
     """
 
     def __init__(
@@ -150,7 +136,7 @@ class Actors:
         moments: Moments, memory_size: int = 0, window: int = 1,
     ) -> None:  # fmt: skip
         self.parameters, self.memory_size, self.window = parameters, memory_size, window
-        self.n_rows = 1 if parameters == "shared" else sizes.n_agents
+        self.n_rows = 1 if parameters == "shared" else sizes.n_agents  # actors of each seed
         n_inputs = sizes.observation + (sizes.n_agents if parameters == "shared" else 0)
         shape = MLPShape(n_inputs, (hidden, hidden), sizes.action)
         n_networks = len(seeds) * self.n_rows
@@ -247,7 +233,6 @@ class Actors:
         return self.network.read(flat, history.transpose(1, 2).flatten(1, 2))
 
     def policy(self, index: int, frame: Frame | None) -> TorchPolicy | RecurrentPolicy:
-        """The greedy policy of seed number `index`, a copy of its weights as they are now."""
         kind = RecurrentPolicy if self.memory_size else TorchPolicy
         return kind(
             layers=self.network.extract(index * self.n_rows, torch.float64, self.n_rows),

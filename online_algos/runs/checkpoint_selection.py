@@ -75,13 +75,7 @@ def read_curve(seed: Seed) -> list[dict[str, float]]:
 
 
 def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen | None:
-    """Returns the first checkpoint in `MEDIUM_SUCCESS` by the margin, None if the seed has none.
-
-    Args:
-        seed: of a run.
-        spec: to measure in.
-        work: folder for exported checkpoints.
-    """
+    """Returns the first checkpoint in `MEDIUM_SUCCESS` by the margin, None if the seed has none."""
     low, high = MEDIUM_SUCCESS[0] + SELECTION_MARGIN, MEDIUM_SUCCESS[1] - SELECTION_MARGIN
     is_other_spec = read_online_run(seed.folder).spec != spec
     for row in read_curve(seed):

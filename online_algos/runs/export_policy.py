@@ -56,11 +56,6 @@ def can_be_exact(policy: Policy) -> TypeGuard[TorchPolicy]:
 def export_actor(policy: TorchPolicy, target: Path, n_agents: int) -> None:
     """Writes a policy that `can_be_exact` as a checkpoint for exact inference.
 
-    Args:
-        policy: of any run.
-        target: the checkpoint.
-        n_agents: robots of the team that it will act in.
-
     Raises:
         CheckpointError: its last weights are too large, or a layer is too wide.
     """
@@ -143,14 +138,7 @@ def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 
 
 
 def action_error(trained: Policy, exact: Policy, spec: TaskSpec, n_episodes: int) -> float:
-    """Returns the largest difference of an action between two policies.
-
-    Args:
-        trained: the one that is compared.
-        exact: the one that plays.
-        spec: to play in.
-        n_episodes: of the validation seeds.
-    """
+    """Returns the largest difference of an action between two policies."""
     env = make_env(spec, n_episodes)
     step = env.reset(validation_seeds(n_episodes))
     worst = 0.0

@@ -22,9 +22,9 @@ from tqdm import tqdm
 from swarmdata.errors import CheckpointError, SpecError, SwarmdataError
 from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.learn.policies.policy_file import save_policy
-from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run import Count, Description, Run, claimed, versions
 from swarmdata.learn.training.run_files import CONFIG, CURVE, REPLAY_FOLDER, SPEED, policy_path
+from swarmdata.learn.training.settings import from_json
 from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource
 from swarmdata.online_algos.continuation.offline_start import (

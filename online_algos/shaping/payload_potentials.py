@@ -117,7 +117,7 @@ class PayloadPotential:
         self.paths = PayloadPaths(spec, n_copies)
         self.path_weight, self.behind_weight = path_weight, behind_weight
 
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+    def __call__(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
         """Returns the rewards with both potentials, [E, N]."""
         paths = self.paths
         paths.update(before)
@@ -130,10 +130,6 @@ class PayloadPotential:
 
 class PayloadPaths:
     """The payload's shortest paths in the episodes that run in C copies.
-
-    Args:
-        spec: of a task with a payload.
-        n_copies: C.
 
     Raises:
         SpecError: the task has no payload.

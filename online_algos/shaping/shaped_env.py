@@ -4,9 +4,9 @@ The physics, the observations and the ends of episodes stay those of the task; p
 on the task's own rewards.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 
@@ -20,26 +20,27 @@ from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds, Step
 
+RewardTerm = Callable[[Float, Step, Step, float], Float]
+"""One change of the rewards.
 
-class TeamShare:
-    """Mixes every robot's reward with the team's: (1 - share) r_i + share mean_j r_j.
-
-    Args:
-        share: of the mean, in [0, 1].
-    """
-
-    def __init__(self, share: float) -> None:
-        self.share = share
-
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
-        """Returns the mixed rewards, [E, N]."""
-        mean = rewards.mean(1, keepdims=True)
-        mixed: Float = (1 - self.share) * rewards + self.share * mean
-        return mixed
+It takes the rewards of the task, changed by the terms before it, [E, N]; the step in which the
+robots acted; the next step, before any reset; and the part of the training that is done, in [0, 1].
+It returns the changed rewards, float32 [E, N]."""
 
 
-class ContactCost:
-    """Subtracts c(p) times the task's own costs of contacts and collisions.
+def with_team_share(
+    rewards: Float, before: Step, after: Step, progress: float, *, share: float
+) -> Float:
+    """Mixes every robot's reward with the team's: (1 - share) r_i + share mean_j r_j, [E, N]."""
+    mixed: Float = (1 - share) * rewards + share * rewards.mean(1, keepdims=True)
+    return mixed
+
+
+def less_contacts(
+    rewards: Float, before: Step, after: Step, progress: float,
+    *, weights: Rewards, cost: float, ramp: Sequence[float],
+) -> Float:  # fmt: skip
+    """Subtracts c(p) times the task's own costs of contacts and collisions, [E, N].
 
         c(p) = cost clip((p - begin) / (end - begin), 0, 1)      p: part of the training done
 
@@ -47,48 +48,35 @@ class ContactCost:
     obstacles.
 
     Args:
+        rewards: as of every `RewardTerm`, the next three too.
+        before: not read.
+        after: its events are.
+        progress: p.
         weights: of the task's rewards, with the costs of contacts and collisions.
         cost: the factor at the end.
         ramp: begin and end.
     """
-
-    def __init__(self, weights: Rewards, cost: float, ramp: Sequence[float]) -> None:
-        self.cost, (self.begin, self.end) = cost, ramp
-        self.task_costs = np.array(
-            [
-                weights.robot_contact, weights.obstacle_contact,
-                weights.robot_collision, weights.obstacle_collision,
-            ],
-            np.float32,
-        )  # [4], as `types.EVENTS`  # fmt: skip
-
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
-        """Returns the rewards less the present cost of `after.events`, [E, N]."""
-        done = (progress - self.begin) / (self.end - self.begin)
-        factor = self.cost * min(1.0, max(0.0, done))
-        changed: Float = rewards - factor * (after.events @ self.task_costs)
-        return changed
+    task_costs = [
+        weights.robot_contact, weights.obstacle_contact,
+        weights.robot_collision, weights.obstacle_collision,
+    ]  # as `types.EVENTS`  # fmt: skip
+    begin, end = ramp
+    factor = cost * min(1.0, max(0.0, (progress - begin) / (end - begin)))
+    changed: Float = rewards - factor * (after.events @ np.array(task_costs, np.float32))
+    return changed
 
 
-class PassingSide:
-    """Subtracts a cost for each oncoming robot, in each step.
+def less_oncoming(
+    rewards: Float, before: Step, after: Step, progress: float, *, right: float, left: float
+) -> Float:
+    """Subtracts a cost for each oncoming robot on the right and on the left, in each step, [E, N].
 
     A robot that keeps to the right has oncoming robots on its left, so a cost of those on the right
     teaches it to keep right.
-
-    Args:
-        right_cost: of an oncoming robot on the right.
-        left_cost: of one on the left.
     """
-
-    def __init__(self, right_cost: float, left_cost: float) -> None:
-        self.right_cost, self.left_cost = np.float32(right_cost), np.float32(left_cost)
-
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
-        """Returns the rewards less the costs in `after`, [E, N]."""
-        n_right, n_left = count_oncoming(after)
-        changed: Float = rewards - (self.right_cost * n_right + self.left_cost * n_left)
-        return changed
+    n_right, n_left = count_oncoming(after)
+    changed: Float = rewards - (np.float32(right) * n_right + np.float32(left) * n_left)
+    return changed
 
 
 def count_oncoming(step: Step) -> tuple[Float, Float]:
@@ -132,7 +120,6 @@ class ShapingConfig:
     behind_payload_weight: float = 0.0  # half the reward for moving from in front to behind
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if len(self.contact_ramp) != 2 or self.contact_ramp[0] >= self.contact_ramp[1]:
             raise SchemaError(
                 f"contact_ramp is {self.contact_ramp}, expected two parts of training, begin "
@@ -140,21 +127,6 @@ class ShapingConfig:
             )
         if not 0 <= self.team_share <= 1:
             raise SchemaError(f"team_share is {self.team_share}, expected a part, 0 to 1")
-
-
-class RewardTerm(Protocol):
-    """One change of the rewards."""
-
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
-        """Returns the changed rewards, float32 [E, N].
-
-        Args:
-            rewards: of the task, changed by the terms before this one, [E, N].
-            before: the step in which the robots acted.
-            after: the next step, before any reset.
-            progress: part of the training that is done, in [0, 1].
-        """
-        ...
 
 
 class ShapedEnv:
@@ -165,12 +137,10 @@ class ShapedEnv:
     Args:
         env: the copies.
         terms: applied to the rewards of every step, one after the other.
-
-    Attributes:
-        progress: part of the training that is done, in [0, 1]; set by the trainer.
     """
 
     def __init__(self, env: VecEnv, terms: Sequence[RewardTerm]) -> None:
+        # progress: part of the training that is done, in [0, 1]; set by the trainer
         self.env, self.terms, self.progress = env, tuple(terms), 0.0
         self.spec, self.task, self.n_copies = env.spec, env.task, env.n_copies
         self.features, self.observation_size = env.features, env.observation_size
@@ -194,7 +164,7 @@ class ShapedEnv:
             raise SchemaError("step was called before the first reset; call env.reset(seeds) first")
         rewards = after.rewards
         for term in self.terms:
-            rewards = term.apply(rewards, before, after, self.progress)
+            rewards = term(rewards, before, after, self.progress)
         self._current_step = after._replace(rewards=rewards)
         return self._current_step
 
@@ -217,12 +187,12 @@ def shape_rewards(env: VecEnv, config: ShapingConfig) -> ShapedEnv:
     env = reweighted(env, config.reward_weights)
     terms: list[RewardTerm] = []
     if config.contact_cost:
-        weights = env.spec.rules.rewards
-        terms.append(ContactCost(weights, config.contact_cost, config.contact_ramp))
+        weights, ramp = env.spec.rules.rewards, config.contact_ramp
+        terms.append(partial(less_contacts, weights=weights, cost=config.contact_cost, ramp=ramp))
     if config.keep_right or config.keep_left:
-        terms.append(PassingSide(config.keep_right, config.keep_left))
+        terms.append(partial(less_oncoming, right=config.keep_right, left=config.keep_left))
     if config.team_share:
-        terms.append(TeamShare(config.team_share))
+        terms.append(partial(with_team_share, share=config.team_share))
     if config.payload_path_weight or config.behind_payload_weight:
         path, behind = config.payload_path_weight, config.behind_payload_weight
         terms.append(PayloadPotential(env.spec, env.n_copies, path, behind))

@@ -75,29 +75,20 @@ class Dependence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """Coverage statistics of a dataset or view.
+    """Coverage statistics of a dataset or view."""
 
-    Attributes:
-        n_steps: joint steps from which entropies are estimated.
-        places: visits of robots to the cells of the arena.
-        n_states: states in which visits are counted.
-        states: entropies of positions (m) and velocities (m/s); None for fewer than `MIN_STEPS`.
-        actions: entropies of driving commands, in [-1, 1]; None for fewer than `MIN_STEPS`.
-        bounds: share of the commands' components that are at a bound.
-        distinct: share of distinct joint states and actions, for comparison.
-        dependence: between robots' commands; None for one robot or fewer than `MIN_STEPS`.
-        passings: by index of the policy, in the sampled episodes of each.
-    """
-
-    n_steps: int
-    places: Occupancy
-    n_states: int
+    n_steps: int  # joint steps from which entropies are estimated
+    places: Occupancy  # visits of robots to the cells of the arena
+    n_states: int  # states in which visits are counted
     states: Entropies | None
+    """Entropies of positions (m) and velocities (m/s); None for fewer than `MIN_STEPS`."""
     actions: Entropies | None
-    bounds: float
-    distinct: float
+    """Entropies of driving commands, in [-1, 1]; None for fewer than `MIN_STEPS`."""
+    bounds: float  # share of the commands' components that are at a bound
+    distinct: float  # share of distinct joint states and actions, for comparison
     dependence: Dependence | None
-    passings: dict[int, Passings]
+    """Between robots' commands; None for one robot or fewer than `MIN_STEPS`."""
+    passings: dict[int, Passings]  # by index of the policy, in the sampled episodes of each
 
 
 def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:

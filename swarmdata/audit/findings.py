@@ -30,17 +30,11 @@ Remarks = Iterator[Remark]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that an audit found.
+    """One thing that an audit found."""
 
-    Attributes:
-        check: name of the check in `audit.CHECKS`.
-        level: `problem` if the dataset should not be used or published as it is, else `note`.
-        message: what is wrong, where, and what was expected.
-    """
-
-    check: str
-    level: Level
-    message: str
+    check: str  # name of the check in `audit.CHECKS`
+    level: Level  # `problem` if the dataset should not be used or published as it is, else `note`
+    message: str  # what is wrong, where, and what was expected
 
     def __str__(self) -> str:
         """One line."""
@@ -49,19 +43,12 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """Everything that the checks of one dataset found.
+    """Everything that the checks of one dataset found."""
 
-    Attributes:
-        dataset: id of the dataset.
-        digest: its logical digest, which identifies the audited content.
-        checks: names of the checks that ran.
-        findings: in the order of the checks.
-    """
-
-    dataset: str
-    digest: str
-    checks: tuple[str, ...]
-    findings: tuple[Finding, ...]
+    dataset: str  # id of the dataset
+    digest: str  # its logical digest, which identifies the audited content
+    checks: tuple[str, ...]  # names of the checks that ran
+    findings: tuple[Finding, ...]  # in the order of the checks
 
     @property
     def problems(self) -> tuple[Finding, ...]:

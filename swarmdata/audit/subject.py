@@ -22,17 +22,11 @@ BLOCK_ROWS = 10_000
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A dataset under audit.
+    """A dataset under audit."""
 
-    Attributes:
-        stored: the open files, unverified.
-        sample: episodes to replay.
-        progress: whether to show bars.
-    """
-
-    stored: StoredDataset
-    sample: int
-    progress: bool
+    stored: StoredDataset  # the open files, unverified
+    sample: int  # episodes to replay
+    progress: bool  # whether to show bars
 
     @property
     def path(self) -> Path:

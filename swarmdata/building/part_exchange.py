@@ -29,10 +29,6 @@ _FILE = re.compile(r"[a-z_]+\.npy")
 class PartExchange:
     """The parts of one recipe, here and on a remote.
 
-    Args:
-        parts: the folder here.
-        remote: that keeps single files.
-
     Raises:
         HubError: the remote takes whole datasets only.
     """

@@ -36,15 +36,10 @@ def build_folder(out: Path) -> Path:
 
 @dataclass(frozen=True)
 class Parts:
-    """The folder of parts of one recipe.
+    """The folder of parts of one recipe."""
 
-    Attributes:
-        recipe: the recipe.
-        folder: of its parts, with a note of the recipe.
-    """
-
-    recipe: Recipe
-    folder: Path
+    recipe: Recipe  # the recipe
+    folder: Path  # of its parts, with a note of the recipe
 
     def open(self, checkpoints: Path | None) -> None:
         """Creates the folder, or checks that the one there is of the same recipe.

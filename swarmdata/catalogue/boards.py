@@ -31,19 +31,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Board:
-    """The results on one dataset.
+    """The results on one dataset."""
 
-    Attributes:
-        dataset: its id; after @, that it was observed through other models.
-        rows: the best first.
-        study: whose algorithms, at one budget, are the first group; None: there are none.
-        data: mean score of the dataset's own episodes; None: not known.
-    """
-
-    dataset: str
-    rows: tuple[Row, ...]
+    dataset: str  # its id; after @, that it was observed through other models
+    rows: tuple[Row, ...]  # the best first
     study: ResultSource | None
-    data: float | None
+    """Whose algorithms, at one budget, are the first group; None: there are none."""
+    data: float | None  # mean score of the dataset's own episodes; None: not known
 
     @property
     def quantity(self) -> str:

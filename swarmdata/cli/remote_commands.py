@@ -163,11 +163,7 @@ def _cached(dataset_id: str) -> Path:
 
 
 def _versioned(dataset: str) -> str:
-    """Adds the newest version to an id of the package; other ids must have one.
-
-    Raises:
-        AddressError: the id is not of the package and has no version.
-    """
+    """Adds the newest version to an id of the package; other ids must have one."""
     from swarmdata.hub.remotes.outside_names import split_id
     from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes
 

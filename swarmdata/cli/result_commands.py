@@ -286,7 +286,7 @@ def rank(
     require_extra("torch", "torch", "ranking policies")
     from swarmdata.evaluation.policy_selection import rank
     from swarmdata.learn.evaluation.fqe import FQEConfig
-    from swarmdata.learn.training.overrides import override
+    from swarmdata.learn.training.settings import override
 
     criterion = next((name for name in CRITERIA if name == by), None)
     if criterion is None:

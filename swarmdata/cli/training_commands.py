@@ -22,14 +22,7 @@ from swarmdata.cli.shared_options import (
 
 
 def _algorithm(known: str, other: str, use: str, also: str = "") -> Any:
-    """An argument for the algorithms of a table, which names the command for those of the other.
-
-    Args:
-        known: name of the table in `registry.components`.
-        other: name of the other table.
-        use: command for algorithms that are in the other table only.
-        also: what else the argument may be, for the help.
-    """
+    """An argument for the algorithms of a table, which names the command for those of the other."""
 
     def check(name: str) -> str:
         from swarmdata.registry import components

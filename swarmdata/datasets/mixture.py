@@ -31,14 +31,10 @@ class Mixture(TrainingData["MixtureSampler"]):
 
     It has what training needs of a `Dataset`: `moments` are those of rows that are drawn so, and
     `id`, `digest` and `view` say what was mixed, and how.
-
-    Attributes:
-        parts: the datasets; none is empty.
-        weights: probabilities of the parts, which sum to 1.
     """
 
-    parts: tuple[View[Any], ...]
-    weights: tuple[float, ...]
+    parts: tuple[View[Any], ...]  # the datasets; none is empty
+    weights: tuple[float, ...]  # probabilities of the parts, which sum to 1
 
     @property
     def id(self) -> str:
@@ -160,10 +156,6 @@ class MixtureSampler(BatchStream):
     An index counts the rows of all parts, one after the other. The window of a streamed part moves
     with the rows that are drawn from it, so that each of its transitions is drawn once in a pass on
     average, as without the other parts.
-
-    Args:
-        samplers: of the parts, with one seed and batch size.
-        weights: probabilities of the parts.
     """
 
     def __init__(self, samplers: Sequence[RowSampler], weights: Sequence[float]) -> None:
@@ -195,10 +187,6 @@ class MixtureSampler(BatchStream):
         """Returns the transitions or windows that start at `index`, any shape.
 
         Fields that a part has not recorded are None.
-
-        Args:
-            index: rows of the mixture.
-            wanted: fields to read.
 
         Raises:
             IndexError: an index outside the mixture.
@@ -233,7 +221,6 @@ class MixtureSampler(BatchStream):
         return replace(batch, episodes=batch.episodes + self._first_episodes[part])
 
     def identity(self) -> dict[str, int]:
-        """Returns what another sampler needs to have in common to resume the stream."""
         shared = self._samplers[0].settings()
         own = {
             f"{name}_{part}": value

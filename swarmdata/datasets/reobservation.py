@@ -53,17 +53,12 @@ class RecordedEpisodes:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reobservation:
-    """The episodes of a dataset, observed through other models.
+    """The episodes of a dataset, observed through other models."""
 
-    Attributes:
-        recorded: the dataset as it was recorded.
-        spec: the task with the new models.
-        arrays: the recorded ones, with those of `OBSERVED_ARRAYS` computed anew.
-    """
-
-    recorded: StoredDataset
-    spec: TaskSpec
+    recorded: StoredDataset  # the dataset as it was recorded
+    spec: TaskSpec  # the task with the new models
     arrays: Mapping[str, NDArray[Any]]
+    """The recorded ones, with those of `OBSERVED_ARRAYS` computed anew."""
 
     def __repr__(self) -> str:
         """Shows the dataset and what is new."""
@@ -284,9 +279,6 @@ class _Reobserver:
         episodes: those whose rows have the shapes of all that are observed.
         n_copies: E.
         n_agents: N.
-
-    Attributes:
-        fields: what is observed of one state, by name, [E, ...].
     """
 
     def __init__(
@@ -299,6 +291,7 @@ class _Reobserver:
         self._observer = observer
         self._actions = np.zeros((n_copies, *episodes.actions.shape[1:]), dtype=np.float32)
         self._active: Bool = np.zeros(n_copies, dtype=np.bool_)
+        # what is observed of one state, by name, [E, ...]
         self.fields: dict[str, Any] = dict(
             zip(OBSERVED_ARRAYS, observer.allocate((n_copies,), n_agents), strict=True)
         )

@@ -23,17 +23,11 @@ BLOCK_ROWS = 1 << 16
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reweighting:
-    """The episodes of a dataset with rewards of other weights.
+    """The episodes of a dataset with rewards of other weights."""
 
-    Attributes:
-        stored: the dataset with these rewards and their returns.
-        recorded: the weights of the recording.
-        weights: all weights, those of the rewards.
-    """
-
-    stored: StoredDataset
-    recorded: Rewards
-    weights: Rewards
+    stored: StoredDataset  # the dataset with these rewards and their returns
+    recorded: Rewards  # the weights of the recording
+    weights: Rewards  # all weights, those of the rewards
 
     def __repr__(self) -> str:
         """Shows the dataset and what is new."""

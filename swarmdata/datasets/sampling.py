@@ -225,10 +225,6 @@ class BatchStream(ABC):
     def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         """Returns the transitions or windows that start at `index`, rows of any shape.
 
-        Args:
-            index: rows.
-            wanted: fields to read.
-
         Raises:
             IndexError: an index outside the dataset.
         """
@@ -389,7 +385,6 @@ class Sampler(RowSampler):
         )
 
     def dtype(self, name: str) -> np.dtype[Any]:
-        """The dtype of a stored array."""
         return self._arrays[name].dtype
 
     def pick(self, places: Double, n_before: int = 0) -> Int:
@@ -443,11 +438,9 @@ class Sampler(RowSampler):
         return self._scale.to_unit(np.where(acting[..., None], actions, self._scale.middle))
 
     def identity(self) -> dict[str, int]:
-        """Returns what another sampler needs to have in common to resume the stream."""
         return self.settings() | {"n_transitions": len(self.rows.valid)}
 
     def settings(self) -> dict[str, int]:
-        """Returns what was chosen about the stream, without the data."""
         return ({} if self.burn_in is None else {"burn_in": self.burn_in}) | {
             "seed": self.seed,
             "batch_size": self.batch_size,

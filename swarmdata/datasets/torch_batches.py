@@ -17,10 +17,6 @@ class TorchBatches(IterableDataset[Batch]):
     Of W workers the k-th gathers batches k, k + W, k + 2 W, ... of the stream; a loader asks its
     workers in turn, and so yields the stream in order.
 
-    Args:
-        view: dataset to sample.
-        options: of its sampler.
-
     Raises:
         SchemaError: as the sampler.
     """

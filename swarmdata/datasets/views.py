@@ -257,7 +257,7 @@ class View(TrainingData[R]):
         `FunctionPolicy(act, frame=dataset.frame)` turns what a policy does back. `frame_of` has
         other frames.
         """
-        from swarmdata.rollouts.task_frame import frame_of  # noqa: PLC0415  (it compiles kernels)
+        from swarmdata.rollouts.function_policy import frame_of  # noqa: PLC0415  (it compiles kernels)
 
         return frame_of(self.spec)
 

@@ -173,11 +173,7 @@ def _marker_of(algorithm: str) -> str:
 
 
 def family_colors(kinds: Sequence[str]) -> dict[str, str]:
-    """The color of each family: known ones have theirs, others the first free one.
-
-    Args:
-        kinds: names of families, each once.
-    """
+    """The color of each family: known ones have theirs, others the first free one."""
     found = {
         kind: FAMILY_COLORS[name] for kind in kinds if (name := family_name(kind)) in FAMILY_COLORS
     }

@@ -172,10 +172,6 @@ def _write_parts(
 ) -> tuple[dict[int, list[Path]], list[tuple[int, int]]]:
     """Writes episodes as parts of about `BLOCK_BYTES`.
 
-    Args:
-        build: folder of the parts.
-        episodes: in order.
-
     Returns:
         the parts of each policy, and the order of the episodes, as `assemble` takes them.
     """

@@ -10,7 +10,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.user_choices import absolute_path
 from swarmdata.interop.formats import find_format
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.runtime.atomic import remove_leftovers, staged
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store.arrays.scratch_arrays import new_arrays
@@ -60,7 +60,7 @@ def export_dataset(
 def in_frame(dataset: Dataset, anchor: str) -> Dataset:
     """Returns the episodes of a subset with observations and actions turned, all others as zeros.
 
-    They are those of `learn.training.framed_dataset`: after the observation's own numbers come the
+    They are those of `learn.training.training_data`: after the observation's own numbers come the
     numbers that the frame adds, `Frame.names`. States, messages and layouts stay in the world's
     frame. Large new arrays are in files without a name, as those of `Dataset.reobserve` are.
 

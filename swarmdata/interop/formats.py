@@ -35,25 +35,16 @@ PlaceCheck = Callable[[Dataset, Path], str | None]
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One foreign format.
+    """One foreign format."""
 
-    Attributes:
-        name: key in `FORMATS`.
-        title: name for people.
-        kept: facts that an export keeps, and under which name; see `DATASET_FACTS`.
-        lost: facts that an export loses, and why.
-        read: opens foreign data; None: the format can only be written.
-        write: writes a view.
-        misplaced: says why the format's own library does not find what is written to a path.
-    """
-
-    name: str
-    title: str
-    kept: Mapping[str, str]
-    lost: Mapping[str, str]
-    read: Reader | None
-    write: Writer
+    name: str  # key in `FORMATS`
+    title: str  # name for people
+    kept: Mapping[str, str]  # facts that an export keeps, and under which name; see `DATASET_FACTS`
+    lost: Mapping[str, str]  # facts that an export loses, and why
+    read: Reader | None  # opens foreign data; None: the format can only be written
+    write: Writer  # writes a view
     misplaced: PlaceCheck | None = None
+    """Says why the format's own library does not find what is written to a path."""
 
 
 def find_format(name: str) -> Format:

@@ -41,14 +41,15 @@ from swarmdata.interop.formats import Format
 from swarmdata.numerics.event_costs import costs_of
 from swarmdata.runtime.atomic import require_space
 from swarmdata.runtime.mapped_pages import MappedReads
-from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import (
     DictSpace,
     as_bytes,
     flatten,
     holds_bytes,
+    space_of,
     stack_agents,
+    to_gymnasium,
     width,
 )
 from swarmdata.specs.task_spec import TaskSpec
@@ -222,11 +223,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 
 
 def _open(folder: Path) -> tuple[Any, str | None, list[str]]:
-    """Minari's dataset, the note of an export if it has one, and the infos of its first episode.
-
-    Raises:
-        ConversionError: it cannot be read, or Minari would follow it to other files or to programs.
-    """
+    """Minari's dataset, the note of an export if it has one, and the infos of its first episode."""
     minari, storage_type = _library()
     with reading(folder, "It is damaged, or not a Minari dataset."):
         raw = storage_type.read_raw_metadata(folder)

@@ -29,19 +29,13 @@ def arrow() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A Parquet file of numbers and lists of numbers.
+    """A Parquet file of numbers and lists of numbers."""
 
-    Attributes:
-        path: the file.
-        columns: shape of a row of each column of numbers, by name; the same in all rows.
-        names: all columns, others included.
-        n_rows: number of rows.
-    """
-
-    path: Path
+    path: Path  # the file
     columns: Mapping[str, tuple[int, ...]]
-    names: Sequence[str]
-    n_rows: int
+    """Shape of a row of each column of numbers, by name; the same in all rows."""
+    names: Sequence[str]  # all columns, others included
+    n_rows: int  # number of rows
 
     @classmethod
     def open(cls, path: Path, wanted: Sequence[str]) -> "Table":

@@ -41,27 +41,23 @@ TARGET = "own.goal_dx"
 
 @dataclass(frozen=True)
 class Frame:
-    """Turns observations and actions about the direction of one observed vector, the anchor.
+    """Turns observations and actions about the direction of one observed vector, the anchor."""
 
-    Attributes:
-        anchor: index of the anchor's x component in an observation; its y component follows.
-        vectors: indices of the x components of all planar vectors; their y components follow.
-        closing: pairs of such indices: the direction to a near object, and the velocity relative
-            to it; the frame adds their scalar product, the closing speed.
-        heard: for each slot of messages, the indices of the sender's position, of the robot's own
-            velocity and of the sender's, -1 if that is not sent. The frame adds the direction to
-            the sender times its nearness, 1 - distance / `HEARING_RANGE`, and the scalar product
-            of that vector and the own velocity minus the sender's. All are 0 beyond that distance,
-            and for senders without a received message.
-        turns_commands: whether commands are vectors, which turn with the frame; False where some
-            robots are unicycles.
-    """
-
-    anchor: int
+    anchor: int  # index of the anchor's x component in an observation; its y component follows
     vectors: tuple[int, ...]
+    """Indices of the x components of all planar vectors; their y components follow."""
     closing: tuple[tuple[int, int], ...]
+    """Pairs of such indices: the direction to a near object, and the velocity relative to it; the
+    frame adds their scalar product, the closing speed."""
     heard: tuple[tuple[int, int, int], ...] = ()
+    """For each slot of messages, the indices of the sender's position, of the robot's own velocity
+    and of the sender's, -1 if that is not sent. The frame adds the direction to the sender times
+    its nearness, 1 - distance / `HEARING_RANGE`, and the scalar product of that vector and the own
+    velocity minus the sender's. All are 0 beyond that distance, and for senders without a received
+    message."""
     turns_commands: bool = True
+    """Whether commands are vectors, which turn with the frame; False where some robots are
+    unicycles."""
 
     @property
     def n_added(self) -> int:
@@ -279,9 +275,6 @@ def natural_anchor(features: Sequence[Feature]) -> str:
     """Returns `own.heading` if some robots are unicycles, else `target`, if they are observed.
 
     Where neither is, as of beams and cells, it returns `world`.
-
-    Args:
-        features: of an observation.
     """
     names = {feature.name for feature in features}
     if f"{HEADING}_x" in names:

@@ -18,10 +18,6 @@ class Observer:
     messages, and then, if robots have a map, the ways to the places that these tell. It is a
     function of the episode's seed, layout, states and actions up to that step, so recorded states
     can be reobserved with any models, without the world.
-
-    Args:
-        task: the task; its spec contains the models.
-        n_copies: E.
     """
 
     def __init__(self, task: Task, n_copies: int) -> None:

@@ -35,14 +35,10 @@ class AgentReader:
     """Reads values by agent, of an environment or its policies, into arrays of all agents.
 
     Arrays are copies, because environments reuse theirs.
-
-    Attributes:
-        names: possible agents as the environment names them, [N].
-        agents: their descriptions, [N].
     """
 
-    names: tuple[Any, ...]
-    agents: tuple[RecordedAgent, ...]
+    names: tuple[Any, ...]  # possible agents as the environment names them, [N]
+    agents: tuple[RecordedAgent, ...]  # their descriptions, [N]
 
     def alive(self, present: Sequence[Any]) -> Bool:
         """Which agents are in the environment's `agents`, [N].
@@ -174,17 +170,11 @@ class AgentReader:
 
 @dataclass(slots=True)
 class Presence:
-    """Which agents act, from a reset on: one that has ended does not, even where it is listed.
+    """Which agents act, from a reset on: one that has ended does not, even where it is listed."""
 
-    Attributes:
-        reader: reads the environment's `agents`.
-        alive: agents that act next, [N].
-        gone: agents that have ended and that the environment still lists, [N].
-    """
-
-    reader: AgentReader
-    alive: Bool
-    gone: Bool
+    reader: AgentReader  # reads the environment's `agents`
+    alive: Bool  # agents that act next, [N]
+    gone: Bool  # agents that have ended and that the environment still lists, [N]
 
     @classmethod
     def after_reset(cls, reader: AgentReader, present: Sequence[Any]) -> "Presence":

@@ -41,21 +41,13 @@ Outcome = Literal["success", "failure"] | None
 
 @dataclass(slots=True, eq=False)
 class EpisodeBuffer:
-    """A running episode.
+    """A running episode."""
 
-    Attributes:
-        seed: seed of the reset.
-        policy: index of the acting policy.
-        layout: obstacles, [M, 8].
-        states: T + 1 rows, the reset first.
-        steps: T rows.
-    """
-
-    seed: int
-    policy: int
-    layout: Float
-    states: list[StateRow]
-    steps: list[StepRow] = field(default_factory=list)
+    seed: int  # seed of the reset
+    policy: int  # index of the acting policy
+    layout: Float  # obstacles, [M, 8]
+    states: list[StateRow]  # T + 1 rows, the reset first
+    steps: list[StepRow] = field(default_factory=list)  # T rows
 
     def __len__(self) -> int:
         """Steps taken, T."""

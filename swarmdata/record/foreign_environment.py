@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent
-from swarmdata.specs.spaces import DictSpace, Space
+from swarmdata.specs.spaces import DictSpace, Space, space_of
 
 ACTION_MASK_KEY = "action_mask"
 """Key of the action mask in an agent's info or observation (PettingZoo, "Action Masking")."""

@@ -23,10 +23,9 @@ from swarmdata.record.foreign_environment import clean_name, library_of
 from swarmdata.record.recording_description import foreign_spec, make_recording
 from swarmdata.record.recording_folder import Limits
 from swarmdata.record.reset_seeds import SeedStream, default_seed
-from swarmdata.specs.gymnasium_spaces import common_bound, space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
-from swarmdata.specs.spaces import BoxSpace, Space, stack_agents
+from swarmdata.specs.spaces import BoxSpace, Space, common_bound, space_of, stack_agents
 from swarmdata.types import Bool, Episode, Float
 
 JaxPolicy = Callable[[Any, Any], Any]
@@ -202,9 +201,6 @@ class _Player:
         world: where.
         policy: who.
         horizon: most steps of an episode; None: see `find_horizon`.
-
-    Attributes:
-        horizon: of the episodes.
     """
 
     def __init__(self, world: _World, policy: JaxPolicy, horizon: int | None) -> None:

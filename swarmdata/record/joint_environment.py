@@ -39,11 +39,7 @@ def as_parallel(env: Any) -> Any:
 
 
 class SingleAgentEnv(ParallelEnv[str, Any, Any]):
-    """A Gymnasium environment as a team of one, `SINGLE_AGENT`; it has no `state()`.
-
-    Args:
-        env: a Gymnasium environment.
-    """
+    """A Gymnasium environment as a team of one, `SINGLE_AGENT`; it has no `state()`."""
 
     def __init__(self, env: "gymnasium.Env[Any, Any]") -> None:
         self.env, self.spec, self.render_mode = env, env.spec, env.render_mode

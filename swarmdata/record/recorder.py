@@ -38,21 +38,13 @@ class UnfinishedEpisodeWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnvironmentReader:
-    """Reads an environment after a reset or step.
+    """Reads an environment after a reset or step."""
 
-    Attributes:
-        env: a `ParallelEnv`; a `ParallelWorld` if it is a task of this library.
-        reader: reads values by agent.
-        spec: the recording's spec.
-        source: where states come from.
-        has_masks: whether the recording has action masks.
-    """
-
-    env: Any
-    reader: AgentReader
-    spec: Spec
-    source: StateSource
-    has_masks: bool
+    env: Any  # a `ParallelEnv`; a `ParallelWorld` if it is a task of this library
+    reader: AgentReader  # reads values by agent
+    spec: Spec  # the recording's spec
+    source: StateSource  # where states come from
+    has_masks: bool  # whether the recording has action masks
 
     @property
     def is_own_task(self) -> bool:

@@ -47,18 +47,13 @@ class Session(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When finished episodes are written as a part; a killed process loses those not written.
-
-    Attributes:
-        episodes: that are not written yet; None: 50, or a sixteenth of those that are if that is
-            more, so that a recording of many short episodes has few parts.
-        n_bytes: that these episodes take in memory.
-        seconds: since the last part was written.
-    """
+    """When finished episodes are written as a part; a killed process loses those not written."""
 
     episodes: int | None = None
-    n_bytes: int = 32 << 20
-    seconds: float = 60.0
+    """That are not written yet; None: 50, or a sixteenth of those that are if that is more, so that
+    a recording of many short episodes has few parts."""
+    n_bytes: int = 32 << 20  # that these episodes take in memory
+    seconds: float = 60.0  # since the last part was written
 
     def is_reached(self, n_waiting: int, n_written: int, n_bytes: int, seconds: float) -> bool:
         """Whether episodes that wait are to be written."""
@@ -68,10 +63,6 @@ class Limits:
 
 class RecordingFolder:
     """The parts of one recording, locked by one process at a time.
-
-    Args:
-        path: where the dataset will be.
-        limits: when a part is written.
 
     Raises:
         BuildError: another process holds the lock.

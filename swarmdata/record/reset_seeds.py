@@ -17,15 +17,10 @@ _RESET_STREAM = STREAMS["reset"]
 
 @dataclass(slots=True)
 class SeedStream:
-    """Draws seeds that were not used before.
+    """Draws seeds that were not used before."""
 
-    Attributes:
-        seed: seed of the stream itself.
-        used: seeds of the recorded episodes.
-    """
-
-    seed: int
-    used: set[int]
+    seed: int  # seed of the stream itself
+    used: set[int]  # seeds of the recorded episodes
     n_drawn: int = 0
 
     def draw(self) -> int:

@@ -21,10 +21,9 @@ from swarmdata.record.foreign_environment import clean_name, library_version
 from swarmdata.record.recording_description import foreign_spec, make_recording
 from swarmdata.record.recording_folder import Limits
 from swarmdata.record.reset_seeds import SeedStream, default_seed
-from swarmdata.specs.gymnasium_spaces import space_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
-from swarmdata.specs.spaces import BoxSpace, flatten, stack_agents, width
+from swarmdata.specs.spaces import BoxSpace, flatten, space_of, stack_agents, width
 from swarmdata.types import Bool, Episode, Float
 
 VmasPolicy = Callable[[Any], Any]
@@ -142,11 +141,7 @@ def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[E
 
 
 def _rows_by_agent(spec: RecordedSpec, given: Any, what: str, n_copies: int) -> list[Float]:
-    """Copies of each agent's values as rows, [E, F_i].
-
-    Raises:
-        SchemaError: values do not fit the agent's space or float32.
-    """
+    """Copies of each agent's values as rows, [E, F_i]."""
     values = [given[agent.name] for agent in spec.agents] if isinstance(given, dict) else given
     number = BoxSpace(shape=(1,), dtype="float32")
     found = []

@@ -30,31 +30,24 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True)
 class Appearance:
-    """How the targets of a task are drawn, and what its legend says; the default suits any task.
-
-    Attributes:
-        legend: what the marks of targets mean, whole sentences.
-        mark: of a target; a pose is the outline of the first movable body at robot 0's target.
-        radius: m, within which a target is reached; None: the radius of its robot.
-        shared: targets of no robot, which are drawn in the place of the robots' own.
-        is_linked: whether dashes lead from each robot to its own target.
-        nowhere: where the target of a robot is that has none.
-        direction: the extra with the first component of a pose's direction; None: any will do.
-        carrying: the extra of each robot that is positive while it carries something, if any.
-        bodies: that robots can push, as the task's `movables`.
-        moments: events beside contacts; at most `MOST_MOMENTS`.
-    """
+    """How the targets of a task are drawn, and what its legend says; the default suits any task."""
 
     legend: str = "Rings are the targets of the robots, each in the color of its robot."
+    """What the marks of targets mean, whole sentences."""
     mark: Literal["ring", "slot", "pose"] = "ring"
+    """Of a target; a pose is the outline of the first movable body at robot 0's target."""
     radius: float | None = None
+    """Distance, m, within which a target is reached; None: the radius of its robot."""
     shared: SharedTargets | None = None
-    is_linked: bool = False
-    nowhere: tuple[float, float] | None = None
+    """Targets of no robot, which are drawn in the place of the robots' own."""
+    is_linked: bool = False  # whether dashes lead from each robot to its own target
+    nowhere: tuple[float, float] | None = None  # where the target of a robot is that has none
     direction: int | None = None
+    """The extra with the first component of a pose's direction; None: any will do."""
     carrying: tuple[int, ...] = ()
-    bodies: tuple[Payload, ...] = ()
-    moments: tuple[Moment, ...] = ()
+    """The extra of each robot that is positive while it carries something, if any."""
+    bodies: tuple[Payload, ...] = ()  # that robots can push, as the task's `movables`
+    moments: tuple[Moment, ...] = ()  # events beside contacts; at most `MOST_MOMENTS`
 
 
 MOST_MOMENTS = 7

@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.errors import SchemaError
-from swarmdata.perception.frames import Frame, in_world
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.perception.frames import Frame, find_frame, in_world
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import make_task
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
+from swarmdata.specs.origins import Spec
 from swarmdata.types import Double, Float, Int, Step
 
 Function = Callable[[Float], Any]
@@ -51,11 +54,7 @@ class FunctionPolicy:
         return noisy_log_probs(self._means(step) if means is None else means, actions, 0.0)
 
     def _means(self, step: Step) -> Double:
-        """Returns the function's actions, clipped and rounded to float32, [E, N, A].
-
-        Raises:
-            SchemaError: the actions are not one finite row for each robot.
-        """
+        """Returns the function's actions, clipped and rounded to float32, [E, N, A]."""
         n_copies, n_agents = step.observations.shape[:2]
         seen = step.observations
         if self._frame is not None:
@@ -73,3 +72,29 @@ class FunctionPolicy:
             )
         turned = in_world(self._frame, step.observations, actions.clip(-1.0, 1.0))
         return turned.astype(np.float32).astype(np.float64)
+
+
+def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
+    """Returns the frame in which robots see and act; None for the world's, as data are recorded.
+
+        >>> frame = swarmdata.frame_of(dataset.spec, "reference.heading")
+        >>> batch = next(dataset.sampler(256, seed=0)).in_frame(frame)
+        >>> policy = swarmdata.FunctionPolicy(act, frame=frame)
+
+    `dataset.frame` is the default one.
+
+    Args:
+        spec: of a dataset. Recorded environments have only the world frame.
+        anchor: as `frames.find_frame` takes it.
+
+    Raises:
+        SpecError: the task's observations have no such anchor.
+    """
+    if spec.world is None:
+        if anchor not in ("auto", "world"):
+            raise SpecError(
+                f"frame {anchor!r}: the meaning of a recorded environment's features is unknown. "
+                "Use frame 'world'."
+            )
+        return None
+    return find_frame(features_of(make_task(spec.world)), anchor)

@@ -167,11 +167,7 @@ class EpisodeRing:
         return step
 
     def _write(self, policy: Policy, method: str, name: str, values: Float) -> None:
-        """Records what a method of the policy returned for the current step.
-
-        Raises:
-            SchemaError: the values have the wrong dtype or shape.
-        """
+        """Records what a method of the policy returned for the current step."""
         row = self.rows[name][:, self.row]
         if values.dtype != np.float32 or values.shape != row.shape:
             raise SchemaError(

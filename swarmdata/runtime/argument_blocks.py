@@ -60,9 +60,6 @@ class ArgumentBlock:
         bundle: the arguments.
         kind: the type that the kernels unpack, of `bundle_type`.
 
-    Attributes:
-        packed: of each array its address and shape, of each number its bits.
-
     Raises:
         TypeError: an argument is not of its type.
     """
@@ -74,6 +71,7 @@ class ArgumentBlock:
             for name, value, expected in zip(kind.fields, bundle, kind.types, strict=True)
             for word in _words(name, value, expected)
         ]
+        # of each array its address and shape, of each number its bits
         self.packed: Int = np.array(words, dtype=np.int64)
 
 

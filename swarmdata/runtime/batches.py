@@ -13,16 +13,12 @@ class Failures:
 
     A full disk ends the batch, for the next item needs the same space, and so does Ctrl-C. The
     error of a batch's only item is raised as it is.
-
-    Attributes:
-        n_items: of the batch.
-        tell: gets a line about each failure when it happens.
-        reasons: why items failed, by name.
     """
 
-    n_items: int
+    n_items: int  # of the batch
     tell: Callable[[str], None] = lambda text: None
-    reasons: dict[str, str] = field(default_factory=dict)
+    """Gets a line about each failure when it happens."""
+    reasons: dict[str, str] = field(default_factory=dict)  # why items failed, by name
 
     def item(self, name: str) -> "_Item":
         """A block that does what belongs to one item; an error is noted and ends the block only."""

@@ -59,10 +59,6 @@ def read_document(path: Path) -> Any:
 def parse_document(text: str | bytes, source: str) -> Any:
     """Returns what text in YAML, or in JSON as this library writes it, holds.
 
-    Args:
-        text: one document.
-        source: what to call it in errors.
-
     Raises:
         SpecError: it is not a document, with the place.
     """
@@ -81,10 +77,6 @@ class _MalformedError(SpecError):
 
 def parse_json(text: str | bytes, source: str) -> Any:
     """Returns what text in JSON holds.
-
-    Args:
-        text: one document.
-        source: what to call it in errors.
 
     Raises:
         SpecError: it is not JSON, with the place, or exceeds a bound.
@@ -116,10 +108,6 @@ def parse_json(text: str | bytes, source: str) -> Any:
 
 def parse_yaml(text: str | bytes, source: str) -> Any:
     """Returns what text in YAML holds.
-
-    Args:
-        text: one document.
-        source: what to call it in errors.
 
     Raises:
         SpecError: it is not YAML, with the place, or exceeds a bound.
@@ -264,13 +252,7 @@ _SCALARS = yaml.constructor.SafeConstructor()
 
 
 def _value(node: yaml.Node, path: tuple[str, ...], number: "count[int]") -> Any:
-    """What a node stands for, once for each alias of it.
-
-    Args:
-        node: to read.
-        path: of the keys down to it.
-        number: of the values so far.
-    """
+    """What a node stands for, once for each alias of it."""
     if next(number) > MAX_VALUES:
         raise _error(_TOO_MANY, node.start_mark)
     if len(path) == MAX_DEPTH and isinstance(node, yaml.CollectionNode):

@@ -163,11 +163,7 @@ class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyp
             return pickle.loads(_checked(file.read(), path))
 
     def _open(self, path: str) -> BinaryIO:
-        """Opens a file, if nobody but this user and root can have written it.
-
-        Raises:
-            _UntrustedError: somebody else can have.
-        """
+        """Opens a file, if nobody but this user and root can have written it."""
         file = Path(path).open("rb")  # noqa: SIM115  (the caller closes it)
         status = os.fstat(file.fileno())
         is_ours = status.st_uid in (os.geteuid(), 0)
@@ -185,11 +181,7 @@ class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyp
 
 
 def _checked(content: bytes, path: str) -> bytes:
-    """What follows the SHA-256 at the begin of a file.
-
-    Raises:
-        ValueError: it is not that of what follows.
-    """
+    """What follows the SHA-256 at the begin of a file."""
     digest, rest = content[:32], content[32:]
     if hashlib.sha256(rest).digest() != digest:
         raise ValueError(f"{path} has another SHA-256 than it was written with")

@@ -32,15 +32,10 @@ FORMAT_VERSION = 2
 
 @dataclass(frozen=True)
 class OutputKind:
-    """What a command writes to a folder.
+    """What a command writes to a folder."""
 
-    Attributes:
-        name: in words, such as `report`.
-        list_file: name of the list.
-    """
-
-    name: str
-    list_file: str = ".swarmdata-files.json"
+    name: str  # in words, such as `report`
+    list_file: str = ".swarmdata-files.json"  # name of the list
 
     @property
     def format(self) -> str:

@@ -104,12 +104,9 @@ class Extended(Frozen):
     """A model that has got fields later, which it leaves out at their defaults.
 
     So hashes of older models, and the published ones, stay what they are.
-
-    Attributes:
-        later_fields: their names.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ()
+    later_fields: ClassVar[tuple[str, ...]] = ()  # their names
 
     @model_serializer(mode="wrap")
     def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:

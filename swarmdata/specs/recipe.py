@@ -32,7 +32,7 @@ class PolicySource(Extended):
     sha256: Sha256 | None = None  # of that file
     noise: Deviation = 0.0  # standard deviation of the Gaussian action noise
     share: Positive = 1.0  # relative share of the joint steps
-    convention: Label | None = None  # of a scripted team (`behavior_policies.conventions`)
+    convention: Label | None = None  # of a scripted team (`behavior_policies.coop_nav_controller`)
 
 
 def _unique_labels(policies: tuple[PolicySource, ...]) -> tuple[PolicySource, ...]:

@@ -22,17 +22,11 @@ from swarmdata.types import Counts, Int
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Episodes of one open dataset.
+    """Episodes of one open dataset."""
 
-    Attributes:
-        stored: the open files.
-        episodes: their stored numbers, increasing, [n].
-        policies: new policy index of each old one.
-    """
-
-    stored: StoredDataset
-    episodes: Int
-    policies: Mapping[int, int]
+    stored: StoredDataset  # the open files
+    episodes: Int  # their stored numbers, increasing, [n]
+    policies: Mapping[int, int]  # new policy index of each old one
 
     @property
     def table(self) -> EpisodeTable:

@@ -286,13 +286,7 @@ def _check_sizes(path: Path, manifest: Manifest) -> None:
 
 
 def _read_small_files(path: Path, manifest: Manifest, *, is_checked: bool) -> dict[str, bytes]:
-    """Reads every file that is no array's data, once for all who look at it.
-
-    Args:
-        path: the dataset's folder.
-        manifest: that lists the files.
-        is_checked: whether their SHA-256 is compared.
-    """
+    """Reads every file that is no array's data, once for all who look at it."""
     shard_files = {file for plan in manifest.plan.values() for file in plan.files}
     contents = {}
     for name in sorted(manifest.files.keys() - shard_files):

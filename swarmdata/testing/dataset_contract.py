@@ -55,11 +55,6 @@ def check_table(dataset: Dataset) -> None:
 def check_episode(episode: Episode, table: EpisodeTable, index: int) -> None:
     """Checks flags, values and the row of one episode.
 
-    Args:
-        episode: the episode.
-        table: the table that has its row.
-        index: of that row.
-
     Raises:
         SchemaError: the first broken promise.
     """

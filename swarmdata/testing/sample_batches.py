@@ -17,8 +17,7 @@ BATCH, N_EPISODES = 16, 5
 
 def sample_setup(seeds: Sequence[int]) -> "Setup":
     """Returns what an offline algorithm of these seeds is made from; it needs torch."""
-    from swarmdata.learn.networks.setup import Setup  # noqa: PLC0415  (torch is an extra)
-    from swarmdata.learn.networks.sizes import Sizes  # noqa: PLC0415  (the same)
+    from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: PLC0415  (torch is an extra)
 
     sizes = Sizes(n_agents=N_AGENTS, observation=N_OBSERVATION, action=N_ACTION, state=N_STATE)
     return Setup(sizes, seeds, sample_statistics(), n_episodes=N_EPISODES)

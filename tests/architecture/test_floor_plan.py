@@ -21,7 +21,6 @@ SAME_MEANING = {"vdn", "qmix"}
 """Names of two modules each that do mean the same: an algorithm, offline and online."""
 
 SMALL_AND_ALONE = [
-    "swarmdata.behavior_policies.conventions",
     "swarmdata.catalogue.pages.card_html",
     "swarmdata.catalogue.replays.episode_choice",
     "swarmdata.envs.physics.kinematic",

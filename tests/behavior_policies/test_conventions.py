@@ -5,8 +5,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.conventions import check_convention, lane_targets, order_goals
-from swarmdata.behavior_policies.coop_nav_controller import CoopNavController
+from swarmdata.behavior_policies.coop_nav_controller import (
+    CoopNavController,
+    check_convention,
+    lane_targets,
+    order_goals,
+)
 from swarmdata.envs.coop_nav.navigation_rules import Lanes
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import validation_seeds

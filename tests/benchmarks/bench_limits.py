@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.testing.synthetic import make_large_dataset
 from tests.benchmarks import batch_peers
 from tests.benchmarks.bench_worlds import (
     ALL_CORES,
@@ -30,6 +29,7 @@ from tests.benchmarks.bench_worlds import (
     team,
 )
 from tests.benchmarks.engines import Run, mpe2, physics, swarm
+from tests.benchmarks.large_dataset import make_large_dataset
 from tests.benchmarks.load_formats import OURS
 from tests.benchmarks.measuring import Rate, pair, table, write_section
 from tests.benchmarks.replays import Replay

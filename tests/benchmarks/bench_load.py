@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.testing.synthetic import make_large_dataset
+from tests.benchmarks.large_dataset import make_large_dataset
 from tests.benchmarks.load_formats import FORMATS, MINARI, OURS
 from tests.benchmarks.measuring import table, write_section
 

@@ -26,8 +26,7 @@ from swarmdata.learn.networks.compilation import compiling, uncompiled
 from swarmdata.learn.networks.critics import RobotViews
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.network_inputs import Normalizer, with_agent_id
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.runtime.native_libraries import keep_freed_memory
@@ -58,7 +57,8 @@ def tensors_of(data: Any) -> dict[str, Tensor]:
     sampler = data.sampler(BATCH, seed=0)
     raw = sampler.gather(np.sort(sampler.rows.valid)[None])
     sizes, batch = Sizes.of(sampler.gather(np.zeros(1, dtype=np.int64))), raw.to_torch()
-    known = Normalizer(Statistics.measure(data, 0.95), "cpu")
+    statistics = Statistics.measure(data, 0.95)
+    known = Normalizer(statistics, "cpu")
     views = RobotViews(sizes, known, "centralized", "cpu")
     observations, following = (
         with_agent_id(known.observations(seen))[0]
@@ -70,7 +70,7 @@ def tensors_of(data: Any) -> dict[str, Tensor]:
         "actions": batch.actions[0],
         "x": views.view(batch.states, batch.observations).features[0],
         "next_x": views.view(batch.next_states, batch.next_observations).features[0],
-        "rewards": batch.rewards[0] * known.reward_scale,
+        "rewards": batch.rewards[0] * (1 / statistics.return_std),
         "terminations": batch.terminations[0].float()[:, None],
     }
 

@@ -24,8 +24,9 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
-from swarmdata.testing.synthetic import RELEASE_CARD, make_large_dataset
+from swarmdata.testing.synthetic import RELEASE_CARD
 from tests.benchmarks.bench_load import size_of
+from tests.benchmarks.large_dataset import make_large_dataset
 from tests.benchmarks.measuring import short, table, write_section
 
 ID = "coop_nav-synthetic-v0"

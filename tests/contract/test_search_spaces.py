@@ -10,8 +10,13 @@ import pytest
 pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.training.overrides import as_texts, override, setting_types
-from swarmdata.learn.training.search_space import drawn_settings, space_of
+from swarmdata.learn.training.settings import (
+    as_texts,
+    drawn_settings,
+    override,
+    setting_types,
+    space_of,
+)
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.testing.sample_batches import N_EPISODES, sample_setup
 from swarmdata.testing.sample_batches import sample_statistics as statistics

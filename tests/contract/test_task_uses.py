@@ -32,13 +32,12 @@ from swarmdata.registry.components import (
     reward_terms,
 )
 from swarmdata.registry.presets import preset
-from swarmdata.registry.reward_weights import chosen_weights
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.budget import size_of
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.specs.rules import Payload, TaskDemand, changed_weights
+from swarmdata.specs.rules import Payload, TaskDemand, changed_weights, chosen_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.testing.task_contract import check_task

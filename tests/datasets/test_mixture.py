@@ -10,7 +10,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import find_frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task

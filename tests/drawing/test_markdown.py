@@ -2,8 +2,7 @@
 
 import pytest
 
-from swarmdata.drawing.aligned_text import aligned_table
-from swarmdata.drawing.markdown import plain, table
+from swarmdata.drawing.markdown import aligned_table, plain, table
 
 
 def test_a_table_aligns_numbers_to_the_right() -> None:

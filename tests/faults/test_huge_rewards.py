@@ -74,8 +74,8 @@ def test_training_says_that_it_cannot(tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="training needs torch")
     from swarmdata.learn.training.trainer import train_seeds
     from swarmdata.offline_algos.vdn import VDNConfig
-    from swarmdata.testing.memory_dataset import MemoryDataset
     from tests.learn.training.test_trainer import dataset
+    from tests.support.memory_dataset import MemoryDataset
 
     huge = MemoryDataset([same(episode) for episode in dataset()])
     with pytest.raises(DivergedError, match=r"losses of seed 0, .* is nan|is inf.*smaller rewards"):

@@ -15,10 +15,10 @@ from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset, in_frame
 from swarmdata.interop.formats import FORMATS
-from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import in_world
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.specs.model_choice import with_models
 from tests.support.tiny import make_tiny
 

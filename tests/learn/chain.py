@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Episode, Float
 from tests.support.made_episodes import made_episode
+from tests.support.memory_dataset import MemoryDataset
 
 N_AGENTS = 2
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Double, Episode, Float
 from tests.support.made_episodes import made_episode
+from tests.support.memory_dataset import MemoryDataset
 
 N_AGENTS, LENGTH = 2, 12
 

@@ -12,10 +12,10 @@ from torch import Tensor  # noqa: E402
 from swarmdata.learn.objectives.losses import cloning_loss  # noqa: E402
 from swarmdata.offline_algos.bc import BC  # noqa: E402
 from swarmdata.offline_algos.bc_flow import BCFlow  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch, Bool, Float  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, same_side, step_of, trained  # noqa: E402
 from tests.support.made_episodes import made_episode  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 COPIES = 300
 FLOW: dict[str, Any] = {"flow_hidden": (64, 64), "noise_scale": 1.0}

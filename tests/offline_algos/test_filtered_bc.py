@@ -13,8 +13,8 @@ from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
 from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.conftest import drive  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,9 @@ from torch import Tensor  # noqa: E402
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.critics import RobotView  # noqa: E402
 from swarmdata.offline_algos.icql_qs import ICQLQS  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 
 def targets_actions(algorithm: Any, batch: Batch) -> tuple[Tensor, Tensor]:

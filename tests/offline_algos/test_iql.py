@@ -11,9 +11,9 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.networks.critics import RobotView  # noqa: E402
 from swarmdata.offline_algos.iql import IQL  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, trained, two_episodes  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,6 @@ from swarmdata.offline_algos.oryx import (  # noqa: E402
     OryxConfig,
     lambda_returns,
 )
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Float  # noqa: E402
 from tests.offline_algos.toys import (  # noqa: E402
     hinted_side,
@@ -27,6 +26,7 @@ from tests.offline_algos.toys import (  # noqa: E402
     trained,
     two_episodes,
 )
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 SMALL: dict[str, Any] = {
     "width": 32, "value_hidden": (16,), "burn_in": 1, "window": 2, "n_components": 2,

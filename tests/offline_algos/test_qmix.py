@@ -6,8 +6,8 @@ torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.toys import actions_of, made, progress_of, random_batch, trained  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 
 def test_without_a_mixer_the_team_is_worth_the_mean_of_its_robots(mixture: MemoryDataset) -> None:

@@ -11,14 +11,13 @@ import torch
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.perceptrons import StackedMLP
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.learn.training.trainer import sampler_of
-from swarmdata.testing.memory_dataset import MemoryDataset
 from swarmdata.types import Batch, Episode, Float, Step, no_messages
 from tests.offline_algos.conftest import play
 from tests.support.made_episodes import made_episode
+from tests.support.memory_dataset import MemoryDataset
 
 Algorithm = TypeVar("Algorithm")
 

@@ -13,7 +13,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.network_inputs import information  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 from swarmdata.online_algos.collection.input_moments import SeedNormalizer  # noqa: E402
 from swarmdata.online_algos.qmix import QMIXConfig, QMIXLearner  # noqa: E402
 from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner, greedy_choices  # noqa: E402

@@ -5,8 +5,7 @@ import pytest
 from swarmdata.errors import UnknownNameError
 from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset
-from swarmdata.registry.reward_weights import chosen_weights
-from swarmdata.specs.rules import changed_weights
+from swarmdata.specs.rules import changed_weights, chosen_weights
 
 BEFORE_OR_AT_CONTACT = {
     "proximity", "robot_contact", "obstacle_contact", "robot_collision", "obstacle_collision",

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from swarmdata import FunctionPolicy, make_env
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.rollouts.task_frame import frame_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 

@@ -5,8 +5,7 @@ from gymnasium.spaces import MultiDiscrete, Text
 from hypothesis import given
 
 from swarmdata.errors import SpecError
-from swarmdata.specs.gymnasium_spaces import space_of, to_gymnasium
-from swarmdata.specs.spaces import Space
+from swarmdata.specs.spaces import Space, space_of, to_gymnasium
 from tests.interop.conversion.test_space_columns import Spaces
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.synthetic import make_large_dataset
+from tests.benchmarks.large_dataset import make_large_dataset
 
 
 def test_a_large_dataset_has_the_shapes_of_a_real_one(tmp_path: Path) -> None:

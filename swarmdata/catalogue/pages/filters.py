@@ -8,12 +8,7 @@ NONE: Mapping[str, str] = {}
 
 
 def form(label: str, fields: Sequence[Html]) -> Html:
-    """Returns the form, with a button that clears it.
-
-    Args:
-        label: for screen readers.
-        fields: labels with their fields.
-    """
+    """Returns the form, with a button that clears it."""
     clear = element("button", "Clear", type="reset")
     return element("form", *fields, clear, id="filters", role="search", aria_label=label)
 
@@ -45,11 +40,7 @@ def choice(
 
 
 def nothing_found(things: str) -> list[Html]:
-    """The count of what is shown, and what is said, with ways to widen, where nothing is.
-
-    Args:
-        things: plural of what is filtered.
-    """
+    """The count of what is shown, and what is said, with ways to widen, where nothing is."""
     return [
         element("p", id="shown", role="status", data_things=things),
         element("div", id="widen", hidden=True),

@@ -76,12 +76,7 @@ Sizes = Sequence[Entry]
 
 
 def index_page(entries: Sequence[Entry], pictures: Mapping[str, Html]) -> Page:
-    """Returns the index of a catalogue.
-
-    Args:
-        entries: all datasets.
-        pictures: drawing of each dataset, by id.
-    """
+    """Returns the index of a catalogue."""
     found = in_sizes(entries)
     cards = [_card(sizes, pictures) for sizes in found]
     body = join(

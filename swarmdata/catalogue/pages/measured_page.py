@@ -31,14 +31,7 @@ RUN_FIGURES = tuple(each for each in QUANTITIES if each[0] != "score")
 def measured_page(
     source: ResultSource, outcome: Outcome, n_replays: int, known: frozenset[str]
 ) -> Page:
-    """Returns the page of a result.
-
-    Args:
-        source: where it comes from.
-        outcome: the result, with its episodes.
-        n_replays: episodes that can be replayed.
-        known: ids of datasets that have a page.
-    """
+    """Returns the page of a result."""
     spec = outcome.results[0].spec
     viewer: Html = element("p", id="notice", role="status")
     scripts: tuple[str, ...] = (*TABLE_SCRIPTS, "measured_page.js")

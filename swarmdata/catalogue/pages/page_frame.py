@@ -29,21 +29,13 @@ NAVIGATION = (("index.html", "Datasets"), ("results.html", "Results"))
 
 @dataclass(frozen=True)
 class Page:
-    """The content of one page.
+    """The content of one page."""
 
-    Attributes:
-        path: of its file, from the top of the catalogue.
-        title: in the window's title.
-        body: the main part.
-        scripts: names in `assets`, in the order in which they run.
-        data: for the scripts, JSON.
-    """
-
-    path: str
-    title: str
-    body: Html
-    scripts: Sequence[str] = ()
-    data: Any = None
+    path: str  # of its file, from the top of the catalogue
+    title: str  # in the window's title
+    body: Html  # the main part
+    scripts: Sequence[str] = ()  # names in `assets`, in the order in which they run
+    data: Any = None  # for the scripts, JSON
 
     @property
     def root(self) -> str:

@@ -69,15 +69,7 @@ def about(board: Board) -> str:
 def board_table(
     board: Board, rows: Sequence[Row], series: Mapping[str, int], *, key: str, root: str = ""
 ) -> Html:
-    """Returns the full table of a board, which is sorted by a click on its heads.
-
-    Args:
-        board: of the rows.
-        rows: to show, best first.
-        series: number of the color of each family.
-        key: of the table in its page.
-        root: path to the top of the catalogue.
-    """
+    """Returns the full table of a board, which is sorted by a click on its heads."""
     first = board.quantity
     others = [each for each in QUANTITIES if each[0] not in RANKS]
     axis = _axis(board, rows)

@@ -74,12 +74,7 @@ def series_viewer() -> Html:
 
 
 def _stage(content: Html, *, is_titled: bool) -> Html:
-    """Places for two episodes; the second one is hidden at first.
-
-    Args:
-        content: of each.
-        is_titled: whether captions are above the content, because it is tall.
-    """
+    """Places for two episodes; the second one is hidden at first."""
     choice = element(
         "div",
         element("label", "Dataset", element("select", name="dataset")),

@@ -64,13 +64,7 @@ def _seen(dataset: Dataset, spec: TaskSpec, shown: Int) -> Iterator[Episode]:
 
 
 def replay_table(episodes: Iterable[Episode], spec: TaskSpec, folder: Path) -> dict[str, Any]:
-    """Writes the chunks of episodes of a world, and returns what the browser replays them by.
-
-    Args:
-        episodes: in the order of their table.
-        spec: of the episodes.
-        folder: of the data files.
-    """
+    """Writes the chunks of episodes of a world, and returns what the browser replays them by."""
     columns = WorldColumns(spec)
     groups: dict[str, list[Group]] = {}
 

@@ -33,25 +33,17 @@ LETTER_WIDTH = 0.055  # inches, of 7 points
 
 
 class Panel(NamedTuple):
-    """One quantity of the rows of a line.
-
-    Attributes:
-        estimates: row -> estimate in shown units; rows may be absent, values NaN.
-        xlabel: of the horizontal axis.
-        title: above the panel.
-        line: where the mean of the data is; None: there is none.
-        scale: panels of one scale have the same limits; empty: limits of its own.
-        limits: ends of the axis; None: as far as the intervals reach.
-        hollow: rows whose markers are not filled.
-    """
+    """One quantity of the rows of a line."""
 
     estimates: Mapping[str, Estimate]
-    xlabel: str
-    title: str = ""
-    line: float | None = None
-    scale: str = ""
+    """Row -> estimate in shown units; rows may be absent, values NaN."""
+    xlabel: str  # of the horizontal axis
+    title: str = ""  # above the panel
+    line: float | None = None  # where the mean of the data is; None: there is none
+    scale: str = ""  # panels of one scale have the same limits; empty: limits of its own
     limits: tuple[float | None, float | None] = (None, None)
-    hollow: Collection[str] = ()
+    """Ends of the axis; None: as far as the intervals reach."""
+    hollow: Collection[str] = ()  # rows whose markers are not filled
 
 
 class PanelLine(NamedTuple):

@@ -40,19 +40,14 @@ LARGE, SMALL = _Layout(3, 2.2, 30, 7.5), _Layout(5, 1.15, 18, 6.5)
 
 
 class FrontPanel(NamedTuple):
-    """The points of a panel.
-
-    Attributes:
-        points: label -> (horizontal, vertical) in shown units.
-        front: labels that no other exceeds; they are filled, and a line joins them.
-        line: vertical place of the mean of the data; None: there is none.
-        far: labels that are listed in words, because they would dwarf the others.
-    """
+    """The points of a panel."""
 
     points: Mapping[str, tuple[Estimate, Estimate]]
-    front: Collection[str]
-    line: float | None = None
+    """Label -> (horizontal, vertical) in shown units."""
+    front: Collection[str]  # labels that no other exceeds; they are filled, and a line joins them
+    line: float | None = None  # vertical place of the mean of the data; None: there is none
     far: Collection[str] = ()
+    """Labels that are listed in words, because they would dwarf the others."""
 
     @property
     def near(self) -> dict[str, tuple[Estimate, Estimate]]:

@@ -29,52 +29,33 @@ OFF_AXIS: Mapping[str, Any] = {"lw": 1.1, "ls": (0, (1, 2))}
 
 
 class Line(NamedTuple):
-    """A line in its band.
+    """A line in its band."""
 
-    Attributes:
-        label: its name.
-        x: places on the horizontal axis, [P].
-        ends: mean, low and high there, in shown units, [3, P]; NaN: no band.
-        look: color, dashes and marker, in matplotlib's words.
-        base: (x, y) of the ring around the value that others are compared with; a dotted line at
-            this height if x is None; None: there is no such value.
-    """
-
-    label: str
-    x: Double
-    ends: Double
-    look: Mapping[str, Any]
+    label: str  # its name
+    x: Double  # places on the horizontal axis, [P]
+    ends: Double  # mean, low and high there, in shown units, [3, P]; NaN: no band
+    look: Mapping[str, Any]  # color, dashes and marker, in matplotlib's words
     base: tuple[float | None, float] | None = None
+    """(x, y) of the ring around the value that others are compared with; a dotted line at this
+    height if x is None; None: there is no such value."""
 
 
 class LinePanel(NamedTuple):
-    """Lines with the same axes.
+    """Lines with the same axes."""
 
-    Attributes:
-        title: the models of a condition, behind `~`, are lines below its task.
-        lines: in the order of the legend.
-        xlabel: of the horizontal axis.
-        ylabel: of the vertical axis.
-        levels: label -> height of a dashed line, such as the mean of the data.
-        limits: of the vertical axis; None: as far as lines reach.
-        xscale: such as `log`.
-        yscale: such as `symlog`.
-        ticks: place on the horizontal axis -> its text; empty: chosen by matplotlib.
-        falls: whether the horizontal axis falls from left to right.
-        counts: whether it has whole numbers.
-    """
-
-    title: str
-    lines: Sequence[Line]
-    xlabel: str = ""
-    ylabel: str = ""
+    title: str  # the models of a condition, behind `~`, are lines below its task
+    lines: Sequence[Line]  # in the order of the legend
+    xlabel: str = ""  # of the horizontal axis
+    ylabel: str = ""  # of the vertical axis
     levels: Mapping[str, float] = {}
-    limits: tuple[float, float] | None = None
-    xscale: str = "linear"
-    yscale: str = "linear"
+    """Label -> height of a dashed line, such as the mean of the data."""
+    limits: tuple[float, float] | None = None  # of the vertical axis; None: as far as lines reach
+    xscale: str = "linear"  # such as `log`
+    yscale: str = "linear"  # such as `symlog`
     ticks: Mapping[float, str] = {}
-    falls: bool = False
-    counts: bool = False
+    """Place on the horizontal axis -> its text; empty: chosen by matplotlib."""
+    falls: bool = False  # whether the horizontal axis falls from left to right
+    counts: bool = False  # whether it has whole numbers
 
 
 def plot_lines(

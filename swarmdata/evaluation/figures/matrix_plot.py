@@ -28,17 +28,11 @@ LETTER = 0.058
 
 
 class MatrixCell(NamedTuple):
-    """A number of a matrix.
+    """A number of a matrix."""
 
-    Attributes:
-        value: in shown units.
-        change: difference to the reference; its color.
-        is_framed: whether it has a frame and bold letters.
-    """
-
-    value: float
-    change: float
-    is_framed: bool = False
+    value: float  # in shown units
+    change: float  # difference to the reference; its color
+    is_framed: bool = False  # whether it has a frame and bold letters
 
 
 Groups = Mapping[str, Sequence[str]]
@@ -46,23 +40,14 @@ Groups = Mapping[str, Sequence[str]]
 
 
 class Notes(NamedTuple):
-    """What a matrix says about itself.
+    """What a matrix says about itself."""
 
-    Attributes:
-        limit: difference at which colors end.
-        scale: what the colors show.
-        below: a line on frames and on what is absent.
-        colors: title of a group of columns -> color of its bar.
-        side: key of a row -> number beside its name.
-        side_title: of those numbers.
-    """
-
-    limit: float
-    scale: str
-    below: str = ""
-    colors: Mapping[str, str] = {}
-    side: Mapping[str, float] = {}
-    side_title: str = ""
+    limit: float  # difference at which colors end
+    scale: str  # what the colors show
+    below: str = ""  # a line on frames and on what is absent
+    colors: Mapping[str, str] = {}  # title of a group of columns -> color of its bar
+    side: Mapping[str, float] = {}  # key of a row -> number beside its name
+    side_title: str = ""  # of those numbers
 
 
 def plot_matrix(

@@ -45,7 +45,6 @@ from swarmdata.learn.evaluation.fqe import (
 from swarmdata.learn.evaluation.transitions import Transitions
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.setup import check_device
-from swarmdata.learn.training.framed_dataset import framed
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import (
     Loaded,
@@ -54,6 +53,7 @@ from swarmdata.learn.training.run_folder import (
     load_last,
     read_run,
 )
+from swarmdata.learn.training.training_data import framed
 from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from swarmdata.drawing import markdown
-from swarmdata.drawing.aligned_text import aligned_table
+from swarmdata.drawing.markdown import aligned_table
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.runtime.output_folder import OutputKind, filled
 from swarmdata.specs.frozen import Frozen

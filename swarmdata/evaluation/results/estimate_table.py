@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from swarmdata.drawing import markdown
-from swarmdata.drawing.aligned_text import aligned_table
+from swarmdata.drawing.markdown import aligned_table
 from swarmdata.errors import UnknownNameError
 from swarmdata.rollouts.score_intervals import UNBOUNDED, Bounds
 from swarmdata.rollouts.score_statistics import Estimate

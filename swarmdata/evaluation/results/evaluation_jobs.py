@@ -73,25 +73,15 @@ class TargetName(Frozen):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One policy of a target in one spec.
+    """One policy of a target in one spec."""
 
-    Attributes:
-        source: of the target.
-        policy: its index in the target.
-        provenance: of the policy, as it was found.
-        spec: to evaluate it in.
-        n_episodes: number of seeds.
-        block: of seeds.
-        folder: of its result file.
-    """
-
-    source: TargetName
-    policy: int
-    provenance: Provenance
-    spec: TaskSpec
-    n_episodes: int
-    block: SeedBlock
-    folder: Path
+    source: TargetName  # of the target
+    policy: int  # its index in the target
+    provenance: Provenance  # of the policy, as it was found
+    spec: TaskSpec  # to evaluate it in
+    n_episodes: int  # number of seeds
+    block: SeedBlock  # of seeds
+    folder: Path  # of its result file
 
     @property
     def name(self) -> str:

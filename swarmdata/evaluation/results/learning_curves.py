@@ -38,11 +38,6 @@ def read_curve(paths: Sequence[Path], metric: str, *, progress: str = "updates")
 
     The `seed` column separates the runs of a file; a file without it holds one run.
 
-    Args:
-        paths: the files, whose runs are stacked.
-        metric: column to read.
-        progress: column of the horizontal axis.
-
     Raises:
         SchemaError: a column is missing, a value is not a number, or runs were measured at
             different points.

@@ -76,9 +76,6 @@ def _evaluation_spec(policy: str, trained: TaskSpec, choose: Choose, *, is_fixed
         trained: spec that it was made for.
         choose: returns it with the models that were asked for.
         is_fixed: whether it reads observations and so needs the features of its training.
-
-    Raises:
-        PolicyFitError: the models do not provide the features that it needs.
     """
     spec = choose(trained)
     if is_fixed and spec != trained:

@@ -46,21 +46,13 @@ LEAST_RANKED = 3
 
 @dataclass(frozen=True, eq=False)
 class TeamTransfer:
-    """A team in two simulators; tables are [K policies, E episodes].
+    """A team in two simulators; tables are [K policies, E episodes]."""
 
-    Attributes:
-        task: name of its preset, where the spec is one.
-        label: of the team.
-        backends: the simulators, that of the task first.
-        known: result of each policy in the first simulator.
-        new: likewise in the second.
-    """
-
-    task: str
-    label: str
-    backends: tuple[str, str]
-    known: tuple[Result, ...]
-    new: tuple[Result, ...]
+    task: str  # name of its preset, where the spec is one
+    label: str  # of the team
+    backends: tuple[str, str]  # the simulators, that of the task first
+    known: tuple[Result, ...]  # result of each policy in the first simulator
+    new: tuple[Result, ...]  # likewise in the second
 
     def metric(self, name: str) -> tuple[Double, Double]:
         """A metric of every episode in both simulators."""

@@ -77,19 +77,12 @@ class _SweepPoint(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A sweep that has been checked: what there is to evaluate.
+    """A sweep that has been checked: what there is to evaluate."""
 
-    Attributes:
-        axes: parameters and their values.
-        out: folder of results, tables and figures.
-        n_episodes: number of reserved seeds, the same at every point.
-        teams: in the order of the tables.
-    """
-
-    axes: tuple[Axis, ...]
-    out: Path
-    n_episodes: int
-    teams: tuple[_Team, ...]
+    axes: tuple[Axis, ...]  # parameters and their values
+    out: Path  # folder of results, tables and figures
+    n_episodes: int  # number of reserved seeds, the same at every point
+    teams: tuple[_Team, ...]  # in the order of the tables
 
     def points(self) -> dict[str, list[Evaluation]]:
         """Name of a point, `TEAM/FOLDER` -> the evaluation of each policy of the team."""
@@ -264,11 +257,7 @@ def _teams(
 
 
 def _labels(targets: Sequence[Target]) -> list[str]:
-    """The labels of the teams, with their datasets if a label has several.
-
-    Raises:
-        SpecError: two teams have the same label and dataset, and so the same files.
-    """
+    """The labels of the teams, with their datasets if a label has several."""
     names = [target.label for target in targets]
     keys = [target.provenances[0].dataset_key for target in targets]
     both = list(zip(names, keys, strict=True))

@@ -65,10 +65,6 @@ def plot_degradation(found: Degradation, out: Path) -> None:
     If the value of training is not on the axis, such as unlimited bandwidth, a dotted line shows
     its result. The axis runs in the order of its values, so that worse ones may be on the right.
 
-    Args:
-        found: sweep to draw.
-        out: where to save; the suffix is the format.
-
     Raises:
         SchemaError: there is nothing to draw, or the suffix is unknown.
         MissingExtraError: matplotlib is not installed.

@@ -95,10 +95,6 @@ def _shift(best: Int, counts: Int) -> float:
 
     What chance gives is subtracted: the mean of |share - p| of n of N episodes, drawn without
     replacement, is about sqrt(2 / pi p (1 - p) (1 - n / N) / n) for a policy with the share p.
-
-    Args:
-        best: episodes of each policy among the best.
-        counts: among all.
     """
     n, p = best.sum(), counts / counts.sum()
     chance = np.sqrt(2 / np.pi * p * (1 - p) * (1 - n / counts.sum()) / n)
@@ -139,12 +135,7 @@ class AlgorithmChoice:
 def choose_algorithm(
     found: EpisodeStatistics, thresholds: Mapping[str, Threshold] = THRESHOLDS
 ) -> AlgorithmChoice:
-    """Chooses by the three questions of this module.
-
-    Args:
-        found: of the data.
-        thresholds: by the name of the statistic.
-    """
+    """Chooses by the three questions of this module."""
     is_common, has_expert, is_shifted = (
         getattr(found, name) >= thresholds[name].middle for name in STATISTICS
     )

@@ -133,11 +133,6 @@ def _recipe(
     spec: TaskSpec, policies: Sequence[PolicySource], *, id: str, tier: str, seed: int | None,
     n_steps: int, metadata: Mapping[str, str],
 ) -> Recipe:  # fmt: skip
-    """Returns the recipe of a task and policies.
-
-    Raises:
-        SpecError: something in it is malformed, or there are too few steps.
-    """
     _check_steps(n_steps, policies, spec)
     content = {
         "id": id,

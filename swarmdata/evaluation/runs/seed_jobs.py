@@ -108,10 +108,6 @@ def group_folder(out: Path, group: Group) -> Path:
 def check_folders(out: Path, folders: Sequence[Path]) -> None:
     """Checks that runs may be trained in `out`, and that its seeds have not been grouped otherwise.
 
-    Args:
-        out: of the whole training.
-        folders: of the runs that it will consist of.
-
     Raises:
         OutputError: a folder has files and holds no run.
         BuildError: there are other runs.

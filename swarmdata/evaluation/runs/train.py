@@ -19,8 +19,8 @@ from swarmdata.evaluation.runs.trained_policies import load_policies, read_train
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.setup import check_device
-from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table, run_folders
+from swarmdata.learn.training.settings import as_texts, override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start
@@ -28,8 +28,7 @@ from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run,
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.reward_weights import RewardChoice
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
@@ -37,6 +36,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models, ranges_of
 from swarmdata.specs.origins import check_installed
 from swarmdata.specs.randomization import Randomization
+from swarmdata.specs.rules import RewardChoice
 from swarmdata.specs.task_spec import TaskSpec
 
 CURVE_EPISODES = 64
@@ -421,11 +421,7 @@ def last_evaluation(
 
 
 def _check_replay(algorithm: str) -> None:
-    """Refuses data for an algorithm that cannot mix them in.
-
-    Raises:
-        SchemaError: it has no replay.
-    """
+    """Refuses data for an algorithm that cannot mix them in."""
     if not hasattr(resolve("algorithm", ONLINE_ALGORITHMS, algorithm), "mix_in"):
         raise SchemaError(
             f"{algorithm} learns from the steps of its present policies only, so that recorded "

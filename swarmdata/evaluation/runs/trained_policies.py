@@ -8,7 +8,7 @@ from swarmdata.errors import CheckpointError, PolicyFitError, SpecError
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import load_policy
-from swarmdata.learn.policies.set_policy import SetPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,

@@ -27,29 +27,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """How a study is run; no option changes its results.
+    """How a study is run; no option changes its results."""
 
-    Attributes:
-        out: folder of tables and figures.
-        work: folder of cells; None: `runs/study-<name>`.
-        workers: processes of the engine `local`.
-        engine: where cells run and policies are evaluated in other conditions, as `build` takes it.
-        only: pattern of the cells to run, such as `bc/*`; sweeps and evaluations in other views
-            and tasks are skipped then.
-        shifts_only: whether no cell of the grid is run, only sweeps, and finished cells in other
-            views and tasks.
-        again: whether stale cells are deleted and run again.
-        progress: whether to show progress bars.
-    """
-
-    out: Path
-    work: Path | None = None
-    workers: int = 2
+    out: Path  # folder of tables and figures
+    work: Path | None = None  # folder of cells; None: `runs/study-<name>`
+    workers: int = 2  # processes of the engine `local`
     engine: str | Executor = LOCAL
+    """Where cells run and policies are evaluated in other conditions, as `build` takes it."""
     only: str | None = None
+    """Pattern of the cells to run, such as `bc/*`; sweeps and evaluations in other views and tasks
+    are skipped then."""
     shifts_only: bool = False
-    again: bool = False
-    progress: bool = True
+    """Whether no cell of the grid is run, only sweeps, and finished cells in other views and
+    tasks."""
+    again: bool = False  # whether stale cells are deleted and run again
+    progress: bool = True  # whether to show progress bars
 
     @property
     def jobs(self) -> JobOptions:
@@ -72,11 +64,6 @@ def run_study(
     study: Study, options: StudyOptions, command: str
 ) -> tuple[dict[str, str], list[Path]]:
     """Runs the cells of a study that are not done yet, and writes the pages of all that are.
-
-    Args:
-        study: the plan.
-        options: how to run it.
-        command: that runs the study again, for the page.
 
     Returns:
         Why cells failed, by name, and the files that were written, the page first.
@@ -135,14 +122,7 @@ def _planned_sweeps(found: Findings) -> "list[PlannedSweep]":
 def _write_pages(
     found: Findings, options: StudyOptions, command: str, *, measure: bool
 ) -> list[Path]:
-    """Writes the pages with what policies reach in other conditions.
-
-    Args:
-        found: what was measured.
-        options: of the study.
-        command: that runs it again.
-        measure: whether to evaluate what is not kept in the folder of cells.
-    """
+    """Writes the pages with what policies reach in other conditions."""
     if found.study.sweeps:
         from swarmdata.evaluation.study.shifts.sweeps import run_sweeps  # noqa: PLC0415  (torch)
 

@@ -27,12 +27,7 @@ FITS = FQEConfig(hidden=(64, 64), n_fits=3)
 
 
 def why_without(cells: Sequence[Cell], work: Path) -> str | None:
-    """Why policies of trained cells cannot be estimated from their data; None where they can.
-
-    Args:
-        cells: of one algorithm, one or more for each dataset.
-        work: folder of the cells.
-    """
+    """Why policies of trained cells cannot be estimated from their data; None where they can."""
     policies = load_run(cell_run_folder(cells[0], cell_folder(work, cells[0])))
     if not isinstance(policies[0], Actor):
         return (
@@ -48,11 +43,6 @@ def why_without(cells: Sequence[Cell], work: Path) -> str | None:
 
 def run_estimates(cells: Sequence[Cell], work: Path, **options: Unpack[JobOptions]) -> None:
     """Ranks the policies of trained cells that have no ranking yet.
-
-    Args:
-        cells: whose policies tell their actions.
-        work: folder of the cells.
-        options: where they are ranked.
 
     Raises:
         BatchError: some failed; the others are done.

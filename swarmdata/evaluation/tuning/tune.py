@@ -1,7 +1,7 @@
 """Tunes an offline algorithm: the same random search for every one, chosen by two rules.
 
 Trial 0 is the configuration as it is, the others change what is drawn from the algorithm's search
-space (`learn.training.search_space`). Each is trained as a cell of a study, with the same seeds and
+space (`learn.training.settings`). Each is trained as a cell of a study, with the same seeds and
 updates, on the first episodes of each dataset. Rule A chooses by the mean score over validation
 episodes; rule B by the data alone: fitted Q evaluation, of which the least of several fits is
 trusted, at the lower end of its interval (`policy_selection`).
@@ -33,7 +33,7 @@ from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.tuning.trial_estimates import read_estimates, run_estimates, why_without
 from swarmdata.evaluation.tuning.tuning_record import CELLS, TUNING, Trial, Tuning
 from swarmdata.hub.catalog.catalog import load
-from swarmdata.learn.training.search_space import drawn_settings, space_of
+from swarmdata.learn.training.settings import drawn_settings, space_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.extras import require_extra

@@ -10,7 +10,7 @@ import yaml
 from pydantic import Field
 
 from swarmdata.drawing import markdown
-from swarmdata.drawing.aligned_text import aligned_table
+from swarmdata.drawing.markdown import aligned_table
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.policy_selection.rank_statistics import ranks
 from swarmdata.evaluation.results.estimate_table import to_csv

@@ -31,7 +31,7 @@ from swarmdata.store.stored_dataset import Verify, check_spec
 if TYPE_CHECKING:  # a cached dataset is opened without them
     from swarmdata.datasets.mixture import Mixture
     from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
-    from swarmdata.registry.reward_weights import RewardChoice
+    from swarmdata.specs.rules import RewardChoice
 
 
 class RebuiltDifferentlyWarning(UserWarning):
@@ -167,7 +167,7 @@ def load(
             `Dataset.reobserve`. None: the recorded one.
         communication: the communication model, such as `lossy-30`, in the same way.
         rewards: weights to compute rewards with, such as `{"robot_collision": 2.0}`, or the
-            name of a set in `registry.reward_weights`: `"safe"`, or `"team"`, which gives every
+            name of a set in `specs.rules`: `"safe"`, or `"team"`, which gives every
             robot the mean reward of the team; see `Dataset.with_rewards`.
             None: the recorded rewards.
         path: the folder of the dataset of a shipped recipe, where it is not in the cache.
@@ -265,7 +265,7 @@ def _open(
     if (sentence := misnamed(stored.path, stored.manifest)) is not None:
         warnings.warn(f"{sentence}.", AnotherDatasetWarning, stacklevel=3)
     if rewards:
-        from swarmdata.registry.reward_weights import chosen_weights  # noqa: PLC0415
+        from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
 
         dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
     return dataset.reobserve(observation, communication, progress=progress)
@@ -281,7 +281,7 @@ def _check_view(
     if observation is not None or communication is not None:
         check_messages(with_models(spec, observation, communication), spec)
     if rewards:
-        from swarmdata.registry.reward_weights import chosen_weights  # noqa: PLC0415
+        from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
 
         changed_weights(spec.rules.rewards, chosen_weights(rewards, spec.rules))
 

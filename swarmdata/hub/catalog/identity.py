@@ -18,17 +18,13 @@ Kind = Literal["published", "rebuilt", "another", "unknown"]
 
 @dataclass(frozen=True)
 class Identity:
-    """The verdict on a dataset.
-
-    Attributes:
-        kind: `published`: arrays and recipe are those published under its id. `rebuilt`: built here
-            from the published recipe, with other arrays. `another`: it has the id of a published or
-            shipped dataset, and is not that one. `unknown`: nothing is published under its id.
-        sentence: the verdict in words, with the digests.
-    """
+    """The verdict on a dataset."""
 
     kind: Kind
-    sentence: str
+    """`published`: arrays and recipe are those published under its id. `rebuilt`: built here from
+    the published recipe, with other arrays. `another`: it has the id of a published or shipped
+    dataset, and is not that one. `unknown`: nothing is published under its id."""
+    sentence: str  # the verdict in words, with the digests
 
     @property
     def is_as_named(self) -> bool:

@@ -287,9 +287,6 @@ class _Job:
         """The origin beside the data if it is whole, else the shipped recipe of the same hash.
 
         The manifest has the right hash; where it is lost, the attributes of the arrays have it.
-
-        Raises:
-            DatasetError: there is neither.
         """
         attributes = root_attributes(self.path)
         known = attributes.get("recipe_hash") if manifest is None else manifest.recipe_hash

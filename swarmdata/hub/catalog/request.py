@@ -30,25 +30,18 @@ OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
 
 @dataclass(frozen=True)
 class Request:
-    """One request for a dataset.
+    """One request for a dataset."""
 
-    Attributes:
-        text: the name that was asked for, as it was written.
-        place: the folder in which the versions of the dataset lie, each in a folder of its own.
-        folder: the dataset's own folder; None: only a remote knows which version is the newest.
-        source: what the dataset's source is called where it is in `folder` already.
-        recipe: that makes it, if the package has one.
-        address: of the dataset, if `text` is one.
-        release: at that address, once the remote has been asked.
-    """
-
-    text: str
-    place: Path
+    text: str  # the name that was asked for, as it was written
+    place: Path  # the folder in which the versions of the dataset lie, each in a folder of its own
     folder: Path | None
+    """The dataset's own folder; None: only a remote knows which version is the newest."""
     source: Literal["cache", "folder"] = "cache"
-    recipe: Recipe | None = None
-    address: "Address | None" = None
+    """What the dataset's source is called where it is in `folder` already."""
+    recipe: Recipe | None = None  # that makes it, if the package has one
+    address: "Address | None" = None  # of the dataset, if `text` is one
     release: "tuple[Remote, Release] | None" = None
+    """At that address, once the remote has been asked."""
 
 
 @dataclass(frozen=True)

@@ -57,17 +57,11 @@ class RemoteSkippedWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Remotes:
-    """Remotes that are asked in order; one that fails is skipped with a warning.
+    """Remotes that are asked in order; one that fails is skipped with a warning."""
 
-    Attributes:
-        addresses: of the remotes; None: those that are configured.
-        offline: whether no remote is asked, not even that of a request's own address.
-        progress: whether to show a bar.
-    """
-
-    addresses: Sequence[str] | None = None
-    offline: bool = False
-    progress: bool = True
+    addresses: Sequence[str] | None = None  # of the remotes; None: those that are configured
+    offline: bool = False  # whether no remote is asked, not even that of a request's own address
+    progress: bool = True  # whether to show a bar
 
     @property
     def asked(self) -> Sequence[str]:
@@ -157,19 +151,13 @@ class Remotes:
 
 @dataclass(frozen=True)
 class Rebuild:
-    """Makes a dataset again: from its recipe, or, if it is an edit, from its parents.
+    """Makes a dataset again: from its recipe, or, if it is an edit, from its parents."""
 
-    Attributes:
-        remotes: where the parents of an edit are looked for, after the cache.
-        workers: processes that build; by default one for each core.
-        progress: whether to show a bar.
-        held: folders that this process holds the locks of, because it makes their datasets.
-    """
-
-    remotes: Remotes
-    workers: int | None = None
-    progress: bool = True
+    remotes: Remotes  # where the parents of an edit are looked for, after the cache
+    workers: int | None = None  # processes that build; by default one for each core
+    progress: bool = True  # whether to show a bar
     held: tuple[Path, ...] = ()
+    """Folders that this process holds the locks of, because it makes their datasets."""
 
     def get(self, request: Request) -> Found | None:
         """Builds the dataset where it belongs; None where nothing says how.

@@ -44,18 +44,13 @@ _HUB_NAME = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9._-]*[A-Za-z0-9_])?")
 
 @dataclass(frozen=True)
 class Address:
-    """A remote, or one dataset on it.
+    """A remote, or one dataset on it."""
 
-    Attributes:
-        remote: what `open_remote` takes, such as `hf://org` or `s3://bucket/prefix`.
-        dataset: the id with its version, or on a Hub the repository's name, which has none;
-            None: the address is of the whole remote.
-        revision: on a Hub, the tag (`v1`) or the commit; None: the newest version.
-    """
-
-    remote: str
+    remote: str  # what `open_remote` takes, such as `hf://org` or `s3://bucket/prefix`
     dataset: str | None = None
-    revision: str | None = None
+    """The id with its version, or on a Hub the repository's name, which has none; None: the address
+    is of the whole remote."""
+    revision: str | None = None  # on a Hub, the tag (`v1`) or the commit; None: the newest version
 
     def __str__(self) -> str:
         """The address as it is written."""

@@ -7,16 +7,12 @@ from typing import Protocol, runtime_checkable
 
 @dataclass(frozen=True)
 class Release:
-    """One published (id, version) somewhere.
+    """One published (id, version) somewhere."""
 
-    Attributes:
-        id: with its version, such as `coop_nav-medium-v1`.
-        address: of exactly these files: `hf://org/coop_nav-medium@<commit>`, or the folder
-            `s3://bucket/prefix/coop_nav-medium-v1`.
-    """
-
-    id: str
+    id: str  # with its version, such as `coop_nav-medium-v1`
     address: str
+    """Of exactly these files: `hf://org/coop_nav-medium@<commit>`, or the folder
+    `s3://bucket/prefix/coop_nav-medium-v1`."""
 
 
 class Remote(Protocol):

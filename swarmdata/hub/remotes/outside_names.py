@@ -22,10 +22,6 @@ _DEVICES = re.compile(r"(?i)(?:^|/)(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?:\.[^/
 def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
     """Splits `coop_nav-medium-v1` into `coop_nav-medium` and `v1`.
 
-    Args:
-        dataset_id: what came from outside.
-        known: ids to suggest from.
-
     Raises:
         AddressError: it is not an id with a version.
     """

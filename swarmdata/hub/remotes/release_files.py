@@ -36,11 +36,6 @@ def published_files(folder: Path, dataset_id: str) -> tuple[str, ...]:
 def files_to_publish(folder: Path, dataset_id: str, beside: Path | None) -> dict[str, Path]:
     """Every file to publish by its path there, the manifest last.
 
-    Args:
-        folder: of a finished dataset.
-        dataset_id: its id.
-        beside: a folder of more files.
-
     Raises:
         DatasetError: as `published_files` says.
     """

@@ -32,19 +32,13 @@ N_FETCHERS = 4
 
 @dataclass(frozen=True, eq=False)
 class EpisodeBlocks:
-    """Blocks of whole episodes of a remote dataset.
+    """Blocks of whole episodes of a remote dataset."""
 
-    Attributes:
-        source: the arrays.
-        table: all stored episodes.
-        recipe: what the dataset was made from.
-        spec: the task with other models, through which it is observed again; None: as recorded.
-    """
-
-    source: RemoteArrays
-    table: EpisodeTable
-    recipe: Origin
+    source: RemoteArrays  # the arrays
+    table: EpisodeTable  # all stored episodes
+    recipe: Origin  # what the dataset was made from
     spec: TaskSpec | None = None
+    """The task with other models, through which it is observed again; None: as recorded."""
     _last: dict[int, dict[str, NDArray[Any]]] = field(default_factory=dict, repr=False)
     """The block that `rows` read last, each array fetched when it is asked for."""
 

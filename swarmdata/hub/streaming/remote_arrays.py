@@ -20,18 +20,12 @@ class RemoteArrays:
 
     The manifest lists the xxh3_64 of every chunk, by which each is checked when it arrives and when
     it is read again from the cache.
-
-    Attributes:
-        remote: where from.
-        release: of the dataset.
-        manifest: of the dataset, checked.
-        cache: of chunks that were fetched before.
     """
 
-    remote: RangeReader
-    release: Release
-    manifest: Manifest
-    cache: ChunkCache
+    remote: RangeReader  # where from
+    release: Release  # of the dataset
+    manifest: Manifest  # of the dataset, checked
+    cache: ChunkCache  # of chunks that were fetched before
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the remote's address: connections belong to one process."""

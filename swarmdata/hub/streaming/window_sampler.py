@@ -186,7 +186,6 @@ class WindowSampler(RowSampler):
         )
 
     def dtype(self, name: str) -> np.dtype[Any]:
-        """The dtype of an array."""
         is_recorded = self._blocks.spec is None or name not in OBSERVED_ARRAYS
         return np.dtype(self._blocks.source.dtype(name) if is_recorded else np.float32)
 
@@ -222,10 +221,6 @@ class WindowSampler(RowSampler):
 
         Blocks that are not in memory are fetched, and the next one in the background.
 
-        Args:
-            index: stored rows.
-            wanted: fields to read.
-
         Raises:
             IndexError: an index outside the dataset.
             SchemaError: actions that are to be scaled lie outside their bounds.
@@ -250,11 +245,9 @@ class WindowSampler(RowSampler):
         return batch
 
     def settings(self) -> dict[str, int]:
-        """Returns what was chosen about the stream, without the data and the window."""
         return self._inner.settings()
 
     def identity(self) -> dict[str, int]:
-        """Returns what another sampler needs to have in common to resume the stream."""
         own = {"window": self._window, "order_seed": self._order_seed}
         return self.settings() | own | {"n_transitions": self._n_steps}
 

@@ -31,20 +31,14 @@ class Timeline:
 
     An agent has ended from its first flag in an episode on, whether flags stay set or not; the
     episode ends when all have.
-
-    Attributes:
-        name: a file, or a row of one; for errors.
-        terminals: which agents terminated in a step, [n, N].
-        truncations: which agents were truncated in a step, [n, N]; None: not in the format.
-        read: reads the arrays of some rows.
-        has_next: whether `read` gives the observations after each step.
     """
 
-    name: str
-    terminals: Bool
+    name: str  # a file, or a row of one; for errors
+    terminals: Bool  # which agents terminated in a step, [n, N]
     truncations: Bool | None
-    read: ReadRows
-    has_next: bool
+    """Which agents were truncated in a step, [n, N]; None: not in the format."""
+    read: ReadRows  # reads the arrays of some rows
+    has_next: bool  # whether `read` gives the observations after each step
 
     def __len__(self) -> int:
         """Number of steps."""

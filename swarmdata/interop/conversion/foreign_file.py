@@ -33,13 +33,10 @@ class ForeignFile:
     Args:
         path: of the file.
         hint: what a user can do about a damaged file, a sentence.
-
-    Attributes:
-        path: of the file.
-        place: where in the file the next call reads, such as `message 7 of /scan`.
     """
 
     def __init__(self, path: Path, hint: str = "") -> None:
+        # place: where in the file the next call reads, such as `message 7 of /scan`
         self.path, self.place, self._hint = path, "", hint
         self._left: int | None = None
 

@@ -22,39 +22,25 @@ Arrays = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedData:
-    """What a format's reader hands over.
+    """What a format's reader hands over."""
 
-    Attributes:
-        spec: spec of the environment.
-        policies: the behavior policies.
-        episodes: in order; read lazily, so valid only while the source is open.
-        splits: split of each episode, if known.
-        metadata: the user's answers and what the reader left out.
-    """
-
-    spec: AnySpec
-    policies: tuple[PolicySource, ...]
-    episodes: Iterator[Episode]
-    splits: Counts | None = None
+    spec: AnySpec  # spec of the environment
+    policies: tuple[PolicySource, ...]  # the behavior policies
+    episodes: Iterator[Episode]  # in order; read lazily, so valid only while the source is open
+    splits: Counts | None = None  # split of each episode, if known
     metadata: Mapping[str, str] = field(default_factory=dict)
+    """The user's answers and what the reader left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class AgentShapes:
-    """Sizes of foreign agents, known before any episode is read.
+    """Sizes of foreign agents, known before any episode is read."""
 
-    Attributes:
-        observations: number of columns of each agent's observation.
-        actions: number of columns of each agent's action.
-        choices: number of values in each column of each agent's discrete action, () if it is
-            continuous.
-        states: number of columns of the state, 0 without states.
-    """
-
-    observations: tuple[int, ...]
-    actions: tuple[int, ...]
+    observations: tuple[int, ...]  # number of columns of each agent's observation
+    actions: tuple[int, ...]  # number of columns of each agent's action
     choices: tuple[tuple[int, ...], ...]
-    states: int
+    """Number of values in each column of each agent's discrete action, () if it is continuous."""
+    states: int  # number of columns of the state, 0 without states
 
 
 def spec_from_shapes(task: str, shapes: AgentShapes, choices: Choices) -> RecordedSpec:

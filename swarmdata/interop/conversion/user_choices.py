@@ -9,31 +9,24 @@ from swarmdata.errors import ConversionError
 
 @dataclass(frozen=True)
 class Choices:
-    """Answers to questions that a format leaves open; None: not answered.
-
-    Attributes:
-        time_limit: steps after which the environment truncates an episode. An end at exactly this
-            step is then a truncation, whatever its flag says. 0: no limit, the flags are right.
-        episode_length: number of steps of every episode, for data without usable flags.
-        final: what to do if the observation after an episode's last action was not stored:
-            `repeat` copies the one before it; `cut` does so only for terminated episodes, where no
-            learner reads it, and drops the last step of truncated ones.
-        unfinished: what to do with rows after the last end: `truncate` makes a truncated episode
-            of them, `drop` leaves them out.
-        n_agents: number of agents whose columns are concatenated.
-        action_low: least value of every action; None: unbounded.
-        action_high: greatest value of every action; None: unbounded.
-        agents: names, in order; by default `agent_0`, `agent_1`, ...
-    """
+    """Answers to questions that a format leaves open; None: not answered."""
 
     time_limit: int | None = None
+    """Steps after which the environment truncates an episode. An end at exactly this step is then a
+    truncation, whatever its flag says. 0: no limit, the flags are right."""
     episode_length: int | None = None
+    """Number of steps of every episode, for data without usable flags."""
     final: Literal["repeat", "cut"] | None = None
+    """What to do if the observation after an episode's last action was not stored: `repeat` copies
+    the one before it; `cut` does so only for terminated episodes, where no learner reads it, and
+    drops the last step of truncated ones."""
     unfinished: Literal["truncate", "drop"] | None = None
-    n_agents: int | None = None
-    action_low: float | None = None
-    action_high: float | None = None
-    agents: tuple[str, ...] | None = None
+    """What to do with rows after the last end: `truncate` makes a truncated episode of them, `drop`
+    leaves them out."""
+    n_agents: int | None = None  # number of agents whose columns are concatenated
+    action_low: float | None = None  # least value of every action; None: unbounded
+    action_high: float | None = None  # greatest value of every action; None: unbounded
+    agents: tuple[str, ...] | None = None  # names, in order; by default `agent_0`, `agent_1`, ...
 
     def __post_init__(self) -> None:
         """Checks the ranges.

@@ -32,23 +32,15 @@ _HINTS = {
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What a bag says of the messages of a topic.
+    """What a bag says of the messages of a topic."""
 
-    Attributes:
-        topic: its name.
-        kind: type of its messages, such as `nav_msgs/msg/Odometry`.
-        encoding: of the messages: `cdr`, `ros1`, `json`, or one that we do not read.
-        definition: of the type, as text; empty if the bag has none.
-        language: of the definition.
-        digest: of the type and all that it holds, as ROS computes it; empty if the bag has none.
-    """
-
-    topic: str
-    kind: str
-    encoding: str
-    definition: str = ""
-    language: Literal["msg", "idl"] = "msg"
+    topic: str  # its name
+    kind: str  # type of its messages, such as `nav_msgs/msg/Odometry`
+    encoding: str  # of the messages: `cdr`, `ros1`, `json`, or one that we do not read
+    definition: str = ""  # of the type, as text; empty if the bag has none
+    language: Literal["msg", "idl"] = "msg"  # of the definition
     digest: str = ""
+    """Of the type and all that it holds, as ROS computes it; empty if the bag has none."""
 
 
 class RawMessage(NamedTuple):
@@ -62,11 +54,6 @@ class RawMessage(NamedTuple):
 
 def raw_messages(path: Path, topics: Collection[str], known: set[str]) -> Iterator[RawMessage]:
     """Yields the messages of some topics, in the order in which they were stored.
-
-    Args:
-        path: of a bag.
-        topics: to read, of those that are there.
-        known: gets the names of all topics.
 
     Raises:
         ConversionError: the bag is damaged, incomplete, or of an unknown kind.

@@ -55,10 +55,6 @@ def is_bag(path: Path) -> bool:
 def read_bag(path: Path, topics: Collection[str]) -> BagContents:
     """Reads some topics of a bag, and its static transforms.
 
-    Args:
-        path: of the bag.
-        topics: to read, of those that are there.
-
     Raises:
         ConversionError: it is no bag, it is damaged, or messages that are read have an unknown
             encoding or type.

@@ -117,13 +117,7 @@ def with_reached_goals(tracks: Sequence[RobotTrack], windows: Sequence[Window]) 
 
 
 class EpisodeMaker:
-    """Makes the episodes of tracks.
-
-    Args:
-        tracks: of all robots.
-        windows: of the episodes.
-        states: what states hold, as the map says it.
-    """
+    """Makes the episodes of tracks."""
 
     def __init__(
         self,

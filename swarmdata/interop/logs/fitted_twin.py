@@ -69,26 +69,18 @@ class Predictions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Twin:
-    """A fitted twin of logged robots.
-
-    Attributes:
-        spec: unicycles, as many as the logged robots; `swarmdata.make_env` runs it. Its action of 1
-            is the largest command that the logs allow.
-        responses: of each robot, by name.
-        team: of all robots together.
-        sources: of the errors that remain.
-        source: id and digest of the dataset that it was fitted to.
-        largest: commands that are actions of 1, m/s and rad/s.
-        flags: robots whose own response is not determined, and why; they have the team's.
-    """
+    """A fitted twin of logged robots."""
 
     spec: TaskSpec
-    responses: dict[str, Response]
-    team: Fit
-    sources: ErrorSources
-    source: str
-    largest: tuple[float, float]
+    """Unicycles, as many as the logged robots; `swarmdata.make_env` runs it. Its action of 1 is the
+    largest command that the logs allow."""
+    responses: dict[str, Response]  # of each robot, by name
+    team: Fit  # of all robots together
+    sources: ErrorSources  # of the errors that remain
+    source: str  # id and digest of the dataset that it was fitted to
+    largest: tuple[float, float]  # commands that are actions of 1, m/s and rad/s
     flags: dict[str, str] = field(default_factory=dict)
+    """Robots whose own response is not determined, and why; they have the team's."""
 
     def check(self, *datasets: Dataset) -> dict[str, Predictions]:
         """Predicts drives that the twin was not fitted to, under their logged commands.

@@ -43,21 +43,15 @@ Cells = Sequence[str] | NDArray[Any] | RaggedColumn
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogTable:
-    """Rows of one table, or messages of one topic.
+    """Rows of one table, or messages of one topic."""
 
-    Attributes:
-        name: file or topic, for errors.
-        cells: texts or numbers of each column, by name, [n] or [n, B], or of several lengths.
-        units: of the columns whose format fixes it, by name.
-        frame: of what it holds, if its messages say so.
-        used: columns that were read.
-    """
-
-    name: str
+    name: str  # file or topic, for errors
     cells: Mapping[str, Cells]
+    """Texts or numbers of each column, by name, [n] or [n, B], or of several lengths."""
     units: Mapping[str, str] = field(default_factory=dict)
-    frame: str = ""
-    used: set[str] = field(default_factory=set)
+    """Of the columns whose format fixes it, by name."""
+    frame: str = ""  # of what it holds, if its messages say so
+    used: set[str] = field(default_factory=set)  # columns that were read
 
     def _column(self, name: str) -> Cells:
         if name not in self.cells:
@@ -180,11 +174,7 @@ def is_match(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _plain(text: str) -> str:
-    """The text of a number as every program writes it: Python also takes `1_0` and other digits.
-
-    Raises:
-        ValueError: it has other characters.
-    """
+    """The text of a number as every program writes it: Python also takes `1_0` and other digits."""
     if "_" in text or not text.isascii():
         raise ValueError("expected digits from 0 to 9")
     return text.strip()
@@ -236,11 +226,7 @@ def read_table(path: Path, forms: Mapping[str, TableForm]) -> LogTable:
 
 
 def _unrolled(table: LogTable, windows: WindowRows) -> LogTable:
-    """A table with a row for each step of each window, and a column `time`.
-
-    Raises:
-        ConversionError: a column is named otherwise, or has other steps than the others.
-    """
+    """A table with a row for each step of each window, and a column `time`."""
     pattern = re.escape(windows.columns).replace(r"\{step\}", r"(?P<step>[0-9]+)")
     steps: dict[str, dict[int, list[str]]] = {}
     for name in table.cells:

@@ -247,11 +247,7 @@ class _Columns(NamedTuple):
 
 
 def _columns(origin: ImportedLogs) -> list[_Columns]:
-    """Those of each robot.
-
-    Raises:
-        ConversionError: the dataset has none.
-    """
+    """Those of each robot."""
     what = f"{origin.id} has no commands that logged robots followed: "
     if not isinstance(origin.spec, RecordedSpec):
         raise ConversionError(

@@ -169,11 +169,7 @@ def _given(logs: PublicLogs, folder: Path) -> list[Path]:
 
 
 def _check(folder: Path, logs: PublicLogs) -> None:
-    """Checks a new dataset before anybody sees it.
-
-    Raises:
-        ChecksumError: it has another digest, or an audit finds problems.
-    """
+    """Checks a new dataset before anybody sees it."""
     found = audit(folder, progress=False)
     if found.digest != logs.digest or found.problems:
         problems = "; ".join(each.message for each in found.problems)

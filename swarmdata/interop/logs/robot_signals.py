@@ -76,13 +76,11 @@ class SignalReader:
         logs: the logs.
         frames: the static transforms.
         max_gap: s, of the map: time that runs back farther is refused.
-
-    Attributes:
-        counts: rows that were put in order, and that repeat the time of another, by what they are.
     """
 
     def __init__(self, logs: OpenLogs, frames: PlanarFrames, max_gap: float) -> None:
         self._logs, self._frames, self._max_gap = logs, frames, max_gap
+        # rows that were put in order, and that repeat the time of another, by what they are
         self.counts: Counter[str] = Counter()
 
     def robot(self, robot: LoggedRobot) -> RobotSignals:
@@ -332,11 +330,7 @@ class _Rows:
 
 
 def _look_up(logs: OpenLogs, code: CodeOf, what: str) -> str:
-    """The value that another table has.
-
-    Raises:
-        ConversionError: not exactly one row of that table is meant.
-    """
+    """The value that another table has."""
     table = logs.table(code.log, None, what)
     chosen = np.ones(table.n_rows, np.bool_)
     for column, value in code.rows.items():
@@ -402,11 +396,7 @@ def clean_scans(
 def _sectors(
     rows: Sequence[Double], n_sectors: int, angles: tuple[Double, Double] | None, name: str
 ) -> Iterator[Int]:
-    """The sector of every beam of each scan, [B] each.
-
-    Raises:
-        ConversionError: beams are outside the field of view, or differ in number without angles.
-    """
+    """The sector of every beam of each scan, [B] each."""
     sizes = np.array([len(row) for row in rows])
     first = int(np.argmax(sizes > 0))
     n_beams = int(sizes[first])

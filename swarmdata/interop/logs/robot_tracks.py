@@ -15,10 +15,9 @@ from swarmdata.interop.logs.resampling import (
     wrap,
 )
 from swarmdata.interop.logs.robot_signals import RobotSignals
-from swarmdata.specs.gymnasium_spaces import common_bound
 from swarmdata.specs.origins.log_map import CommandComponent, FeatureSignal, LogMap, Signal
 from swarmdata.specs.origins.recorded_spec import RecordedAgent
-from swarmdata.specs.spaces import BoxSpace, DictSpace, Space
+from swarmdata.specs.spaces import BoxSpace, DictSpace, Space, common_bound
 from swarmdata.types import Bool, Double, Float, Int
 
 POSE_SPACE = BoxSpace(shape=(4,), dtype="float32")

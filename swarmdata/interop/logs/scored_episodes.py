@@ -201,11 +201,7 @@ def team_motion(
 
 
 def _unit(track: RobotTrack, robot: Robot, logged: LoggedRobot) -> Float:
-    """Commands as multiples of a robot's maxima, [K, 2].
-
-    Raises:
-        ConversionError: some are greater, and the map does not say `clip`.
-    """
+    """Commands as multiples of a robot's maxima, [K, 2]."""
     second = robot.max_turn_rate if robot.dynamics == "unicycle" else robot.max_speed
     actions: Float = (track.actions / np.array([robot.max_speed, second])).astype(np.float32)
     greatest = float(np.abs(actions).max(initial=0.0))
@@ -226,15 +222,12 @@ class EpisodeScorer:
         layout: obstacles, [M, 8].
         motion: of all robots.
         log_map: for the names of robots, and the shortest episode.
-
-    Attributes:
-        counts: steps that were left out, by why.
     """
 
     def __init__(self, spec: TaskSpec, layout: Float, motion: TeamMotion, log_map: LogMap) -> None:
         self._spec, self._layout, self._motion, self._map = spec, layout, motion, log_map
         self._world = LoggedWorld(make_task(spec))
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()  # steps that were left out, by why
 
     def episodes(self, windows: Sequence[Window]) -> list[Episode]:
         """One episode of each window that is long enough.

@@ -77,23 +77,16 @@ class Rule:
     joint head adds the columns' U and has one p of all combinations; its threshold is that of one
     column to the power of D.
 
-    Attributes:
-        regulariser: which of them.
-        temperature: lambda of `bc`, in units of utilities.
-        threshold: of `bcq`, 0 to 1.
-        head: kind of the behavior head.
-
     Raises:
         SchemaError: the temperature is not positive, or the threshold not in [0, 1].
     """
 
-    regulariser: Regulariser
-    temperature: float
-    threshold: float
-    head: Head
+    regulariser: Regulariser  # which of them
+    temperature: float  # lambda of `bc`, in units of utilities
+    threshold: float  # of `bcq`, 0 to 1
+    head: Head  # kind of the behavior head
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if self.temperature <= 0 or not 0 <= self.threshold <= 1:
             raise SchemaError(f"{self}: expected temperature above 0 and threshold from 0 to 1")
 

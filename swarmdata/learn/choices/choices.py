@@ -9,7 +9,7 @@ from torch.nn.functional import one_hot
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.choices import bins
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 MOST_COMBINATIONS = 4096
 """Most combinations of choices of one robot that are listed."""
@@ -21,16 +21,11 @@ class Choices:
 
     Robots may differ: who has fewer choices in a column has padding, which `exists` marks, and a
     column that a robot does not have is a single choice, 0.
-
-    Attributes:
-        values: of the actions that the choices mean, float64 [N, D, C], 0 in padding.
-        exists: bool [N, D, C]; None where there is no padding.
-        is_continuous: whether they are bins, between which recorded actions lie.
     """
 
-    values: Tensor
-    exists: Tensor | None
-    is_continuous: bool
+    values: Tensor  # of the actions that the choices mean, float64 [N, D, C], 0 in padding
+    exists: Tensor | None  # bool [N, D, C]; None where there is no padding
+    is_continuous: bool  # whether they are bins, between which recorded actions lie
 
     @classmethod
     def of(cls, sizes: Sizes, n_bins: int, device: torch.device | str = "cpu") -> "Choices":

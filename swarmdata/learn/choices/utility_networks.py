@@ -25,7 +25,7 @@ from swarmdata.learn.memory.segments import (
     remembered_next,
     take,
 )
-from swarmdata.learn.networks.network_inputs import Normalizer, information
+from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
@@ -137,8 +137,9 @@ class UtilityNetworks:
         self.config, self.rule = config, config.rule
         sizes, seeds, device = setup.sizes, setup.seeds, setup.device
         self.choices = Choices.of(sizes, config.n_bins, device)
-        self.normalizer = Normalizer(setup.statistics, device, clip_target=config.clip_target)
-        self.sizes, self.statistics = sizes, setup.statistics
+        self.normalizer = Normalizer(setup.statistics, device)
+        self.rewards = RobotRewards(setup.statistics, "team", clip_target=config.clip_target)
+        self.sizes = sizes
         self.memory: TeamMemory | None = None
         n_features = sizes.observation
         if config.has_memory:
@@ -232,7 +233,6 @@ class UtilityNetworks:
         return {f"networks.{k}": v for k, v in self.descent.state_dict().items()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         self.descent.load_state_dict({k.removeprefix("networks."): v for k, v in state.items()})
 
 

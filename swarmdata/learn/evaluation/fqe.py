@@ -73,7 +73,6 @@ class FQEConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if min(self.n_updates, self.batch_size, self.n_fits) < 1 or not 0 <= self.discount < 1:
             raise SchemaError(
                 f"{self}: expected at least 1 update, row and fit, and a discount from 0 to below 1"
@@ -82,22 +81,15 @@ class FQEConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Values:
-    """What K policies are worth, in units of discounted team return, by each of M fits.
+    """What K policies are worth, in units of discounted team return, by each of M fits."""
 
-    Attributes:
-        values: of every initial state, [K, M, E].
-        curve: means over initial states on the way, [P, K, M]; one that still moves has not
-            settled.
-        residual: root mean square of Q - y on held-out transitions, [K, M].
-        clipped: share of the targets of the last tenth of the updates that the bound cut, [K, M].
-        bound: the attainable range.
-    """
-
-    values: Double
+    values: Double  # of every initial state, [K, M, E]
     curve: Double
-    residual: Double
+    """Means over initial states on the way, [P, K, M]; one that still moves has not settled."""
+    residual: Double  # root mean square of Q - y on held-out transitions, [K, M]
     clipped: Double
-    bound: tuple[float, float]
+    """Share of the targets of the last tenth of the updates that the bound cut, [K, M]."""
+    bound: tuple[float, float]  # the attainable range
 
     @property
     def mean(self) -> Double:

@@ -13,7 +13,7 @@ from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go
 from swarmdata.learn.networks.network_inputs import Normalizer, information
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.training.training_data import Data
 from swarmdata.types import Double, Episode, Float
 

@@ -42,7 +42,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp_of_branches,
     mlp_of_products,
 )
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 FLOW_STREAM = 4
 """Of a seed's initial parameters, beside those of `networks.actor` and `networks.factored_critics`.

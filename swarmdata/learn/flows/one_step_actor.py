@@ -1,11 +1,13 @@
-"""OneStepActor: each robot maps its own observations and noise to an action, in one step."""
+"""One-step actors, students of a flow: they map a robot's observations and noise to an action."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
+from swarmdata.learn.flows.joint_flow import JointFlow
 from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS, GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.segments import (
@@ -16,7 +18,13 @@ from swarmdata.learn.memory.segments import (
     take,
 )
 from swarmdata.learn.networks.actor import ACTOR_STREAM
-from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
+from swarmdata.learn.networks.network_inputs import (
+    Standardization,
+    normal_like,
+    uniform_like,
+    with_agent_id,
+)
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.types import Batch
@@ -54,7 +62,7 @@ class FlowSettings(MemorySettings):
     flow_hidden: tuple[int, ...] = (64, 64)  # of one robot's part; students have the data's mean
     n_flow_steps: int = 10  # of Euler's method; Park et al. 2025; with 5, modes blur
     flow_learning_rate: float = 3e-3
-    debiased: bool = True  # see `learn.flows.distillation`; false copies the flow's mean too
+    debiased: bool = True  # see `Distillation`; false copies the flow's mean too
     noise: Noise = "team"
     redraw: Redraw = "step"
     noise_scale: float = 1.0  # when acting; 1 samples the distribution of the data
@@ -82,7 +90,7 @@ class OneStepActor:
     """
 
     def __init__(self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...]) -> None:
-        self.sizes, self.config, statistics = setup.sizes, config, setup.statistics
+        self.sizes, self.config = setup.sizes, config
         n_seen = self.sizes.observation + self.sizes.n_agents
         n_inputs = n_seen + noise_size(config.noise, self.sizes.n_agents, self.sizes.action)
         self.network: StackedMLP | StackedGates
@@ -94,8 +102,7 @@ class OneStepActor:
             perceptron = MLPShape(n_inputs, hidden, self.sizes.action)
             self.network = StackedMLP(perceptron, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
-        mean, std = statistics.observation_mean, statistics.observation_std
-        self.standard = Standardization(mean, std, setup.device)
+        self.standard = Standardization.of(setup.statistics, setup.device)
 
     def see(self, batch: Batch) -> StudentView:
         """Returns the transitions to learn from, and what the actors see of them.
@@ -133,3 +140,83 @@ class OneStepActor:
         first = N_GATE_LAYERS if isinstance(self.network, StackedGates) else 0
         outputs = mlp(self.network.layers[first:], with_agent_id(known).flatten(1, 2))
         return outputs.tanh().view_as(noise)
+
+
+class Distillation:
+    """Flows of the data and the actors that copy them, of K seeds, with an optimizer each.
+
+    A student that copies samples F(c, z) alone copies the flow's errors and adds its own. So the
+    targets are debiased: with the data's action a in the same row and independent noise z',
+
+        T = F(c, z) + a - F(c, z')
+
+    Given c and z, the mean of T is F(c, z) plus what the mean of the flow lacks of that of the
+    data. The price is noise in the targets, twice the spread of the data, and where the flow weighs
+    modes otherwise than the data do, all of them move by the difference of the means.
+
+    Args:
+        setup: sizes, seeds and the moments of observations.
+        config: of the flow, and of what the actors know of noise and of the past.
+        hidden: sizes of the actors' hidden layers.
+        learning_rate: of the actors.
+    """
+
+    def __init__(
+        self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...], *, learning_rate: float
+    ) -> None:
+        self.flow = JointFlow(
+            setup.sizes, setup.seeds, config.flow_hidden, config.n_flow_steps, setup.device
+        )
+        self.actor = OneStepActor(setup, config, hidden)
+        self._debiased = config.debiased
+        self._descent = Descent(
+            {"teacher": self.flow.network, "actor": self.actor.network}, setup.n_seeds,
+            {"teacher": config.flow_learning_rate, "actor": learning_rate}, config.max_grad_norm,
+        )  # fmt: skip
+        self.state_dict = self._descent.state_dict
+
+    def fit(
+        self, x: Tensor, actions: Tensor, generators: Sequence[torch.Generator], scale: float
+    ) -> Tensor:
+        """Moves the flow one step towards the data; returns its loss, [K].
+
+        Args:
+            x: normalized states and observations, [K, B, S + N O].
+            actions: joint actions of the data, [K, B, N, A].
+            generators: of noise and times, one per seed, [K].
+            scale: factor on the learning rate.
+        """
+        times = uniform_like(generators, actions[:, :, 0, :1])  # [K, B, 1]
+        loss = self.flow.loss(x, actions, normal_like(generators, actions), times)
+        self._descent.step_of("teacher", loss, scale)
+        return loss
+
+    def targets(
+        self, x: Tensor, z: Tensor, actions: Tensor, generators: Sequence[torch.Generator]
+    ) -> Tensor:
+        """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'.
+
+        Args:
+            x: normalized states and observations, [K, B, S + N O].
+            z: the noise that the actors see, [K, B, N, A].
+            actions: joint actions of the data, [K, B, N, A].
+            generators: of the noise z', one per seed, [K].
+        """
+        samples = self.flow.sample(x, z)
+        if not self._debiased:
+            return samples
+        return samples + actions - self.flow.sample(x, normal_like(generators, actions))
+
+    def step(self, loss: Tensor, scale: float) -> None:
+        """Moves the actors down the sum over seeds of a loss [K]; `scale` is of their rate."""
+        self._descent.step_of("actor", loss, scale)
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned; other entries are left alone.
+
+        Checkpoints of swarmdata 0.2 have another kind of flow, under another name. Their actors are
+        read, for policies; their runs do not go on, since their settings lack `debiased`.
+        """
+        blank = {} if "teacher" in state else self.state_dict()
+        kept = {name: tensor for name, tensor in blank.items() if name.startswith("teacher")}
+        self._descent.load_state_dict({**kept, **state})

@@ -24,9 +24,6 @@ class WindowSettings:
     def n_windows(self, batch_size: int) -> int:
         """Returns how many segments have as many steps as a batch of transitions.
 
-        Args:
-            batch_size: joint transitions.
-
         Raises:
             SchemaError: a size is out of range, or less than a segment is asked for.
         """
@@ -51,7 +48,6 @@ class MemorySettings(WindowSettings):
 
     @property
     def has_memory(self) -> bool:
-        """Whether the policy has a memory."""
         return self.memory != "none"
 
     def n_windows(self, batch_size: int) -> int:

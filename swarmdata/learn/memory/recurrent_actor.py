@@ -35,14 +35,13 @@ class RecurrentActor:
     def __init__(
         self, setup: Setup, hidden: tuple[int, ...], settings: MemorySettings, *, squash: bool
     ) -> None:
-        sizes, statistics = setup.sizes, setup.statistics
+        sizes = setup.sizes
         perceptron = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
         shape = GatedShape.reading(perceptron, settings.memory_size)
         self.network = StackedGates(shape, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, ACTOR_STREAM)
         self.squash, self.window, self.sizes = squash, settings.window, sizes
-        mean, std = statistics.observation_mean, statistics.observation_std
-        self.standard = Standardization(mean, std, setup.device)
+        self.standard = Standardization.of(setup.statistics, setup.device)
 
     def transitions(self, batch: Batch) -> Batch:
         """Returns the transitions of windows to learn from, fields [K, R, ...]."""

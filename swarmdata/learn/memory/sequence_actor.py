@@ -45,7 +45,6 @@ class SequenceSettings(WindowSettings):
     joint: bool = True  # whether robots hear those before them; without, each acts alone
 
     def __post_init__(self) -> None:
-        """Checks the sizes."""
         if self.n_heads < 1 or self.width < 1 or self.width % self.n_heads:
             raise SchemaError(
                 f"got width={self.width} and n_heads={self.n_heads}, expected a width that is a "
@@ -67,7 +66,7 @@ class SequenceActor:
     """
 
     def __init__(self, setup: Setup, settings: SequenceSettings) -> None:
-        sizes, statistics = setup.sizes, setup.statistics
+        sizes = setup.sizes
         self.shape = SequenceShape(
             inputs=sizes.observation + sizes.n_agents,
             told=sizes.action + (0 if sizes.frame is None else 2),
@@ -79,8 +78,7 @@ class SequenceActor:
         initialize(self.network, setup.seeds, ACTOR_STREAM)
         self.settings, self.sizes = settings, sizes
         self._hears = earlier(sizes.n_agents, setup.device) & settings.joint
-        mean, std = statistics.observation_mean, statistics.observation_std
-        self.standard = Standardization(mean, std, setup.device)
+        self.standard = Standardization.of(setup.statistics, setup.device)
 
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, fields [K, R, ...], and the outputs there.

@@ -12,7 +12,7 @@ from swarmdata.learn.networks.network_inputs import Standardization, with_agent_
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.set_networks import SetShape, StackedSets
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.perception.feature_slots import slots_of
 from swarmdata.types import Batch
 
@@ -96,12 +96,8 @@ class StackedActor:
         return batch, self(batch.observations)
 
 
-class DelayedActor:
+class DelayedActor(Descent):
     """Squashed policies of K seeds, their slow copies for targets, and their optimizer.
-
-    Attributes:
-        online: the policies that are trained.
-        target: parameters of their slow copies.
 
     Args:
         online: the policies; their outputs pass through tanh.
@@ -113,15 +109,11 @@ class DelayedActor:
     def __init__(
         self, online: StackedActor, n_seeds: int, *, learning_rate: float, max_norm: float | None
     ) -> None:
-        self.online = online
-        self._descent = Descent(
+        self.online = online  # the policies that are trained
+        super().__init__(
             {"actor": online.network}, n_seeds, learning_rate, max_norm, followed=("actor",)
         )
-        self.target = self._descent.targets["actor"]
-        self.step, self.descend = self._descent.step, self._descent.descend
-        self.follow = self._descent.follow
-        self.state_dict = self._descent.state_dict
-        self.load_state_dict = self._descent.load_state_dict
+        self.target = self.targets["actor"]  # parameters of their slow copies
 
     def __call__(self, observations: Tensor) -> Tensor:
         """Returns actions, [K, B, N, A], of observations [K, B, N, O] as recorded."""
@@ -151,7 +143,7 @@ LOG_STD_RANGE = (-3.0, 1.0)
 """Of the network's output."""
 
 
-class BehaviorDensity:
+class BehaviorDensity(Descent):
     """beta(a_i | o_i) = N(tanh m(o_i, i), s(o_i, i)^2), with a deviation that depends on both.
 
     It sees what the actors see, by a network of the same kind. Where the data's robots act alike, s
@@ -178,10 +170,7 @@ class BehaviorDensity:
         self._actor, self._floor = actor, floor
         self.network = _doubled(actor.network)
         initialize(self.network, seeds, DENSITY_STREAM)
-        self._descent = Descent({"density": self.network}, len(seeds), learning_rate, max_norm)
-        self.descend = self._descent.descend
-        self.state_dict = self._descent.state_dict
-        self.load_state_dict = self._descent.load_state_dict
+        super().__init__({"density": self.network}, len(seeds), learning_rate, max_norm)
 
     def gradient(self, observations: Tensor, actions: Tensor) -> Tensor:
         """Fills the gradient; returns the negative log-likelihood, the mean over rows, [K].

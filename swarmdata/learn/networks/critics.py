@@ -31,7 +31,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp,
     mlp_of_branches,
 )
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 JointGradient = Literal["all", "own"]
 """Whose actions the policy gives in its own loss: those of all agents, or of one at a time."""
@@ -43,29 +43,22 @@ def others_of(joint_gradient: JointGradient, pi: Tensor, actions: Tensor) -> Ten
 
 
 class CriticOptions(TypedDict, total=False):
-    """What `Critics` are told by keyword."""
+    """What critics are told by keyword."""
 
-    learning_rate: Required[float]
-    max_norm: Required[float | None]
-    n_critics: int
-    device: torch.device | str
+    learning_rate: Required[float]  # of Adam
+    max_norm: Required[float | None]  # of the gradient of one seed's critics; None does not clip
+    n_critics: int  # critics of a seed, J; two if absent
+    device: torch.device | str  # where to train
 
 
-class Critics:
-    """J critics of each of K seeds, their targets, and their optimizer.
-
-    Attributes:
-        online: the critics; rows are seed 0 critic 0, seed 0 critic 1, ..., seed 1 critic 0, ...
-        target: their slow copies.
+class CriticEnsemble(Descent):
+    """J perceptrons of each of K seeds with one output, their slow copies, and their optimizer.
 
     Args:
         n_inputs: features that a critic sees, actions included.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
-        learning_rate: of Adam.
-        max_norm: largest norm of the gradient of one seed's critics; None does not clip.
-        n_critics: critics of a seed, J.
-        device: where to train.
+        **options: the rest.
     """
 
     def __init__(
@@ -73,26 +66,33 @@ class Critics:
         n_inputs: int,
         seeds: Sequence[int],
         hidden: tuple[int, ...],
-        *,
-        learning_rate: float,
-        max_norm: float | None,
-        n_critics: int = 2,
-        device: torch.device | str = "cpu",
+        **options: Unpack[CriticOptions],
     ) -> None:
-        self.n_critics = n_critics
+        self.n_critics = options.get("n_critics", 2)
         shape = MLPShape(n_inputs, hidden, 1, layer_norm=True)
-        self.online = StackedMLP(shape, n_critics * len(seeds), device)
+        # rows are seed 0 critic 0, seed 0 critic 1, ..., seed 1 critic 0, ...
+        self.online = StackedMLP(shape, self.n_critics * len(seeds), options.get("device", "cpu"))
         initialize(self.online, seeds, CRITIC_STREAM)
-        networks = {"critics": self.online}
-        self._descent = Descent(
-            networks, len(seeds), learning_rate, max_norm,
-            followed=networks, moments={"critics": "critic_adam"},
+        super().__init__(
+            {"critics": self.online}, len(seeds), options["learning_rate"], options["max_norm"],
+            followed=("critics",), moments={"critics": "critic_adam"},
         )  # fmt: skip
-        self.target: StackedMLP = self._descent.targets["critics"]
-        self.step, self.descend = self._descent.step, self._descent.descend
-        self.follow = self._descent.follow
-        self.state_dict = self._descent.state_dict
-        self.load_state_dict = self._descent.load_state_dict
+        self.target: StackedMLP = self.targets["critics"]
+
+    def smallest_of(self, x: Tensor, varied: Tensor) -> Tensor:
+        """Returns the smallest of the J values of M actions in each row, [K, B, M]; constants.
+
+        Args:
+            x: critic inputs besides actions, [K, B, F].
+            varied: actions as critics see them, [K, B, M, D].
+        """
+        shared, branches = (t.repeat_interleave(self.n_critics, 0) for t in (x, varied))
+        values = mlp_of_branches(self.online.constants(), shared, branches)[..., 0]
+        return values.view(-1, self.n_critics, *values.shape[1:]).amin(1)
+
+
+class Critics(CriticEnsemble):
+    """Critics that give one value of a joint action."""
 
     def q(self, x: Tensor, actions: Tensor) -> Tensor:
         """Returns all critics' values, [K, J, B, 1].
@@ -140,17 +140,6 @@ class Critics:
         """
         return mlp_of_branches(self.online.constants(self.n_critics), x, actions.flatten(3))
 
-    def smallest_q(self, x: Tensor, varied: Tensor) -> Tensor:
-        """Returns the smallest of the J values of M actions in each row, [K, B, M]; constants.
-
-        Args:
-            x: critic inputs besides actions, [K, B, F].
-            varied: actions as critics see them, [K, B, M, D].
-        """
-        shared, branches = (t.repeat_interleave(self.n_critics, 0) for t in (x, varied))
-        values = mlp_of_branches(self.online.constants(), shared, branches)[..., 0]
-        return values.view(-1, self.n_critics, *values.shape[1:]).amin(1)
-
 
 Critic = Literal["centralized", "decentralized"]
 """Whether a robot's critic sees the team, or that robot only."""
@@ -168,18 +157,13 @@ class InputNormalizer(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotView:
-    """What critics see of a batch besides actions, and how they see actions.
+    """What critics see of a batch besides actions, and how they see actions."""
 
-    Attributes:
-        features: in each robot's frame, its number included, [K, B, N, F].
-        cosines: of the angle from robot i's frame to that of the robot in each slot, [K, B, N, N];
-            None if critics see their own action only, or nothing is turned.
-        sines: likewise.
-    """
-
-    features: Tensor
+    features: Tensor  # in each robot's frame, its number included, [K, B, N, F]
     cosines: Tensor | None = None
-    sines: Tensor | None = None
+    """Of the angle from robot i's frame to that of the robot in each slot, [K, B, N, N]; None if
+    critics see their own action only, or nothing is turned."""
+    sines: Tensor | None = None  # likewise
 
     @property
     def rows(self) -> Tensor:
@@ -195,9 +179,6 @@ class RobotViews:
         normalizer: of observations and states.
         critic: whether critics see the team.
         device: where batches are.
-
-    Attributes:
-        critic: whether critics see the team.
     """
 
     def __init__(
@@ -289,7 +270,7 @@ class RobotViews:
         return torch.cat([of_robots.flatten(1), rest], 1)
 
 
-class RobotCritics:
+class RobotCritics(CriticEnsemble):
     """Values of joint actions for each robot, [K, J, B, N], with slow copies and an optimizer.
 
     Args:
@@ -299,7 +280,7 @@ class RobotCritics:
             robot's observation and action.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
-        **options: of `Critics`.
+        **options: the rest.
     """
 
     def __init__(
@@ -311,32 +292,13 @@ class RobotCritics:
         hidden: tuple[int, ...],
         **options: Unpack[CriticOptions],
     ) -> None:
-        self._views = RobotViews(sizes, normalizer, critic, options.get("device", "cpu"))
-        n_inputs = self._views.n_features + self._views.n_actions
-        self._critics = Critics(n_inputs, seeds, hidden, **options)
-        self.n_critics, self.descend = self._critics.n_critics, self._critics.descend
-        self.online, self.target = self._critics.online, self._critics.target
-        self.step, self.follow = self._critics.step, self._critics.follow
-        self.state_dict = self._critics.state_dict
-        self.load_state_dict = self._critics.load_state_dict
-
-    @property
-    def critic(self) -> Critic:
-        """Whether the critics see the team, or their robot only."""
-        return self._views.critic
-
-    @property
-    def n_features(self) -> int:
-        """Features of a view, F."""
-        return self._views.n_features
-
-    def view(self, states: Tensor, observations: Tensor) -> RobotView:
-        """Returns what the critics see of a batch; arguments as of `RobotViews.view`."""
-        return self._views.view(states, observations)
+        self._views = views = RobotViews(sizes, normalizer, critic, options.get("device", "cpu"))
+        super().__init__(views.n_features + views.n_actions, seeds, hidden, **options)
+        self.critic, self.n_features, self.view = critic, views.n_features, views.view
 
     def q(self, view: RobotView, actions: Tensor) -> Tensor:
         """Returns all critics' values of joint actions [K, B, N, A], [K, J, B, N]."""
-        return self._values(self._critics.online, view, actions)
+        return self._values(self.online, view, actions)
 
     def target_q(self, view: RobotView, actions: Tensor, others: Tensor | None = None) -> Tensor:
         """Returns the values that the slow copies give, as `q`.
@@ -346,7 +308,7 @@ class RobotCritics:
             actions: of the robots, [K, B, N, A].
             others: the actions that each robot's value supposes of the others; None: `actions`.
         """
-        return self._values(self._critics.target, view, actions, others)
+        return self._values(self.target, view, actions, others)
 
     def first_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
         """Returns the first critics' values, [K, B, N], with their parameters as constants.
@@ -357,13 +319,13 @@ class RobotCritics:
             others: the actions that the others take meanwhile; `own` for a joint action.
         """
         seen = self._views.actions(view, own, others)
-        layers = self._critics.online.constants(self.n_critics)
+        layers = self.online.constants(self.n_critics)
         return mlp_of_branches(layers, view.rows, seen[:, :, None]).view(own.shape[:3])
 
     def smallest_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
         """Returns the smallest of the J values, [K, B, N]; constants and arguments as `first_q`."""
         seen = self._views.actions(view, own, others)
-        return self._critics.smallest_q(view.rows, seen[:, :, None]).view(own.shape[:3])
+        return self.smallest_of(view.rows, seen[:, :, None]).view(own.shape[:3])
 
     def sampled_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
         """Returns all critics' values of M actions of each robot, [K, J, B, N, M].
@@ -376,7 +338,7 @@ class RobotCritics:
         pairs = zip(own.unbind(2), others.unbind(2), strict=True)
         seen = torch.stack([self._views.actions(view, *pair) for pair in pairs], 2)
         shared, varied = (t.repeat_interleave(self.n_critics, 0) for t in (view.rows, seen))
-        values = mlp_of_branches(self._critics.online.layers, shared, varied)  # [K J, B N, M, 1]
+        values = mlp_of_branches(self.online.layers, shared, varied)  # [K J, B N, M, 1]
         return values.view(-1, self.n_critics, *own.shape[1:2], *own.shape[3:1:-1])
 
     def candidate_q(self, view: RobotView, candidates: Tensor, others: Tensor) -> Tensor:
@@ -389,7 +351,7 @@ class RobotCritics:
         """
         n_candidates = candidates.shape[3]
         seen = [self._views.actions(view, own, others) for own in candidates.unbind(3)]
-        values = self._critics.smallest_q(view.rows, torch.stack(seen, 2))
+        values = self.smallest_of(view.rows, torch.stack(seen, 2))
         return values.view(*others.shape[:3], n_candidates)
 
     def _values(

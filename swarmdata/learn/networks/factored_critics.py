@@ -9,39 +9,32 @@ that `network_inputs.information` gives.
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Unpack
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import CRITIC_STREAM
+from swarmdata.learn.networks.critics import CriticOptions
 from swarmdata.learn.networks.mixers import Mixer
 from swarmdata.learn.networks.network_inputs import information, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 MIXER_STREAM, VALUE_STREAM = 2, 3
 """Streams of a seed's initial parameters, beside those of `learn.networks.actor`."""
 
 
-class FactoredCritics:
+class FactoredCritics(Descent):
     """J factored critics of each of K seeds, their targets, and their optimizers.
-
-    Attributes:
-        utilities: the networks Q_i; rows are seed 0 critic 0, seed 0 critic 1, seed 1 critic 0, ...
-        target_utilities: their slow copies.
-        target_mixer: that of the mixer; None if nothing of it is learned.
 
     Args:
         sizes: numbers of agents and features.
         seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers of Q_i, which have LayerNorm.
-        mixer: of K J networks with rows as `utilities` has them.
-        learning_rate: of Adam.
-        max_norm: largest norm of the gradient of one seed's Q_i, and of its mixers; None does not
-            clip.
-        n_critics: critics of a seed, J.
-        device: where to train.
+        mixer: of K J networks, rows as `utilities` has them.
+        **options: the rest; `max_norm` is of one seed's Q_i, and of its mixers.
     """
 
     def __init__(
@@ -50,26 +43,22 @@ class FactoredCritics:
         seeds: Sequence[int],
         hidden: tuple[int, ...],
         mixer: Mixer,
-        *,
-        learning_rate: float,
-        max_norm: float | None,
-        n_critics: int = 2,
-        device: torch.device | str = "cpu",
+        **options: Unpack[CriticOptions],
     ) -> None:
-        self.n_critics, self.mixer = n_critics, mixer
+        self.n_critics, self.mixer = options.get("n_critics", 2), mixer
         inputs = sizes.observation + sizes.action + sizes.n_agents
         shape = MLPShape(inputs, hidden, 1, layer_norm=True)
-        self.utilities = StackedMLP(shape, n_critics * len(seeds), device)
+        # the networks Q_i: rows are seed 0 critic 0, seed 0 critic 1, seed 1 critic 0, ...
+        device = options.get("device", "cpu")
+        self.utilities = StackedMLP(shape, self.n_critics * len(seeds), device)
         initialize(self.utilities, seeds, CRITIC_STREAM)
         networks = {"utilities": self.utilities}
         if mixer.network is not None:
             networks["mixer"] = mixer.network
-        self._descent = Descent(networks, len(seeds), learning_rate, max_norm, followed=networks)
-        self.target_utilities: StackedMLP = self._descent.targets["utilities"]
-        self.target_mixer: StackedMLP | None = self._descent.targets.get("mixer")
-        self.step, self.follow = self._descent.step, self._descent.follow
-        self.state_dict = self._descent.state_dict
-        self.load_state_dict = self._descent.load_state_dict
+        rate, max_norm = options["learning_rate"], options["max_norm"]
+        super().__init__(networks, len(seeds), rate, max_norm, followed=networks)
+        self.target_utilities: StackedMLP = self.targets["utilities"]
+        self.target_mixer: StackedMLP | None = self.targets.get("mixer")  # if it learns
 
     def q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
         """Returns all critics' Q_tot, [K, J, B].

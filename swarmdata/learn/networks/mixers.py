@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import elu
 
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 
 Network = Callable[[Tensor], Tensor]
 """Stacked networks, or some of them with their weights as constants."""

@@ -18,26 +18,28 @@ def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
 
 
 class Standardization:
-    """Centers observations and divides them by their deviation, in training and when acting.
-
-    Attributes:
-        mean: for policies, float64 [O] on the CPU.
-        std: likewise.
+    """Centers features and divides them by their deviation, in training and when acting.
 
     Args:
-        mean: of observations, [O].
+        mean: of the features, [F].
         std: likewise.
         device: where batches are.
     """
 
     def __init__(self, mean: Double, std: Double, device: torch.device | str) -> None:
-        self.mean = torch.tensor(mean, dtype=torch.float64)
-        self.std = torch.tensor(std, dtype=torch.float64)
-        self._mean, self._std = (m.to(device, torch.float32) for m in (self.mean, self.std))
+        self.mean = torch.tensor(mean, dtype=torch.float64)  # for policies, float64 [F] on the CPU
+        self.std = torch.tensor(std, dtype=torch.float64)  # likewise
+        # both for batches, float32
+        self.on_device = tuple(m.to(device, torch.float32) for m in (self.mean, self.std))
 
-    def __call__(self, observations: Tensor) -> Tensor:
-        """Returns observations as recorded, float32 [..., O], as networks see them."""
-        return standardize(observations, self._mean, self._std)
+    @classmethod
+    def of(cls, statistics: Statistics, device: torch.device | str) -> "Standardization":
+        """That of a dataset's observations."""
+        return cls(statistics.observation_mean, statistics.observation_std, device)
+
+    def __call__(self, values: Tensor) -> Tensor:
+        """Returns features as recorded, float32 [..., F], as networks see them."""
+        return standardize(values, *self.on_device)
 
 
 def with_agent_id(features: Tensor) -> Tensor:
@@ -102,38 +104,14 @@ def restore_generators(generators: Sequence[torch.Generator], states: Tensor) ->
 
 
 class Normalizer:
-    """The moments of a dataset on a device, in float32.
+    """States and observations in units of the moments of a dataset, on a device, in float32."""
 
-    Attributes:
-        reward_scale: 1 / standard deviation of the returns-to-go.
-        max_value: R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing.
-
-    Args:
-        statistics: of the dataset.
-        device: where batches are.
-        clip_target: whether R* bounds values.
-    """
-
-    def __init__(
-        self, statistics: Statistics, device: torch.device | str, *, clip_target: bool = False
-    ) -> None:
-        def on_device(moment: object) -> Tensor:
-            return torch.tensor(moment).to(device, torch.float32)
-
-        self.state_mean = on_device(statistics.state_mean)
-        self.state_std = on_device(statistics.state_std)
-        self.observation_mean = on_device(statistics.observation_mean)
-        self.observation_std = on_device(statistics.observation_std)
-        self.reward_scale = 1 / statistics.return_std
-        self.max_value = statistics.max_return * self.reward_scale if clip_target else math.inf
-
-    def states(self, states: Tensor) -> Tensor:
-        """Returns normalized states, [..., S], of states as recorded."""
-        return standardize(states, self.state_mean, self.state_std)
-
-    def observations(self, observations: Tensor) -> Tensor:
-        """Returns normalized observations, [..., O], of observations as recorded."""
-        return standardize(observations, self.observation_mean, self.observation_std)
+    def __init__(self, statistics: Statistics, device: torch.device | str) -> None:
+        moments = statistics.state_mean, statistics.state_std
+        self.states = Standardization(*moments, device)  # normalizes states as recorded, [..., S]
+        self.state_mean, self.state_std = self.states.on_device  # each [S]
+        # normalizes observations as recorded, [..., O]
+        self.observations = Standardization.of(statistics, device)
 
     def information(self, states: Tensor, observations: Tensor) -> Tensor:
         """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""
@@ -151,11 +129,6 @@ class RobotRewards:
     the rewards of the others are noise. Own rewards are for tasks in which robots are rewarded for
     what they do themselves.
 
-    Attributes:
-        scale: 1 / standard deviation of the returns-to-go.
-        max_value: R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing.
-        return_range: largest less smallest undiscounted return of an episode, in scaled rewards.
-
     Args:
         statistics: of the dataset.
         reward: whose.
@@ -167,10 +140,13 @@ class RobotRewards:
     ) -> None:
         is_own = reward == "own"
         self._is_own = is_own
+        # 1 / standard deviation of the returns-to-go
         self.scale = 1 / (statistics.own_return_std if is_own else statistics.return_std)
         largest = statistics.own_max_return if is_own else statistics.max_return
+        # R*, the largest return-to-go, in scaled rewards; infinite if it bounds nothing
         self.max_value = largest * self.scale if clip_target else math.inf
         width = statistics.own_return_range if is_own else statistics.return_range
+        # largest less smallest undiscounted return of an episode, in scaled rewards
         self.return_range = width * self.scale
 
     def __call__(self, rewards: Tensor) -> Tensor:

@@ -46,11 +46,7 @@ class StackedAdam:
         self.descend(scale)
 
     def descend(self, scale: float = 1.0) -> None:
-        """Descends one step along the gradient that the network has; clips it first.
-
-        Args:
-            scale: factor on the learning rate, for schedules.
-        """
+        """Descends one step along the gradient that the network has; clips it first."""
         if self.max_norm is not None:
             clip_per_seed(self.network.gradient, self.n_seeds, self.max_norm)
         group = self._adam.param_groups[0]
@@ -68,7 +64,6 @@ class StackedAdam:
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor], prefix: str = "") -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         size, fresh = self.network.flat.shape, self._fresh()
         for name, value in fresh.items():
             (unpadded(value, size) if value.ndim else value).copy_(state[prefix + name])
@@ -193,7 +188,6 @@ class Descent:
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         for name, adam in self._adams.items():
             adam.network.load(state[name])
             adam.load_state_dict(state, self._prefix(name))

@@ -1,9 +1,10 @@
 """Losses of critics and actors that algorithms share, as pure functions.
 
 `expectile_loss` is of implicit Q-learning (Kostrikov et al. 2022), `soft_value_loss` OMIGA's (Wang
-et al. 2023).
+et al. 2023). Those of value decomposition are over choices: column d of a robot's action has C of
+them with utilities U_dk, and a recorded action a is a weight w_dk(a) of each (`Choices.weights`).
 
-The last ones extract a policy from a critic and a behavior density. With each robot's value Q_i(b)
+Some extract a policy from a critic and a behavior density. With each robot's value Q_i(b)
 of its action b, the density beta of the data's actions given o_i, and an inverse temperature eta,
 the policy that is sought is the tilted density (Peng et al. 2019, "Advantage-weighted regression",
 section 3):
@@ -30,6 +31,9 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import smooth_l1_loss
+
+from swarmdata.learn.choices.behavior_heads import Head, cross_entropy
 
 
 class Loss(NamedTuple):
@@ -203,3 +207,52 @@ def tilted_loss(pi: Tensor, candidates: Tensor, values: Tensor, eta: Tensor) -> 
     """Returns the squared error to the tilted mean, a constant, [K]; arguments as above."""
     target = tilted_mean(candidates, values, eta).detach()
     return (pi - target).square().sum(3).mean((1, 2))
+
+
+def robot_values(utilities: Tensor, weights: Tensor) -> Tensor:
+    """Returns Q_i = 1/D sum_dk w_dk U_dk, [K, J, B, N] (Seyde et al. 2023, equation 2).
+
+    Args:
+        utilities: [K, J, B, N, D, C].
+        weights: the actions as weights of the choices, [K, B, N, D, C].
+    """
+    return (utilities * weights[:, None]).sum(-1).mean(-1)
+
+
+def huber_error(q: Tensor, y: Tensor) -> Tensor:
+    """Returns sum_j Huber(Q_j - y), the mean over rows, [K].
+
+    Args:
+        q: values that J networks give, [K, J, B].
+        y: targets, [K, B].
+    """
+    errors: Tensor = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none")
+    return errors.mean(2).sum(1)
+
+
+def conservative_gap(utilities: Tensor, weights: Tensor, exists: Tensor | None) -> Tensor:
+    """Returns sum_j mean_id [log sum_k exp U_dk - sum_k w_dk U_dk], [K].
+
+    Conservative Q-learning (Kumar et al. 2020, equation 4) robot by robot and column by column: the
+    sum over joint actions has no such form and was found unstable.
+
+    Args:
+        utilities: [K, J, B, N, D, C].
+        weights: the data's actions as weights of the choices, [K, B, N, D, C].
+        exists: which choices there are, bool [N, D, C]; None: all.
+    """
+    taken = (utilities * weights[:, None]).sum(-1)  # [K, J, B, N, D]
+    if exists is not None:
+        utilities = utilities.masked_fill(~exists, -torch.inf)
+    return (utilities.logsumexp(-1) - taken).mean((2, 3, 4)).sum(1)
+
+
+def behavior_loss(log_probs: Tensor, weights: Tensor, head: Head) -> Tensor:
+    """Returns -sum_d sum_k w_dk log pi_b(k | o_i)_d, the mean over robots and rows, [K].
+
+    Args:
+        log_probs: of the behavior head: `behavior_heads.behavior_log_probs`.
+        weights: the data's actions as weights of the choices, [K, B, N, D, C].
+        head: its kind.
+    """
+    return cross_entropy(log_probs, weights, head).mean((1, 2))

@@ -21,33 +21,20 @@ from swarmdata.types import Bool, Float, Int, Step
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BinPolicy(Memoryless):
-    """Takes the best bin of every dimension; computes in float64, as `TorchPolicy` does.
-
-    Attributes:
-        layers: weights of the utility networks, float64, critic after critic; each has one network
-            if robots share it, else N.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        n_bins: of each dimension, C.
-        frame: in which the robots see and act; None for the world's.
-        parameters: whether the robots share one network.
-    """
+    """Takes the best bin of every dimension; computes in float64, as `TorchPolicy` does."""
 
     layers: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
-    n_bins: int
-    frame: Frame | None = None
-    parameters: Parameters = "shared"
+    """Weights of the utility networks, float64, critic after critic; each has one network if robots
+    share it, else N."""
+    observation_mean: Tensor  # subtracted from observations, float64 [O]
+    observation_std: Tensor  # what they are divided by, float64 [O]
+    n_bins: int  # of each dimension, C
+    frame: Frame | None = None  # in which the robots see and act; None for the world's
+    parameters: Parameters = "shared"  # whether the robots share one network
     n_critics: int = 1  # whose mean utility decides
     uses_state: bool = False
 
     def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, A], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
         actions = to_actions(self.choices(observations), self.n_bins, torch.float64)
         return in_world(self.frame, observations, actions.numpy()).astype(np.float32)
 
@@ -67,37 +54,23 @@ class ChoicePolicy(Memoryless):
 
     Of continuous actions it takes bins in [-1, 1]; of recorded choices their numbers as they were
     recorded.
-
-    Attributes:
-        layers: weights of the utility networks, float64, critic after critic; each has one network
-            if robots share it, else N.
-        behavior: weights of the behavior networks; empty without a behavior head.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        choices: what there is to choose from.
-        ranges: recorded choices of each robot, by column; empty for bins.
-        rule: how utilities and behavior decide.
-        frame: in which the robots see and act; None for the world's.
-        parameters: whether the robots share one network.
     """
 
     layers: Sequence[Layer]
-    behavior: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
-    choices: Choices
+    """Weights of the utility networks, float64, critic after critic; each has one network if robots
+    share it, else N."""
+    behavior: Sequence[Layer]  # weights of the behavior networks; empty without a behavior head
+    observation_mean: Tensor  # subtracted from observations, float64 [O]
+    observation_std: Tensor  # what they are divided by, float64 [O]
+    choices: Choices  # what there is to choose from
     ranges: tuple[tuple[range, ...], ...]
-    rule: Rule
-    frame: Frame | None = None
-    parameters: Parameters = "shared"
+    """Recorded choices of each robot, by column; empty for bins."""
+    rule: Rule  # how utilities and behavior decide
+    frame: Frame | None = None  # in which the robots see and act; None for the world's
+    parameters: Parameters = "shared"  # whether the robots share one network
     uses_state: bool = False
 
     def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, D], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
         return self.choose(self._features(observations), observations)
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
@@ -163,16 +136,12 @@ class ChoicePolicy(Memoryless):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecurrentChoicePolicy:
-    """Takes what a `ChoicePolicy` prefers that sees a memory of the episode beside the present.
-
-    Attributes:
-        gates: layers of the gated units (`gated_networks`), float64; one unit if robots share it,
-            else N.
-        chooser: sees normalized observations and the memory.
-    """
+    """Takes what a `ChoicePolicy` prefers that sees a memory of the episode beside the present."""
 
     gates: Sequence[Layer]
-    chooser: ChoicePolicy
+    """Layers of the gated units (`gated_networks`), float64; one unit if robots share it, else
+    N."""
+    chooser: ChoicePolicy  # sees normalized observations and the memory
     uses_state: bool = False
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)

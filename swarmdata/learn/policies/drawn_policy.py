@@ -30,18 +30,12 @@ class DrawnPolicy(StepFunction):
     carry no importance weights.
 
     It computes in float64 on the CPU and rounds once at the end, as `TorchPolicy` does.
-
-    Attributes:
-        layers: the actors' weights, float64, R = 1.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        frame: in which the actors see and act; None for the world's.
     """
 
-    layers: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
-    frame: Frame | None = None
+    layers: Sequence[Layer]  # the actors' weights, float64, R = 1
+    observation_mean: Tensor  # subtracted from observations, float64 [O]
+    observation_std: Tensor  # what they are divided by, float64 [O]
+    frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
 
     @abstractmethod
@@ -60,13 +54,9 @@ class DrawnPolicy(StepFunction):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LatentPolicy(DrawnPolicy):
-    """A `DrawnPolicy` of latents: in every episode the team takes that of one recorded episode.
+    """A `DrawnPolicy` of latents: in every episode the team takes that of one recorded episode."""
 
-    Attributes:
-        latents: of the recorded episodes, float64 [M, D].
-    """
-
-    latents: Tensor
+    latents: Tensor  # of the recorded episodes, float64 [M, D]
 
     def draw(self, step: Step) -> Tensor:
         """Returns the latent of each episode, [E, D]."""
@@ -97,18 +87,12 @@ class FlowPolicy(DrawnPolicy):
 
     The noise is drawn once for an episode, or anew in every step. With noise `team` every robot
     computes that of all robots; with `own` they need not agree on anything.
-
-    Attributes:
-        n_agents: N, the robots it was trained for.
-        noise: what a robot knows of the team's noise.
-        redraw: when noise is drawn anew.
-        noise_scale: factor on the noise when acting.
     """
 
-    n_agents: int
-    noise: Noise
-    redraw: Redraw
-    noise_scale: float = 1.0
+    n_agents: int  # N, the robots it was trained for
+    noise: Noise  # what a robot knows of the team's noise
+    redraw: Redraw  # when noise is drawn anew
+    noise_scale: float = 1.0  # factor on the noise when acting
 
     def draw(self, step: Step) -> Double:
         """Returns the noise of all robots, normal of deviation `noise_scale`, [E, N, A]."""
@@ -130,18 +114,13 @@ class RecurrentFlowPolicy(Remembering):
         layers: gates and reader of the actors (`gated_networks`), float64, R = 1.
         observation_mean: subtracted from observations, float64 [O].
         observation_std: what they are divided by, float64 [O].
-        n_agents: N, the robots it was trained for.
-        noise: what a robot knows of the team's noise.
-        redraw: when noise is drawn anew.
-        noise_scale: factor on the noise when acting.
-        frame: in which the actors see and act; None for the world's.
     """
 
-    n_agents: int
-    noise: Noise
-    redraw: Redraw
-    noise_scale: float = 1.0
-    frame: Frame | None = None
+    n_agents: int  # N, the robots it was trained for
+    noise: Noise  # what a robot knows of the team's noise
+    redraw: Redraw  # when noise is drawn anew
+    noise_scale: float = 1.0  # factor on the noise when acting
+    frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
 
     @property

@@ -21,8 +21,7 @@ from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy, Recu
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, parse_checkpoint, save_checkpoint
 from swarmdata.learn.training.run_files import POLICIES, last_policy_path
 from swarmdata.perception.feature_slots import Slots
@@ -108,12 +107,7 @@ def last_policy(run: Path, seed: int) -> Policy:
 
 
 def parse_policy(data: bytes, source: str) -> Policy:
-    """Reads the bytes that `save_policy` wrote; errors are those of `load_policy`.
-
-    Args:
-        data: of the file.
-        source: its name, for errors.
-    """
+    """Reads the bytes that `save_policy` wrote; errors are those of `load_policy`."""
     return _policy(*parse_checkpoint(data, source), source)
 
 

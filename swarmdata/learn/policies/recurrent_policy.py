@@ -146,15 +146,12 @@ class RecurrentPolicy(Remembering):
             shared, else N.
         observation_mean: subtracted from observations, float64 [O].
         observation_std: what they are divided by, float64 [O].
-        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
-        frame: in which the actors see and act; None for the world's.
-        parameters: whether the agents share one actor.
     """
 
-    squash: bool
-    frame: Frame | None = None
+    squash: bool  # whether the output passes through tanh; otherwise it is clipped to [-1, 1]
+    frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
-    parameters: Parameters = "shared"
+    parameters: Parameters = "shared"  # whether the agents share one actor
 
     @property
     def view(self) -> tuple[Frame | None, Parameters]:

@@ -11,12 +11,12 @@ from swarmdata.learn.memory.sequence_actor import told_actions
 from swarmdata.learn.memory.sequence_networks import (
     EMBED,
     HEAD,
+    Mixture,
     decide,
     memory_size,
     over_step,
     with_past,
 )
-from swarmdata.learn.networks.mixtures import Mixture
 from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.policies.recurrent_policy import RunningMemory
@@ -35,26 +35,16 @@ class SequencePolicy:
     trained so (`joint`).
 
     It computes in float64 on the CPU and rounds once at the end; the memory, as `RunningMemory`.
-
-    Attributes:
-        layers: of a sequence network (`sequence_networks`), float64, R = 1.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        n_heads: of its attentions.
-        n_components: of the mixtures.
-        deviation: of each component.
-        joint: whether robots hear those before them.
-        frame: in which the actors see and act; None for the world's.
     """
 
-    layers: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
-    n_heads: int
-    n_components: int
-    deviation: float
-    joint: bool = True
-    frame: Frame | None = None
+    layers: Sequence[Layer]  # of a sequence network (`sequence_networks`), float64, R = 1
+    observation_mean: Tensor  # subtracted from observations, float64 [O]
+    observation_std: Tensor  # what they are divided by, float64 [O]
+    n_heads: int  # of its attentions
+    n_components: int  # of the mixtures
+    deviation: float  # of each component
+    joint: bool = True  # whether robots hear those before them
+    frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)

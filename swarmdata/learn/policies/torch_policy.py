@@ -1,8 +1,8 @@
-"""TorchPolicy, the greedy policy of one seed, and what all policies without memory share."""
+"""TorchPolicy and SetPolicy, the greedy policies of one seed, and what all without memory share."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -11,9 +11,12 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.learn.networks.perceptrons import Layer, mlp, present
+from swarmdata.learn.networks.set_networks import SetShape, over_sets
 from swarmdata.learn.networks.team_networks import Parameters, answer
-from swarmdata.perception.frames import Frame, in_world
+from swarmdata.perception.feature_slots import Slots, slots_of
+from swarmdata.perception.frames import Frame, find_frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
+from swarmdata.specs.features import Feature
 from swarmdata.types import Float, Int, Step
 
 
@@ -52,7 +55,11 @@ class Memoryless(StepFunction):
 
     @abstractmethod
     def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
+        """Returns joint actions, float32 [E, N, A], for observations [E, N, O].
+
+        Raises:
+            SchemaError: the observations are not those the policy was trained on.
+        """
 
     def step_actions(self, step: Step) -> Float:
         return self.actions(step.observations)
@@ -64,35 +71,23 @@ class TorchPolicy(Memoryless):
 
     It computes in float64 on the CPU and rounds once at the end: a product's summation order
     depends on how many copies run together, and in float32 that would show in the actions.
-
-    Attributes:
-        layers: the actors' weights, float64; R = 1 if they are shared, else N.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-        squash: whether the output passes through tanh; otherwise it is clipped to [-1, 1].
-        frame: in which the actors see and act; None for the world's. What it adds to observations
-            is part of O.
-        parameters: whether the agents share one actor.
     """
 
-    layers: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
-    squash: bool
+    layers: Sequence[Layer]  # the actors' weights, float64; R = 1 if they are shared, else N
+    observation_mean: Tensor  # subtracted from observations, float64 [O]
+    observation_std: Tensor  # what they are divided by, float64 [O]
+    squash: bool  # whether the output passes through tanh; otherwise it is clipped to [-1, 1]
     frame: Frame | None = None
+    """In which the actors see and act; None for the world's. What it adds to observations is part
+    of O."""
     uses_state: bool = False
-    parameters: Parameters = "shared"
+    parameters: Parameters = "shared"  # whether the agents share one actor
     # by shape [N, O] of observations that were checked, at their first use
     _folded: dict[tuple[int, ...], list[Layer]] = field(
         default_factory=dict, init=False, repr=False
     )
 
     def actions(self, observations: Float) -> Float:
-        """Returns the actors' actions, float32 [E, N, A], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
         framed = observations if self.frame is None else self.frame.inputs(observations)
         layers = self._folded.get(framed.shape[1:])
         if layers is None:
@@ -201,3 +196,53 @@ def check_observations(
             f"policy got observations {framed.shape}, expected {len(mean)} features of {n_agents} "
             "agents. Evaluate it on the task and observation model that it was trained on."
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SetPolicy(Memoryless):
+    """An actor over sets that all robots share and that sees no robot numbers.
+
+    It computes in float64 on the CPU and rounds once at the end, as `TorchPolicy` does.
+    """
+
+    layers: Sequence[Layer]  # the actor's weights (`set_networks`), float64, R = 1
+    field_mean: Tensor  # subtracted from what is read, float64 [F], F as in `slots.fields`
+    field_std: Tensor  # what it is divided by, float64 [F]
+    squash: bool  # whether the output passes through tanh; otherwise it is clipped to [-1, 1]
+    slots: Slots  # what the columns of an observation describe
+    hidden: tuple[int, ...]  # sizes of the actor's hidden layers
+    frame: Frame | None = None  # in which the actor sees and acts; None for the world's
+    anchor: str = "world"  # of that frame, as `frames.find_frame` takes it
+    uses_state: bool = False
+
+    @torch.no_grad()
+    def actions(self, observations: Float) -> Float:
+        framed = observations if self.frame is None else self.frame.inputs(observations)
+        if framed.shape[-1] != self.slots.n_columns:
+            raise SchemaError(
+                f"policy got observations {framed.shape}, expected {self.slots.n_columns} features "
+                "of any number of robots. To act with other numbers of slots, use the policy that "
+                "`SetPolicy.fitted` returns for them."
+            )
+        moments = self.slots.normalizing(self.field_mean.numpy(), self.field_std.numpy())
+        mean, std = (torch.from_numpy(each) for each in moments)
+        features = standardize(torch.from_numpy(framed.astype(np.float64)), mean, std)
+        shape = SetShape(self.slots, self.hidden, self.layers[-1].weight.shape[-1])
+        outputs = over_sets(shape, self.layers, features.flatten(0, 1)[None])
+        actions = (outputs.tanh() if self.squash else outputs.clamp(-1, 1)).numpy()
+        local = actions.reshape(*observations.shape[:2], -1)
+        return in_world(self.frame, observations, local).astype(np.float32)
+
+    def fitted(self, features: Sequence[Feature]) -> "SetPolicy":
+        """Returns the same policy for observations with other numbers of slots.
+
+        Args:
+            features: of one robot's observation.
+
+        Raises:
+            PolicyFitError: the own features, the kinds of slots or their fields differ.
+            SpecError: the vector that the frame turns with is not observed.
+        """
+        frame = find_frame(features, self.anchor)
+        slots = slots_of(tuple(feature.name for feature in features), frame)
+        return replace(self, frame=frame, slots=slots.in_order_of(self.slots))

@@ -16,8 +16,7 @@ from swarmdata.learn.networks.set_networks import StackedSets
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
-from swarmdata.learn.policies.set_policy import SetPolicy
-from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 
 GREEDY = Rule("none", temperature=1.0, threshold=0.0, head="factored")
 """Takes the likeliest choice of each column; the numbers have no effect."""
@@ -81,13 +80,12 @@ def flow_policy(actor: OneStepActor, index: int) -> FlowPolicy | RecurrentFlowPo
 
 def utility_policy(networks: UtilityNetworks, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
     """The greedy policy of seed number `index` of utility networks, as it is now."""
-    behavior = networks.behavior
-    mean, std = networks.statistics.observation_mean, networks.statistics.observation_std
+    behavior, standard = networks.behavior, networks.normalizer.observations
     chooser = ChoicePolicy(
         layers=networks.team.extract(index, N_CRITICS),
         behavior=[] if behavior is None else behavior.extract(index),
-        observation_mean=torch.tensor(mean, dtype=torch.float64),
-        observation_std=torch.tensor(std, dtype=torch.float64),
+        observation_mean=standard.mean,
+        observation_std=standard.std,
         choices=networks.choices.to_cpu(),
         ranges=networks.sizes.choices,
         rule=networks.rule,
@@ -100,7 +98,6 @@ def utility_policy(networks: UtilityNetworks, index: int) -> ChoicePolicy | Recu
 
 
 def _likeliest(actor: ChoiceActor, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
-    """The policy that takes the likeliest choices."""
     outputs = policy_of(actor.outputs, index)
     assert isinstance(outputs, TorchPolicy | RecurrentPolicy)  # sets are refused for choices
     has_memory = isinstance(outputs, RecurrentPolicy)
@@ -125,10 +122,6 @@ def _reader(layers: Sequence[Layer], n_features: int) -> list[Layer]:
 
     Recurrent actors read observations, number, memory; policies over choices observations, memory,
     number.
-
-    Args:
-        layers: gates and reader.
-        n_features: of an observation.
     """
     first, *others = layers[N_GATE_LAYERS:]
     n_memory = layers[1].weight.shape[1]

@@ -56,7 +56,7 @@ from swarmdata.learn.objectives.losses import (
     tilted_loss,
 )
 from swarmdata.learn.objectives.weighted_rows import ScoredRows, check_share
-from swarmdata.learn.training.search_space import Choice, LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
 Extraction = Literal["joint", "anchored", "weighted", "tilted"]
@@ -116,7 +116,6 @@ class ExtractionConfig:
     effective_share: float = 0.3  # of `weighted`: of the rows, see `objectives.weighted_rows`
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         names = ("inverse_temperature", "slope_limit", "density_floor")
         for name in names:
             if getattr(self, name) <= 0:
@@ -161,15 +160,11 @@ class Critics(Part, Protocol):
 
 
 class OfflineLearner(ABC):
-    """K seeds of an offline algorithm: their updates so far, and their state.
+    """K seeds of an offline algorithm: their updates so far, and their state."""
 
-    Attributes:
-        config: settings, with `n_updates` and `final_learning_rate_factor`.
-        generators: of the noise of training, one per seed; empty if there is none.
-    """
-
-    config: Any
+    config: Any  # settings, with `n_updates` and `final_learning_rate_factor`
     generators: Sequence[torch.Generator] = ()
+    """Of the noise of training, one per seed; empty if there is none."""
     n_updates = 0
 
     @property
@@ -193,7 +188,6 @@ class OfflineLearner(ABC):
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned."""
         self.n_updates = int(state["n_updates"])
         if self.generators and "generators" in state:  # runs that drew nothing only act now
             restore_generators(self.generators, state["generators"])
@@ -328,13 +322,11 @@ class LossActorCritic(TwoStageActorCritic):
         """Returns the actors' loss after the warm-up, in which it is `bc_loss` alone."""
 
     def critic_step(self, batch: Batch, x: Any, scale: float) -> dict[str, Tensor]:
-        """Moves the critics; returns losses, each [K]."""
         total, reported = self.critic_loss(batch, x)
         self.critics.step(total, scale)
         return reported
 
     def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:
-        """Moves the actors; returns losses, each [K]."""
         pi = self.actor(batch.observations)  # [K, B, N, A]
         total = bc_loss = cloning_loss(pi, batch.actions)
         reported: dict[str, Tensor] = {}
@@ -369,10 +361,6 @@ def scale_and_stage(
 class SecondStage:
     """Density, optimizer and temperature of the second stage of K seeds.
 
-    Attributes:
-        begins_at: number of updates before the stage.
-        density: of the data's actions.
-
     Args:
         actor: what is extracted into.
         setup: seeds of the runs, [K].
@@ -388,8 +376,10 @@ class SecondStage:
         config: TwoStageConfig,
     ) -> None:
         self._actor, self._generators, self._config = actor, generators, config
+        # number of updates before the stage
         self.begins_at = config.n_updates - round(config.n_updates * config.extraction_share)
         rate, max_norm = config.actor_learning_rate, config.max_grad_norm
+        # of the data's actions
         self.density = BehaviorDensity(
             actor.online, setup.seeds,
             floor=config.density_floor, learning_rate=rate, max_norm=max_norm,
@@ -467,7 +457,6 @@ class SecondStage:
         return {"extraction_slope": self._slope.clone(), **adam, **parts}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; other entries are left alone."""
         self._slope = state["extraction_slope"].to(self._slope.device, copy=True)
         self._adam.load_state_dict(state, "extraction_adam.")
         self.density.load_state_dict(state)

@@ -62,12 +62,7 @@ def load_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
 
 def parse_checkpoint(data: bytes, source: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Reads the bytes of a checkpoint; errors are those of `load_checkpoint`.
-
-    Args:
-        data: of the file.
-        source: its name, for errors.
-    """
+    """Reads the bytes of a checkpoint; errors are those of `load_checkpoint`."""
     try:
         tensors: dict[str, Tensor] = parse(data)
         header = _header(data)

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import CheckpointError, SchemaError
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.runtime.atomic import staged
 from swarmdata.types import Batch
 
@@ -41,7 +41,6 @@ class Shape:
     margin: int  # rows that may follow a checkpoint
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         if min(self.n_seeds, self.n_copies, self.capacity) < 1 or self.margin < 0:
             raise SchemaError(
                 f"{self}: expected at least one seed, copy and row, and no negative margin"

@@ -50,23 +50,15 @@ D = TypeVar("D", bound=Description)
 class Run(Generic[D]):
     """A run that is being trained: its description, its checkpoints and its tables.
 
-    Args:
-        folder: that holds the description.
-        description: of the run.
-
     Raises:
         CheckpointError: the last checkpoint is damaged, or belongs to another run.
-
-    Attributes:
-        now: the time of the last checkpoint; 0 before the first.
-        state: of the algorithm at that time; empty before the first.
-        metadata: of that checkpoint; empty before the first.
     """
 
     def __init__(self, folder: Path, description: D) -> None:
+        # now: the time of the last checkpoint; 0 before the first
         self.folder, self.description, self.now = folder, description, 0
-        self.state: dict[str, Tensor] = {}
-        self.metadata: dict[str, Any] = {}
+        self.state: dict[str, Tensor] = {}  # of the algorithm at that time; empty before the first
+        self.metadata: dict[str, Any] = {}  # of that checkpoint; empty before the first
         path = folder / CHECKPOINT
         if not path.exists():
             return
@@ -85,13 +77,7 @@ class Run(Generic[D]):
         return bool(self.metadata)
 
     def table(self, name: str, columns: Sequence[str], who: str = "seed") -> "Table":
-        """Opens a table of the run, without the rows that are later than its last checkpoint.
-
-        Args:
-            name: of the file.
-            columns: names after the first two.
-            who: name of the second column, which says who a row is about.
-        """
+        """Opens a table of the run, without the rows that are later than its last checkpoint."""
         last = self.now if self.has_checkpoint else -1
         return Table(self.folder / name, columns, last, (self.description.CLOCK, who))
 
@@ -139,11 +125,6 @@ class Run(Generic[D]):
 
     def check_finite(self, values: Mapping[str, Any], what: str, now: int) -> None:
         """Checks that there are no infinite and no undefined numbers.
-
-        Args:
-            values: numbers and tensors by name.
-            what: what they belong to, for the message.
-            now: when.
 
         Raises:
             DivergedError: there are some; the message names them, and what was kept.

@@ -127,12 +127,7 @@ def last_policy_path(folder: Path, seed: int) -> Path:
 
 
 def measured_files(folder: Path, seed: int) -> tuple[Path, ...]:
-    """The files that decide what a seed's policy does; of an online run, its newest policy.
-
-    Args:
-        folder: of the run.
-        seed: of the training.
-    """
+    """The files that decide what a seed's policy does; of an online run, its newest policy."""
     config = folder / CONFIG
     if not is_online(folder):
         return config, folder / CHECKPOINT

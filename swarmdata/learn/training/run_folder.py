@@ -12,16 +12,15 @@ from swarmdata.datasets.action_scaling import choices_of
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.training import checkpoint
-from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run import Count, Description, kept_path
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,
     CONFIG,
     KEPT,
 )
+from swarmdata.learn.training.settings import from_json
 from swarmdata.perception.frames import Frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
@@ -111,11 +110,6 @@ def load_last(
     folder: Path | str, device: torch.device | str = "cpu", path: Path | None = None
 ) -> "Loaded":
     """Loads the algorithm of a run folder as of its last checkpoint, a compact one too.
-
-    Args:
-        folder: of the run.
-        device: where it computes.
-        path: of another checkpoint.
 
     Raises:
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.

@@ -18,12 +18,11 @@ from swarmdata.interfaces import Policy, fields_of
 from swarmdata.learn.memory.memory_settings import MemorySettings, WindowSettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.training.run import Run, Table, claimed, versions
 from swarmdata.learn.training.run_files import CURVE, LOSSES
 from swarmdata.learn.training.run_folder import COMPACT, OfflineRun, restore, tensors_of
-from swarmdata.learn.training.training_data import Data, Sampler, Selective
+from swarmdata.learn.training.training_data import Data, Sampler, Selective, framed
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.native_libraries import ThreadLimit, keep_freed_memory
@@ -47,7 +46,6 @@ class Schedule:
     evaluate_every: int | None = None  # None: no learning curve
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
         numbers = (
             self.log_every,
             self.checkpoint_every,

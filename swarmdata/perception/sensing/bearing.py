@@ -56,10 +56,6 @@ class Bearing:
 
     Features: `POLAR_FEATURES`, then a slot of `NEIGHBOR_FEATURES` for each neighbour, nearest
     centre first, as measured. A slot without a neighbour is zero.
-
-    Args:
-        model: number of slots, and range.
-        scene: constants of the task.
     """
 
     def __init__(self, model: BearingModel, scene: Scene) -> None:

@@ -64,10 +64,6 @@ class Lidar:
     Features: `POLAR_FEATURES`, then for each beam its distance (1 = the model's range, and also if
     nothing is within the robot's range) and one flag for each of `HIT_CHANNELS`. The first beam
     points along the heading, the others follow counter-clockwise.
-
-    Args:
-        model: number of rays, and range.
-        scene: constants of the task.
     """
 
     def __init__(self, model: LidarModel, scene: Scene) -> None:

@@ -81,13 +81,7 @@ class World(NamedTuple):
 
 
 class MeasuredWorld:
-    """Measures the world for one robot after the other.
-
-    Args:
-        task: the task; its spec contains the model.
-        scene: its constants.
-        n_copies: E.
-    """
+    """Measures the world for one robot after the other."""
 
     def __init__(self, task: Task, scene: Scene, n_copies: int) -> None:
         model, n = task.spec.observation, task.spec.n_agents

@@ -64,10 +64,6 @@ class Occupancy:
     disc, inflated by half a cell; `static`: it is within half a cell of an obstacle, or outside the
     arena; `payload`: it is within half a cell of a movable body. Cells beyond the robot's sensor
     range are zero. The grid follows the measured positions of the robot and the bodies.
-
-    Args:
-        model: number and size of the cells.
-        scene: constants of the task.
     """
 
     def __init__(self, model: OccupancyModel, scene: Scene) -> None:

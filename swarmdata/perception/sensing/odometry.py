@@ -50,15 +50,7 @@ class Rates(NamedTuple):
 
 
 class Odometry:
-    """Adds up the displacements and turns of the robots of E copies.
-
-    Args:
-        spec: of the robots.
-        n_copies: E.
-
-    Attributes:
-        errors: direction (cosine and sine) of each believed heading from the true one, [E, N, 2].
-    """
+    """Adds up the displacements and turns of the robots of E copies."""
 
     def __init__(self, spec: TaskSpec, n_copies: int) -> None:
         drift, n = spec.observation.drift, spec.n_agents
@@ -76,6 +68,7 @@ class Odometry:
         self._begun: Bool = np.zeros(n_copies, dtype=np.bool_)
         self._last: Double = np.zeros((n_copies, n, _POSE))
         self._believed: Double = np.zeros((n_copies, n, 2))
+        # direction (cosine and sine) of each believed heading from the true one, [E, N, 2]
         self.errors: Double = np.zeros((n_copies, n, 2))
         self.errors[..., 0] = 1.0
 

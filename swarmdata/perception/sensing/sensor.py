@@ -47,10 +47,6 @@ class Sensor:
     beams and cells, hiding of the goal, leaving out of velocities, delay and stacking follow; in
     teams with several roles the robot's role is last.
 
-    Args:
-        task: the task; its spec contains the model.
-        n_copies: E.
-
     Attributes:
         features: of one robot's observation, O. In a stack the names of older frames end with
             their age in steps, such as `own.x[-1]`.

@@ -97,10 +97,6 @@ class State:
     Features: `OWN_FEATURES`, `HEADING_FEATURES` in teams with a unicycle, then the slots of
     `NEIGHBOR_FEATURES` and of `OBSTACLE_FEATURES`, nearest surface first. A slot without an object
     is zero.
-
-    Args:
-        model: number of slots, and range.
-        scene: constants of the task.
     """
 
     def __init__(self, model: StateModel, scene: Scene) -> None:

@@ -18,9 +18,6 @@ class DaskExecutor(Executor):
 
     A client that has lost its scheduler still takes calls, in the hope of finding it again; if it
     does not, it never settles their futures.
-
-    Args:
-        client: of Dask.
     """
 
     def __init__(self, client: Any) -> None:

@@ -38,12 +38,7 @@ class _Waiting:
 
 
 class SlurmExecutor(Executor):
-    """Submits to SLURM; a thread looks for finished and lost jobs and settles their futures.
-
-    Args:
-        submitter: of submitit.
-        queued_jobs: asks the scheduler.
-    """
+    """Submits to SLURM; a thread looks for finished and lost jobs and settles their futures."""
 
     def __init__(self, submitter: Any, queued_jobs: QueuedJobs) -> None:
         self._submitter, self._queued_jobs = submitter, queued_jobs

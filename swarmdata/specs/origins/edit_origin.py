@@ -28,6 +28,13 @@ class Edit(Frozen):
 
     can_rebuild: ClassVar[bool] = True
     missing: ClassVar[None] = None
+    recipe: ClassVar[None] = None  # it is made from its parents
+    split_rule: ClassVar[None] = None  # every episode keeps the split that it had in its parent
+    has_world_seeds: ClassVar[bool] = True  # as its parents promised
+    source_sha256: ClassVar[None] = None  # the parents have digests instead
+    remaking: ClassVar[None] = None  # a card lists the parents instead
+    license: ClassVar[str] = "unknown"  # that of the parents, which are not at hand
+    metadata: ClassVar[None] = None
 
     kind: Literal["edit"] = "edit"
     id: Id
@@ -38,44 +45,9 @@ class Edit(Frozen):
     operation: Text  # the command that made it, in words
 
     @property
-    def recipe(self) -> None:
-        """None: it is made from its parents."""
-        return
-
-    @property
-    def split_rule(self) -> None:
-        """None: every episode keeps the split that it had in its parent."""
-        return
-
-    @property
-    def has_world_seeds(self) -> bool:
-        """True: an edit promises what its parents did."""
-        return True
-
-    @property
     def source(self) -> str:
         """The operation."""
         return self.operation
-
-    @property
-    def source_sha256(self) -> None:
-        """None: the parents have digests instead."""
-        return
-
-    @property
-    def remaking(self) -> None:
-        """None: a card lists the parents instead."""
-        return
-
-    @property
-    def license(self) -> str:
-        """Unknown: that of the parents, which are not at hand."""
-        return "unknown"
-
-    @property
-    def metadata(self) -> None:
-        """None: an edit has no author's description."""
-        return
 
     @property
     def about_tier(self) -> str:

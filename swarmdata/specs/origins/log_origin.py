@@ -35,6 +35,10 @@ class ImportedLogs(Extended):
 
     can_rebuild: ClassVar[bool] = False
     missing: ClassVar[None] = None
+    recipe: ClassVar[None] = None  # none generates what robots did
+    parents: ClassVar[tuple[()]] = ()
+    has_world_seeds: ClassVar[bool] = False  # the numbers of the episodes take their place
+    source_sha256: ClassVar[None] = None  # every log has a digest of its own
 
     kind: Literal["logs"] = "logs"
     id: Id
@@ -49,24 +53,9 @@ class ImportedLogs(Extended):
     metadata: dict[Text, Text] = Field(default_factory=dict)  # of the author and of the import
 
     @property
-    def recipe(self) -> None:
-        """None: no recipe generates what robots did."""
-        return
-
-    @property
-    def parents(self) -> tuple[()]:
-        """None: it was made from no other dataset."""
-        return ()
-
-    @property
     def split_rule(self) -> SplitRule:
         """The rule that splits its episodes."""
         return SplitRule(self.splits, self.seed)
-
-    @property
-    def has_world_seeds(self) -> bool:
-        """False: robots have no seeds; the numbers of the episodes take their place."""
-        return False
 
     @property
     def source(self) -> str:
@@ -74,11 +63,6 @@ class ImportedLogs(Extended):
         return "logs of robots, " + ", ".join(
             f"{file.name} (SHA-256 {file.sha256})" for file in self.files
         )
-
-    @property
-    def source_sha256(self) -> None:
-        """None: every log has a digest of its own."""
-        return
 
     @property
     def remaking(self) -> str:

@@ -20,25 +20,13 @@ class Origin(Protocol):
     """Where a dataset comes from; frozen data that is parsed from JSON and hashed."""
 
     @property
-    def kind(self) -> str:
-        """Its key in `ORIGIN_KINDS`."""
-        ...
-
+    def kind(self) -> str: ...  # its key in `ORIGIN_KINDS`
     @property
-    def id(self) -> str:
-        """Versioned name of the dataset, such as `coop_nav-medium-v1`."""
-        ...
-
+    def id(self) -> str: ...  # versioned name of the dataset, such as `coop_nav-medium-v1`
     @property
-    def tier(self) -> str:
-        """Name of what kind of data it is, such as `medium`."""
-        ...
-
+    def tier(self) -> str: ...  # name of what kind of data it is, such as `medium`
     @property
-    def spec(self) -> Spec:
-        """What was recorded."""
-        ...
-
+    def spec(self) -> Spec: ...  # what was recorded
     @property
     def policies(self) -> tuple[PolicySource, ...]:
         """The policies that made the episodes; `episodes/policy` has their indices."""
@@ -63,10 +51,7 @@ class Origin(Protocol):
         ...
 
     @property
-    def parents(self) -> "tuple[Parent, ...]":
-        """The datasets that it was made from, if any."""
-        ...
-
+    def parents(self) -> "tuple[Parent, ...]": ...  # the datasets that it was made from, if any
     @property
     def split_rule(self) -> SplitRule | None:
         """The rule that splits its episodes, None where they keep the splits of their source."""

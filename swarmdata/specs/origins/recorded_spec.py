@@ -30,6 +30,7 @@ class RecordedSpec(Extended):
     """
 
     later_fields: ClassVar[tuple[str, ...]] = ("time_step",)
+    world: ClassVar[None] = None  # this package cannot simulate it
 
     kind: Literal["recorded"] = "recorded"
     task: Annotated[
@@ -57,11 +58,6 @@ class RecordedSpec(Extended):
         if empty := [name for name, size in sizes.items() if not size]:
             raise ValueError(f"no agent has a number in its {' or '.join(empty)}, expected some")
         return self
-
-    @property
-    def world(self) -> None:
-        """None: this package cannot simulate it."""
-        return
 
     @property
     def n_agents(self) -> int:

@@ -17,6 +17,14 @@ class Recording(Frozen):
 
     can_rebuild: ClassVar[bool] = False
     missing: ClassVar[None] = None
+    recipe: ClassVar[None] = None
+    parents: ClassVar[tuple[()]] = ()
+    has_world_seeds: ClassVar[bool] = False  # a source may have seeds that its worlds never saw
+    remaking: ClassVar[None] = None  # what was recorded is at hand only once
+    about_tier: ClassVar[str] = (
+        "Recorded step by step in an environment. The table of behavior policies below repeats "
+        "what the author said of them."
+    )
 
     kind: Literal["recording"] = "recording"
     id: Id
@@ -30,39 +38,11 @@ class Recording(Frozen):
     metadata: dict[Text, Text] = Field(default_factory=dict)  # author, license and so on
 
     @property
-    def recipe(self) -> None:
-        """None: a recording cannot be generated."""
-        return
-
-    @property
-    def parents(self) -> tuple[()]:
-        """None: it was made from no other dataset."""
-        return ()
-
-    @property
     def split_rule(self) -> SplitRule | None:
         """The rule that splits its episodes, None where the source had splits."""
         return None if self.splits is None else SplitRule(self.splits, self.seed)
 
     @property
-    def has_world_seeds(self) -> bool:
-        """False: a converted dataset may have seeds that its worlds never saw."""
-        return False
-
-    @property
-    def remaking(self) -> None:
-        """None: what was recorded is at hand only once."""
-        return
-
-    @property
     def license(self) -> str:
         """The one its author gave it."""
         return self.metadata.get("license", "unknown")
-
-    @property
-    def about_tier(self) -> str:
-        """What the card says of the tier."""
-        return (
-            "Recorded step by step in an environment. The table of behavior policies below "
-            "repeats what the author said of them."
-        )

@@ -18,45 +18,24 @@ class Spec(Protocol):
     """
 
     @property
-    def kind(self) -> str:
-        """Its key in `SPEC_KINDS`."""
-        ...
-
+    def kind(self) -> str: ...  # its key in `SPEC_KINDS`
     @property
     def world(self) -> TaskSpec | None:
         """The task that this package can simulate, None for environments of others."""
         ...
 
     @property
-    def task(self) -> str:
-        """Name of the task or environment."""
-        ...
-
+    def task(self) -> str: ...  # name of the task or environment
     @property
-    def library(self) -> str:
-        """The library that has it, empty if that is not known."""
-        ...
-
+    def library(self) -> str: ...  # the library that has it, empty if that is not known
     @property
-    def n_agents(self) -> int:
-        """Number of agents, N."""
-        ...
-
+    def n_agents(self) -> int: ...  # number of agents, N
     @property
-    def agent_names(self) -> tuple[str, ...]:
-        """Names in agent order, N long."""
-        ...
-
+    def agent_names(self) -> tuple[str, ...]: ...  # names in agent order, N long
     @property
-    def observation_size(self) -> int:
-        """Columns of an observation, O, the widest agent's."""
-        ...
-
+    def observation_size(self) -> int: ...  # columns of an observation, O, the widest agent's
     @property
-    def state_size(self) -> int:
-        """Columns of a state, S."""
-        ...
-
+    def state_size(self) -> int: ...  # columns of a state, S
     @property
     def action_size(self) -> int:
         """Columns of an action, A; of agents with different spaces, the widest."""
@@ -68,10 +47,7 @@ class Spec(Protocol):
         ...
 
     @property
-    def action_spaces(self) -> tuple[Space, ...]:
-        """The space of each agent's actions, N long."""
-        ...
-
+    def action_spaces(self) -> tuple[Space, ...]: ...  # the space of each agent's actions, N long
     def observation_spaces(self, n_columns: int) -> tuple[Space, ...]:
         """The space of each agent's observations, N long.
 
@@ -91,20 +67,14 @@ class Spec(Protocol):
         ...
 
     @property
-    def state_meaning(self) -> str:
-        """What a row of `states` holds, one sentence."""
-        ...
-
+    def state_meaning(self) -> str: ...  # what a row of `states` holds, one sentence
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
         """Further rows of a card's first table: name and value."""
         ...
 
     @property
-    def limits(self) -> tuple[str, ...]:
-        """Known limits of datasets of it, sentences for a card."""
-        ...
-
+    def limits(self) -> tuple[str, ...]: ...  # known limits of datasets of it, sentences for a card
     def hash(self) -> str:
         """SHA-256 of its canonical JSON, hex."""
         ...

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.navigation.primitives import n_primitives, primitives_of
+from swarmdata.behavior_policies.navigation.episode_maps import n_primitives, primitives_of
 from swarmdata.numerics.geometry import BOX, CIRCLE, CORNER, POCKET, nearest
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env, make_task

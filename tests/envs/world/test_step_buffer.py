@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from swarmdata.envs.world.step_buffer import (
+from swarmdata.envs.world.task_env import (
     BLOCK_STEPS,
     LASTING_FIELDS,
     WRITTEN_FIELDS,

@@ -24,9 +24,9 @@ from swarmdata.evaluation.runs.algorithm_choice import choose_for
 from swarmdata.evaluation.runs.train import read_settings, train, train_online
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.policies.policy_file import last_policy
-from swarmdata.learn.training.overrides import from_json, override
 from swarmdata.learn.training.run_files import read_table, run_hash
 from swarmdata.learn.training.run_folder import read_run
+from swarmdata.learn.training.settings import from_json, override
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.perception.frames import find_frame

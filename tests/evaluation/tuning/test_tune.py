@@ -23,7 +23,7 @@ from swarmdata.evaluation.tuning import tune as tune_module
 from swarmdata.evaluation.tuning.tune import tune
 from swarmdata.evaluation.tuning.tuning_record import Tuning
 from swarmdata.learn.evaluation.fqe import FQEConfig
-from swarmdata.learn.training.overrides import override
+from swarmdata.learn.training.settings import override
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.registry.published import Reference

@@ -12,7 +12,7 @@ from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog import catalog, identity, request
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
 from swarmdata.registry.published import Published
-from swarmdata.registry.reward_weights import chosen_weights
+from swarmdata.specs.rules import chosen_weights
 from swarmdata.store import open_store
 from swarmdata.store.cache import note_build
 from swarmdata.store.publication import publication

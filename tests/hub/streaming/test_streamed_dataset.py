@@ -294,7 +294,7 @@ def test_training_is_that_of_the_whole_dataset(
     host: StaticHost, whole: Dataset, tmp_path: Path
 ) -> None:
     pytest.importorskip("torch")
-    from swarmdata.learn.training.overrides import override
+    from swarmdata.learn.training.settings import override
     from swarmdata.learn.training.trainer import Schedule, train_seeds
     from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
 from swarmdata.interop.conversion.space_columns import split_rows
-from swarmdata.specs.gymnasium_spaces import to_gymnasium
 from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
@@ -19,6 +18,7 @@ from swarmdata.specs.spaces import (
     Space,
     TupleSpace,
     flatten,
+    to_gymnasium,
     unflatten,
     width,
 )

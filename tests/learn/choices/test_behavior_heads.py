@@ -21,7 +21,7 @@ from swarmdata.learn.choices.behavior_heads import (  # noqa: E402
     split,
 )
 from swarmdata.learn.choices.choices import Choices  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 
 KNOTS = Choices.of(Sizes(n_agents=2, observation=1, action=2, state=1), 3)
 UNEQUAL = Choices.of(

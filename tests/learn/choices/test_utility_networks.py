@@ -12,8 +12,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.choices import bins  # noqa: E402
 from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
 from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from tests.offline_algos.toys import SIZES, actions_of, random_batch, statistics, two_episodes  # noqa: E402

@@ -7,7 +7,7 @@ from typing import Any
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.tiny import make_tiny
 

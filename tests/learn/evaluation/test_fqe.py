@@ -29,12 +29,11 @@ from swarmdata.learn.evaluation.fqe import (  # noqa: E402
 from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
 from swarmdata.learn.networks.critics import Critics  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.learn.chain import N_AGENTS, Constant, chain  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 ACTIONS = (0.5, -0.5)
 SMALL: dict[str, Any] = {"hidden": (32,), "batch_size": 64, "discount": 0.5, "learning_rate": 1e-2}

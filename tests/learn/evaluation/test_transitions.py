@@ -12,12 +12,12 @@ torch = pytest.importorskip("torch", reason="tensors need torch")
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.evaluation.transitions import Transitions, actions_of  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec  # noqa: E402
 from swarmdata.specs.spaces import BoxSpace  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Float  # noqa: E402
 from tests.learn.chain import N_AGENTS, Constant, chain, episode  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 
 class Mirror:

@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.flows.distillation import Distillation  # noqa: E402
+from swarmdata.learn.flows.one_step_actor import Distillation  # noqa: E402
 from swarmdata.learn.networks.network_inputs import normal_like  # noqa: E402
 from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402

@@ -8,7 +8,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.flows.joint_flow import JointFlow  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 K, B = 2, 5

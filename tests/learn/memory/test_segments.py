@@ -16,8 +16,8 @@ from swarmdata.learn.memory.segments import (  # noqa: E402
     take,
 )
 from swarmdata.learn.networks.perceptrons import initialize  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from tests.offline_algos.conftest import play  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 BURN_IN, WINDOW = 3, 5
 

@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.networks.critics import Critics  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
 

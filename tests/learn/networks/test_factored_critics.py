@@ -11,7 +11,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics  # noqa: E402
 from swarmdata.learn.networks.mixers import FreeMixer, MeanMixer, MonotonicMixer  # noqa: E402
 from swarmdata.learn.networks.perceptrons import mlp  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 
 SIZES = Sizes(n_agents=3, observation=4, action=2, state=5)
 SEEDS = (3, 8)

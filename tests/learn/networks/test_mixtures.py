@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
-from swarmdata.learn.networks.mixtures import Mixture  # noqa: E402
+from swarmdata.learn.memory.sequence_networks import Mixture  # noqa: E402
 
 
 def of(weights: list[float], means: list[list[float]]) -> Mixture:

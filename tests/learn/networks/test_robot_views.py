@@ -11,7 +11,7 @@ from torch import Tensor  # noqa: E402
 
 from swarmdata.learn.networks.critics import Critic, RobotCritics, RobotViews  # noqa: E402
 from swarmdata.learn.networks.network_inputs import Normalizer  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.types import Double  # noqa: E402
 from tests.offline_algos.toys import SIZES as TOYS  # noqa: E402

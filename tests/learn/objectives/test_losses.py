@@ -14,7 +14,7 @@ from torch import Tensor  # noqa: E402
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go  # noqa: E402
 from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 from swarmdata.learn.objectives.losses import (  # noqa: E402
     anchored_loss,
     batch_weights,
@@ -27,10 +27,10 @@ from swarmdata.learn.objectives.losses import (  # noqa: E402
     tilted_mean,
     value_size,
 )
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Episode  # noqa: E402
 from tests.offline_algos.toys import statistics  # noqa: E402
 from tests.support.made_episodes import made_episode  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 ETA = torch.tensor([2.0])
 UNBOUNDED = torch.tensor([float("inf")])

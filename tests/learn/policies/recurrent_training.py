@@ -6,9 +6,8 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
-from swarmdata.learn.training.framed_dataset import framed
+from swarmdata.learn.networks.setup import Setup, Sizes
+from swarmdata.learn.training.training_data import framed
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.mac_flow import MACFlow, MACFlowConfig
 from swarmdata.offline_algos.oryx import Oryx, OryxConfig

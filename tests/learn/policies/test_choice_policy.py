@@ -9,8 +9,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.types import Step  # noqa: E402
 from tests.offline_algos.toys import actions_of, statistics  # noqa: E402

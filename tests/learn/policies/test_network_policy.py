@@ -10,8 +10,7 @@ pytest.importorskip("torch", reason="policies of algorithms need the torch extra
 
 from swarmdata.behavior_policies.learned import digest_of
 from swarmdata.errors import CheckpointError, SpecError
-from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.networks.sizes import Sizes
+from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.policies.network_policy import NetworkPolicy
 from swarmdata.learn.policies.policy_file import load_policy, save_policy
 from swarmdata.perception.observer import features_of

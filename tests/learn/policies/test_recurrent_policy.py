@@ -15,7 +15,7 @@ from swarmdata.errors import BuildError, SchemaError  # noqa: E402
 from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
 from swarmdata.learn.policies.drawn_policy import RecurrentFlowPolicy  # noqa: E402
 from swarmdata.learn.policies.policy_file import save_policy  # noqa: E402
-from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
+from swarmdata.learn.training.training_data import framed  # noqa: E402
 from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
 from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402

@@ -12,8 +12,8 @@ from swarmdata.errors import PolicyFitError, SchemaError  # noqa: E402
 from swarmdata.learn.deployment.robot_step import robot_step  # noqa: E402
 from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
 from swarmdata.learn.memory.sequence_actor import told_actions  # noqa: E402
-from swarmdata.learn.networks.mixtures import Mixture  # noqa: E402
-from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
+from swarmdata.learn.memory.sequence_networks import Mixture  # noqa: E402
+from swarmdata.learn.training.training_data import framed  # noqa: E402
 from swarmdata.perception.frames import Frame  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
 from tests.learn.policies.recurrent_training import oryx, played, steps_of  # noqa: E402

@@ -13,13 +13,13 @@ from swarmdata.evaluation.results.policy_names import find_target  # noqa: E402
 from swarmdata.evaluation.results.target_evaluation import evaluate_target  # noqa: E402
 from swarmdata.hub.catalog.catalog import load  # noqa: E402
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
-from swarmdata.learn.policies.set_policy import SetPolicy  # noqa: E402
+from swarmdata.learn.policies.torch_policy import SetPolicy  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry.components import make_env, make_task  # noqa: E402
 from swarmdata.registry.presets import preset  # noqa: E402
-from swarmdata.rollouts.task_frame import frame_of  # noqa: E402
+from swarmdata.rollouts.function_policy import frame_of  # noqa: E402
 from swarmdata.specs.model_choice import with_models  # noqa: E402
 from tests.learn.training.test_trainer import config_of  # noqa: E402
 from tests.support.tiny import make_tiny  # noqa: E402

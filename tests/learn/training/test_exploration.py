@@ -11,7 +11,11 @@ from torch import Generator, Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
 from swarmdata.learn.networks.network_inputs import generators, normal_like, uniform_like  # noqa: E402
-from swarmdata.learn.training.exploration import LinearSchedule, epsilon_greedy, gaussian  # noqa: E402
+from swarmdata.online_algos.collection.replay_collection import (  # noqa: E402
+    LinearSchedule,
+    epsilon_greedy,
+    gaussian,
+)
 
 
 def test_a_schedule_falls_and_stays() -> None:

@@ -17,16 +17,16 @@ from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
 from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy  # noqa: E402
 from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
-from swarmdata.learn.training.framed_dataset import framed  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
+from swarmdata.learn.training.training_data import framed  # noqa: E402
 from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
 from swarmdata.perception.observer import features_of  # noqa: E402
 from swarmdata.registry.components import make_task  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Float  # noqa: E402
 from tests.learn.training.test_trainer import config_of  # noqa: E402
 from tests.offline_algos.toys import step_of  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import pytest
 
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.learn.training.overrides import as_texts, from_json, override
+from swarmdata.learn.training.settings import as_texts, from_json, override
 
 
 @dataclass(frozen=True)

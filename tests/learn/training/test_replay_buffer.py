@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
 from swarmdata.errors import CheckpointError, SchemaError  # noqa: E402
 from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.learn.networks.sizes import Sizes  # noqa: E402
+from swarmdata.learn.networks.setup import Sizes  # noqa: E402
 from swarmdata.learn.training.replay_buffer import Replay, Shape  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 

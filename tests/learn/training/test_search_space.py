@@ -6,7 +6,7 @@ from itertools import islice
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.search_space import (
+from swarmdata.learn.training.settings import (
     Choice,
     LogUniform,
     Space,

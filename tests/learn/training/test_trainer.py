@@ -26,8 +26,8 @@ from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
 from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from swarmdata.testing.memory_dataset import MemoryDataset  # noqa: E402
 from swarmdata.types import Batch, Episode, no_messages  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset  # noqa: E402
 from tests.support.pairs import slow  # noqa: E402
 
 SEEDS = (5, 2)

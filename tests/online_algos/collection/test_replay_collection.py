@@ -11,13 +11,13 @@ torch = pytest.importorskip("torch", reason="online algorithms need the torch ex
 from torch import Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError, SpecError  # noqa: E402
-from swarmdata.online_algos.collection.replay_collection import Collector, Plan  # noqa: E402
+from swarmdata.online_algos.collection.replay_collection import Collector, ReplaySettings  # noqa: E402
 from swarmdata.registry.components import make_env  # noqa: E402
 from swarmdata.registry.presets import preset  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 
 
-def plan(**changes: Any) -> Plan:
+def plan(**changes: Any) -> ReplaySettings:
     small: dict[str, Any] = {
         "n_steps": 100,
         "n_copies": 4,
@@ -28,9 +28,8 @@ def plan(**changes: Any) -> Plan:
         "margin": 40,
         "warmup_transitions": 0,
         "frame": "world",
-        "n_measured": 3,
     }
-    return Plan(**{**small, **changes})
+    return ReplaySettings(**{**small, **changes})
 
 
 def act(observations: Tensor) -> tuple[Tensor, Tensor]:

@@ -15,9 +15,9 @@ from swarmdata.evaluation.runs import train as training  # noqa: E402
 from swarmdata.evaluation.runs.train import train_online  # noqa: E402
 from swarmdata.learn.networks.critics import RobotCritics  # noqa: E402
 from swarmdata.learn.training.compact import compact  # noqa: E402
-from swarmdata.learn.training.overrides import override  # noqa: E402
 from swarmdata.learn.training.run_files import CHECKPOINT, read_table  # noqa: E402
 from swarmdata.learn.training.run_folder import load_run  # noqa: E402
+from swarmdata.learn.training.settings import override  # noqa: E402
 from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
 from swarmdata.online_algos.continuation.offline_start import read_start  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig  # noqa: E402
@@ -31,7 +31,7 @@ from swarmdata.registry.components import (  # noqa: E402
     make_task,
     resolve,
 )
-from swarmdata.rollouts.task_frame import frame_of  # noqa: E402
+from swarmdata.rollouts.function_policy import frame_of  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
 from tests.support.one_process import use_one_process  # noqa: E402
 from tests.support.pairs import slow  # noqa: E402

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
-from swarmdata.behavior_policies.navigation.primitives import primitives_of
+from swarmdata.behavior_policies.navigation.episode_maps import primitives_of
 from swarmdata.behavior_policies.navigation.robot_scales import Team
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import POCKET

@@ -133,7 +133,7 @@ def test_rewards_of_an_episode_depend_on_its_ends_only() -> None:
     extra = np.zeros((4, 4))
     for _ in range(20):
         after = env.step(np.ones((4, 4, 2)))
-        extra += term.apply(after.rewards, before, after, 0.0) - after.rewards
+        extra += term(after.rewards, before, after, 0.0) - after.rewards
         before = after
     paths = mapped(start)
     shorter = paths.lengths(start) - paths.lengths(after)

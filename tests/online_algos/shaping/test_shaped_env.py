@@ -1,6 +1,7 @@
 """Shaped rewards: nothing without terms, and every term in its order."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,14 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.online_algos.shaping.payload_potentials import PayloadPotential
 from swarmdata.online_algos.shaping.shaped_env import (
-    ContactCost,
-    PassingSide,
     ShapedEnv,
     ShapingConfig,
-    TeamShare,
     count_oncoming,
+    less_contacts,
+    less_oncoming,
     shape_rewards,
+    with_team_share,
 )
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
@@ -35,14 +37,13 @@ class Doubled:
     def __init__(self) -> None:
         self.asked: list[tuple[Step, Step, float]] = []
 
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
+    def __call__(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
         self.asked.append((before, after, progress))
         return 2 * rewards
 
 
-class Increased:
-    def apply(self, rewards: Float, before: Step, after: Step, progress: float) -> Float:
-        return rewards + np.float32(1)
+def increased(rewards: Float, before: Step, after: Step, progress: float) -> Float:
+    return rewards + np.float32(1)
 
 
 def check_bare(env: ShapedEnv) -> None:
@@ -77,7 +78,7 @@ def test_without_terms_it_is_the_bare_environment(config: ShapingConfig | None) 
 
 def test_terms_change_rewards_in_order_and_nothing_else() -> None:
     doubled, env = Doubled(), make_env(SPEC, 2)
-    shaped, bare = ShapedEnv(env, [doubled, Increased()]), make_env(SPEC, 2)
+    shaped, bare = ShapedEnv(env, [doubled, increased]), make_env(SPEC, 2)
     seeds = np.arange(2, dtype=np.uint64)
     before, _ = shaped.reset(seeds), bare.reset(seeds)
     shaped.progress = 0.25
@@ -93,7 +94,7 @@ def test_terms_change_rewards_in_order_and_nothing_else() -> None:
 
 
 def test_copies_that_are_not_reset_keep_their_shaped_rewards() -> None:
-    shaped = ShapedEnv(make_env(SPEC, 3), [Increased()])
+    shaped = ShapedEnv(make_env(SPEC, 3), [increased])
     shaped.reset(np.arange(3, dtype=np.uint64))
     rewards = shaped.step(np.zeros((3, 4, 2))).rewards
     after = shaped.reset(np.array([9], np.uint64), np.array([1])).rewards
@@ -107,13 +108,16 @@ def test_a_config_decides_the_terms_and_their_order() -> None:
         reward_weights=("progress=0",),
     )  # fmt: skip
     shaped = shape_rewards(make_env(preset("transport"), 1), config)
-    names = [type(term).__name__ for term in shaped.terms]
-    assert names == ["ContactCost", "PassingSide", "TeamShare", "PayloadPotential"]
+    contact, passing, share, potential = shaped.terms
     assert shaped.spec.rules.rewards.model_dump()["progress"] == 0
-    contact, _, share, _ = shaped.terms
-    assert isinstance(contact, ContactCost)
-    assert isinstance(share, TeamShare)
-    assert (contact.cost, contact.begin, contact.end, share.share) == (1.5, 0.2, 0.75, 0.3)
+    assert isinstance(contact, partial)
+    assert (contact.func, contact.keywords["cost"]) == (less_contacts, 1.5)
+    assert contact.keywords["ramp"] == (0.2, 0.75)
+    assert isinstance(passing, partial)
+    assert passing.func is less_oncoming
+    assert isinstance(share, partial)
+    assert (share.func, share.keywords) == (with_team_share, {"share": 0.3})
+    assert isinstance(potential, PayloadPotential)
 
 
 def test_an_unknown_weight_is_refused() -> None:
@@ -147,7 +151,9 @@ def touching() -> Step:
 @pytest.mark.parametrize(("progress", "part"), [(0.1, 0.0), (0.4, 0.5), (0.6, 1.0), (1.0, 1.0)])
 def test_the_cost_is_a_ramp_times_the_tasks_costs(progress: float, part: float) -> None:
     step = touching()
-    rewards = ContactCost(WEIGHTS, 4.0, (0.2, 0.6)).apply(step.rewards, step, step, progress)
+    rewards = less_contacts(
+        step.rewards, step, step, progress, weights=WEIGHTS, cost=4.0, ramp=(0.2, 0.6)
+    )
     expected = step.rewards.copy()
     expected[0, 1] -= part * 4.0 * (WEIGHTS.robot_contact + WEIGHTS.robot_collision)
     np.testing.assert_allclose(rewards, expected, rtol=1e-6)
@@ -181,7 +187,7 @@ def meeting(offset: float, speed: float = 0.5, angle: float = 0.0, gap: float = 
 def test_each_side_has_its_cost(offset: float, cost: float) -> None:
     step = meeting_step(offset, 0.5, 0.0, 0.8)
     rewards = np.ones((1, 4), np.float32)
-    changed = PassingSide(0.5, 0.25).apply(rewards, step, step, 0.0)
+    changed = less_oncoming(rewards, step, step, 0.0, right=0.5, left=0.25)
     np.testing.assert_array_equal(changed, [[1 - cost, 1 - cost, 1, 1]])
     assert changed.dtype == np.float32
 
@@ -204,7 +210,7 @@ def test_robots_that_stand_have_passed_or_are_far_away_do_not_meet() -> None:
 def test_shares_keep_the_teams_mean(share: float) -> None:
     step = make_env(TaskSpec(), 2).reset(np.arange(2, dtype=np.uint64))
     rewards = np.arange(8, dtype=np.float32).reshape(2, 4)
-    mixed = TeamShare(share).apply(rewards, step, step, 1.0)
+    mixed = with_team_share(rewards, step, step, 1.0, share=share)
     assert mixed.dtype == np.float32
     np.testing.assert_allclose(mixed.mean(1), rewards.mean(1), rtol=1e-5)
     np.testing.assert_allclose(np.ptp(mixed, axis=1), (1 - share) * 3, atol=1e-5)

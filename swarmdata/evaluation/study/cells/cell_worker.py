@@ -35,7 +35,6 @@ from swarmdata.evaluation.study.cells.study_data import (
 )
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.compact import compact
-from swarmdata.learn.training.overrides import from_json
 from swarmdata.learn.training.run_files import (
     CHECKPOINT,
     CONFIG,
@@ -46,11 +45,12 @@ from swarmdata.learn.training.run_files import (
     saved_policies,
     seeds_of,
 )
+from swarmdata.learn.training.settings import from_json
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
-from swarmdata.rollouts.task_frame import frame_of
+from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.model_choice import with_models

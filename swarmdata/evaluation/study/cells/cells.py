@@ -29,8 +29,8 @@ from swarmdata.evaluation.study.cells.study_data import (
     short_name,
 )
 from swarmdata.evaluation.study.plan import Study, Variant, View
-from swarmdata.learn.training.overrides import as_texts, override
 from swarmdata.learn.training.run_files import CONFIG, last_policy_path, run_folders, seeds_of
+from swarmdata.learn.training.settings import as_texts, override
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.specs.frozen import Frozen, describe_differences

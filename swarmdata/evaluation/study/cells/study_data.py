@@ -23,11 +23,10 @@ from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
 from swarmdata.registry.recipes import find_recipe, is_dataset
-from swarmdata.registry.reward_weights import RewardChoice, chosen_weights
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import check_installed, task_of
 from swarmdata.specs.recipe import Splits
-from swarmdata.specs.rules import changed_weights
+from swarmdata.specs.rules import RewardChoice, changed_weights, chosen_weights
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
@@ -147,10 +146,6 @@ def joint_digest(digests: Iterable[str], weights: Iterable[float]) -> str:
 
 def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
     """Returns the weights in which chosen rewards differ from those of a dataset, by name.
-
-    Args:
-        dataset: id or folder.
-        choice: weights by name, or the name of a set of them.
 
     Raises:
         UnknownNameError: no such weight or set.

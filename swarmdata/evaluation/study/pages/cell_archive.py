@@ -54,13 +54,7 @@ class Notes(Frozen):
 
 
 def write_archive(found: Findings, notes: Notes, file: Path) -> None:
-    """Writes the archive of finished cells, the same bytes for the same cells.
-
-    Args:
-        found: with the cells that are done, and their folder.
-        notes: on the study.
-        file: to write.
-    """
+    """Writes the archive of finished cells, the same bytes for the same cells."""
     content = io.BytesIO()
     with tarfile.open(fileobj=content, mode="w:xz") as archive:
         _add(archive, NOTES_FILE, notes.to_json().encode())

@@ -29,30 +29,21 @@ from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """Everything that the pages are written from.
+    """Everything that the pages are written from."""
 
-    Attributes:
-        study: the plan.
-        cells: that are done.
-        missing: names of the other cells, with the reason if they failed.
-        results: on the study's datasets, with online algorithms as baselines.
-        sizes: results of the data efficiency, if the study has it and it was measured.
-        views: results of the data seen in other ways, likewise, beside rows that learned in the
-            task in the same ways.
-        facts: the cell's name -> facts of the dataset that it was trained on.
-        costs: the cell's name -> its cost.
-        work: folder of the cells.
-    """
-
-    study: Study
-    cells: tuple[Cell, ...]
-    missing: Mapping[str, str]
-    results: ResultSet
+    study: Study  # the plan
+    cells: tuple[Cell, ...]  # that are done
+    missing: Mapping[str, str]  # names of the other cells, with the reason if they failed
+    results: ResultSet  # on the study's datasets, with online algorithms as baselines
     sizes: ResultSet | None
+    """Results of the data efficiency, if the study has it and it was measured."""
     views: ResultSet | None
+    """Results of the data seen in other ways, likewise, beside rows that learned in the task in the
+    same ways."""
     facts: Mapping[str, DatasetFacts]
-    costs: Mapping[str, Cost]
-    work: Path
+    """The cell's name -> facts of the dataset that it was trained on."""
+    costs: Mapping[str, Cost]  # the cell's name -> its cost
+    work: Path  # folder of the cells
 
     def family(self, label: str) -> str:
         """The family of an algorithm of the study."""

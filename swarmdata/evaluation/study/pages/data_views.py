@@ -22,12 +22,7 @@ QUANTITIES_BESIDE = ("success", "clean_success", "robot_collisions", "obstacle_c
 
 
 def information_section(found: Findings, out: Path) -> dict[str, str]:
-    """The section by its title; empty if nothing of it was measured.
-
-    Args:
-        found: what was measured.
-        out: folder for the figures.
-    """
+    """The section by its title; empty if nothing of it was measured."""
     plan = found.study.information
     if plan is None or found.views is None:
         return {}

@@ -36,15 +36,10 @@ Pairs = Mapping[str, tuple[Estimate, Estimate]]
 
 @dataclass(frozen=True)
 class Fronts:
-    """Success of every row on a dataset, against clean success and against collisions.
+    """Success of every row on a dataset, against clean success and against collisions."""
 
-    Attributes:
-        clean: label -> clean success and success, in percent.
-        collisions: label -> collisions per episode, and success in percent.
-    """
-
-    clean: Pairs
-    collisions: Pairs
+    clean: Pairs  # label -> clean success and success, in percent
+    collisions: Pairs  # label -> collisions per episode, and success in percent
 
     @property
     def cleanest(self) -> tuple[str, ...]:
@@ -147,12 +142,7 @@ def front_table(fronts: Mapping[str, Fronts]) -> str:
 
 
 def safety_sections(found: Findings, out: Path) -> dict[str, str]:
-    """The sections by title.
-
-    Args:
-        found: what was measured.
-        out: folder for the figures.
-    """
+    """The sections by title."""
     success, clean = (
         make_scoreboard(found.results, found.families, key) for key in ("success", "clean_success")
     )

@@ -26,20 +26,14 @@ Estimates = Mapping[str, Estimate]
 
 @dataclass(frozen=True, eq=False)
 class Scoreboard:
-    """One quantity of every algorithm on every dataset; larger is better.
+    """One quantity of every algorithm on every dataset; larger is better."""
 
-    Attributes:
-        column: the format of its numbers.
-        values: dataset -> label -> values [runs, episodes] in stored units, the same episodes for
-            all labels; labels in the study's order.
-        data: dataset -> mean of its own episodes, where it is known.
-        families: label -> family, in the study's order.
-    """
-
-    column: Column
+    column: Column  # the format of its numbers
     values: Mapping[str, Mapping[str, Double]]
-    data: Mapping[str, float]
-    families: Mapping[str, str]
+    """Dataset -> label -> values [runs, episodes] in stored units, the same episodes for all
+    labels; labels in the study's order."""
+    data: Mapping[str, float]  # dataset -> mean of its own episodes, where it is known
+    families: Mapping[str, str]  # label -> family, in the study's order
 
     @cached_property
     def estimates(self) -> dict[str, dict[str, Estimate]]:

@@ -33,17 +33,13 @@ TRANSFER_FOLDER, TASKS_FOLDER = "transfer", "tasks"
 
 @dataclass(frozen=True)
 class Shift:
-    """The policies of a finished cell in one condition.
+    """The policies of a finished cell in one condition."""
 
-    Attributes:
-        place: names of the cell and of the condition, without estimates.
-        evaluations: one for each policy; none: the policies cannot read what they would be given,
-            or the robots are others; None: the cell was restored from a study's archive, which has
-            results and no policies.
-    """
-
-    place: Shifted
+    place: Shifted  # names of the cell and of the condition, without estimates
     evaluations: tuple[Evaluation, ...] | None
+    """One for each policy; none: the policies cannot read what they would be given, or the robots
+    are others; None: the cell was restored from a study's archive, which has results and no
+    policies."""
 
 
 def plan_shift(

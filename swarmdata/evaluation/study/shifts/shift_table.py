@@ -121,13 +121,7 @@ def _matrix(rows: Sequence[Shifted], quantity: Quantity) -> str:
 
 
 def task_section(found: Findings, rows: Sequence[Shifted], out: Path) -> dict[str, str]:
-    """A table for each dataset and quantity, by the section's title; empty without rows.
-
-    Args:
-        found: what was measured.
-        rows: policies in other tasks.
-        out: folder for the figure.
-    """
+    """A table for each dataset and quantity, by the section's title; empty without rows."""
     if not rows:
         return {}
     quantities = (quantity_of(found.results), QUANTITIES["success"], QUANTITIES["clean_success"])

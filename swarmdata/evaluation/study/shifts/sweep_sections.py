@@ -37,12 +37,7 @@ class StudySweep(NamedTuple):
 
 
 def read_sweeps(study: Study, folder: Path) -> list[StudySweep]:
-    """Reads the sweeps of a study's plan that stand beside its page, by label.
-
-    Args:
-        study: the plan.
-        folder: of its page.
-    """
+    """Reads the sweeps of a study's plan that stand beside its page, by label."""
     files = {label: folder / SWEEPS_FOLDER / label / SWEEP_FILE for label in sorted(study.sweeps)}
     return [StudySweep(label, read_csv(file)) for label, file in files.items() if file.exists()]
 
@@ -50,14 +45,7 @@ def read_sweeps(study: Study, folder: Path) -> list[StudySweep]:
 def sweep_sections(
     study: Study, sweeps: Sequence[StudySweep], looks: Looks, out: Path
 ) -> list[tuple[str, str]]:
-    """A figure of all sweeps, and what is left of each row at the worst value of each.
-
-    Args:
-        study: the plan.
-        sweeps: that were measured.
-        looks: color and marker of each row of the study.
-        out: folder for the figure.
-    """
+    """A figure of all sweeps, and what is left of each row at the worst value of each."""
     if not sweeps:
         return []
     plot_sweeps([each.found for each in sweeps], looks, out / FIGURE)

@@ -59,10 +59,6 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
     """Chooses the cells of each sweep: the best of each family on its dataset.
 
     A sweep whose dataset has no results yet is left out.
-
-    Args:
-        found: what was measured.
-        digest_of: the digest of a dataset by its id or folder.
     """
     families = {label: each.family for label, each in found.study.algorithms.items()}
     board = make_scoreboard(found.results, families, quantity_of(found.results).column.key)

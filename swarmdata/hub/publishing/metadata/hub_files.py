@@ -45,9 +45,6 @@ def metadata_files(folder: Path) -> dict[str, bytes]:
     `episodes.parquet` with all episodes and `episodes/<split>.parquet` with those of each split,
     where pyarrow is installed (the extra `parquet`), and `croissant.json` always.
 
-    Args:
-        folder: of a finished dataset.
-
     Raises:
         DatasetError: the dataset cannot be used.
     """

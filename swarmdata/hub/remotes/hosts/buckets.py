@@ -156,11 +156,7 @@ class BucketRemote:
         return f"{self._root}/{dataset_id}/{file}"
 
     def _is_published(self, dataset_id: str, manifest: bytes) -> bool:
-        """Whether exactly this dataset is there.
-
-        Raises:
-            VersionTakenError: another one is.
-        """
+        """Whether exactly this dataset is there."""
         there = self._content(self._object(dataset_id, MANIFEST))
         if there is not None and there != manifest:
             raise VersionTakenError(
@@ -257,12 +253,7 @@ class BucketRemote:
 
 
 def _file_system(scheme: str, options: dict[str, Any] | None) -> Any:
-    """The fsspec file system of a scheme; listings are never remembered.
-
-    Raises:
-        MissingExtraError: s3fs is not installed.
-        HubError: the package of another scheme is not installed.
-    """
+    """The fsspec file system of a scheme; listings are never remembered."""
     import fsspec  # noqa: PLC0415  # takes longer than everything else here
 
     if scheme == "s3" and importlib.util.find_spec("s3fs") is None:

@@ -69,7 +69,6 @@ class FolderRemote:
         return content
 
     def _source(self, release: Release, file: str) -> Path:
-        """Where a file is."""
         source = self._root / release.id / file
         self._check_reachable()
         if not source.is_file():

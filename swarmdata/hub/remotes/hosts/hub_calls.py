@@ -38,17 +38,11 @@ HUB_TAG = "swarmdata"
 
 @dataclass(frozen=True)
 class Listed:
-    """One file of a commit.
+    """One file of a commit."""
 
-    Attributes:
-        size: in bytes.
-        blob: the SHA-1 that git gives a plain file, hex.
-        sha256: of a file in large file storage, None for a plain one.
-    """
-
-    size: int
-    blob: str | None
-    sha256: str | None
+    size: int  # in bytes
+    blob: str | None  # the SHA-1 that git gives a plain file, hex
+    sha256: str | None  # of a file in large file storage, None for a plain one
 
     def is_of(self, path: Path) -> bool:
         """Whether a local file has the same content."""
@@ -297,12 +291,7 @@ NAME_ERRNOS = (errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR, errno.EINVAL)
 
 
 def explained(error: Exception, what: str) -> Exception | None:
-    """Translates an error of the client; None where it is no failure of a remote.
-
-    Args:
-        error: of the client.
-        what: was done, for the message.
-    """
+    """Translates an error of the client; None where it is no failure of a remote."""
     status = status_of(error)
     if status is not None:
         return _of_status(error, status, what)

@@ -158,11 +158,7 @@ class HubRemote:
     def _published(
         self, dataset_id: str, name: str, commit: str, files: Mapping[str, Path]
     ) -> Release:
-        """The release of a tag that is there already, if it has exactly these data.
-
-        Raises:
-            VersionTakenError: it has others.
-        """
+        """The release of a tag that is there already, if it has exactly these data."""
         if not self._holds(name, commit, {MANIFEST: files[MANIFEST]}, everything=False):
             raise VersionTakenError(
                 f"another {dataset_id} is published at {self._release(dataset_id, commit).address},"

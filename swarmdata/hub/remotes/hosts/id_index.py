@@ -21,10 +21,6 @@ def index_bytes(ids: tuple[str, ...]) -> bytes:
 def read_index(content: bytes, address: str) -> tuple[str, ...]:
     """Returns the ids, sorted.
 
-    Args:
-        content: of the file.
-        address: of the remote, for messages.
-
     Raises:
         HubError: it is not such a list, or one of the names is not an id.
     """

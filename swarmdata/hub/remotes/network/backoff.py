@@ -76,19 +76,12 @@ class TooSlowError(TransientError):
 
 @dataclass(frozen=True)
 class Backoff:
-    """Tries again after waits that double.
+    """Tries again after waits that double."""
 
-    Attributes:
-        attempts: how often at most, the first time included.
-        wait: seconds before the second attempt.
-        longest: most seconds between two attempts, whatever the server asks for.
-        sleep: waits; tests replace it.
-    """
-
-    attempts: int = 5
-    wait: float = 1.0
-    longest: float = 30.0
-    sleep: Callable[[float], None] = pause
+    attempts: int = 5  # how often at most, the first time included
+    wait: float = 1.0  # seconds before the second attempt
+    longest: float = 30.0  # most seconds between two attempts, whatever the server asks for
+    sleep: Callable[[float], None] = pause  # waits; tests replace it
 
     def run(self, what: str, action: Callable[[], T]) -> T:
         """Returns what `action` returns, once it does not raise `TransientError`.

@@ -46,15 +46,12 @@ def _connect(address: str, port: int, timeout: float) -> socket.socket:
 
 @dataclass(frozen=True)
 class Network:
-    """How names become addresses and addresses connections; tests replace both.
-
-    Attributes:
-        resolve: host and port -> IP addresses, in the order in which they are tried.
-        connect: address, port and seconds -> a connected socket.
-    """
+    """How names become addresses and addresses connections; tests replace both."""
 
     resolve: Callable[[str, int], list[str]] = _resolve
+    """Host and port -> IP addresses, in the order in which they are tried."""
     connect: Callable[[str, int, float], socket.socket] = _connect
+    """Address, port and seconds -> a connected socket."""
 
 
 def is_private(address: str) -> bool:

@@ -28,18 +28,14 @@ from swarmdata.hub.remotes.network.backoff import (
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast a remote must answer; each field has an environment variable.
-
-    Attributes:
-        answer_seconds: until the headers of an answer are complete, the connection included; of
-            `hf://` and object stores, until a question is answered (`SWARMDATA_ANSWER_SECONDS`).
-        least_rate: bytes a second of a file, as a mean over a window (`SWARMDATA_LEAST_RATE`).
-        window_seconds: of that window (`SWARMDATA_RATE_SECONDS`).
-    """
+    """How fast a remote must answer; each field has an environment variable."""
 
     answer_seconds: float = 30.0
+    """Until the headers of an answer are complete, the connection included; of `hf://` and object
+    stores, until a question is answered (`SWARMDATA_ANSWER_SECONDS`)."""
     least_rate: float = 1024.0
-    window_seconds: float = 30.0
+    """Bytes a second of a file, as a mean over a window (`SWARMDATA_LEAST_RATE`)."""
+    window_seconds: float = 30.0  # of that window (`SWARMDATA_RATE_SECONDS`)
 
     @classmethod
     def from_environment(cls) -> Self:
@@ -71,17 +67,11 @@ def _number(name: str, otherwise: float) -> float:
 
 @dataclass
 class Meter:
-    """Watches one answer: first its headers against the deadline, then its body's rate.
+    """Watches one answer: first its headers against the deadline, then its body's rate."""
 
-    Attributes:
-        pace: what is expected.
-        what: is slow, for the message, such as a URL.
-        clock: seconds; tests replace it.
-    """
-
-    pace: Pace
-    what: str
-    clock: Callable[[], float] = time.monotonic
+    pace: Pace  # what is expected
+    what: str  # is slow, for the message, such as a URL
+    clock: Callable[[], float] = time.monotonic  # seconds; tests replace it
     since: float = field(init=False)  # begin of the waiting, or of the window
     n_bytes: int = field(default=0, init=False)  # in this window
     is_body: bool = field(default=False, init=False)

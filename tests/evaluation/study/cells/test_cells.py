@@ -17,7 +17,7 @@ from swarmdata.evaluation.study.cells.study_data import (
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.offline_algos.mac_flow import MACFlowConfig
 from swarmdata.registry.presets import preset
-from swarmdata.registry.reward_weights import chosen_weights
+from swarmdata.specs.rules import chosen_weights
 from tests.evaluation.study.conftest import BC, MADDPG
 
 Make = Callable[..., Study]

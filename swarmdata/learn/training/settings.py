@@ -1,17 +1,24 @@
-"""Typed overrides of algorithm configs, as given on a command line: `--set key=value`.
+"""Settings of algorithms: overrides as given on a command line, and spaces that `tune` draws from.
 
 Settings that belong together may be a section of a config, a dataclass of their own:
 `--set section.key=value`, or a table `section:` in a YAML file.
+
+An algorithm declares its space beside its config, as `SPACE`: a table of the settings that depend
+on the data, with an interval or a list of values for each. All other settings keep their defaults,
+and so does the cost of an update, so that trials of an algorithm are equally long.
 """
 
 import dataclasses
+import math
 import types
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter
 
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.numerics.random import derive, uniform
 
 C = TypeVar("C")
 
@@ -22,10 +29,6 @@ def override(config: C, changes: Mapping[str, str]) -> C:
     A setting may be a bool, int, float, str, Literal, `tuple[X, ...]` (values separated by commas)
     or one of these or None (`none`). A field that is a dataclass itself is a section: its settings
     are called `section.name`.
-
-    Args:
-        config: a frozen dataclass.
-        changes: name of the setting to text.
 
     Raises:
         UnknownNameError: there is no such setting; the nearest name is suggested.
@@ -124,3 +127,77 @@ def _describe(kind: Any) -> str:
         return f"values separated by commas, each {_describe(arguments[0])}"
     words = {bool: "true or false", int: "a whole number", float: "a finite number", str: "text"}
     return words.get(kind, str(kind))
+
+
+DIGITS = 3
+"""Significant digits of a drawn number: more would not be told apart by any training."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogUniform:
+    """Numbers whose logarithm is uniform.
+
+    Raises:
+        SchemaError: the ends are not above 0 and in order.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.low < self.high < math.inf:
+            raise SchemaError(f"{self}: expected finite ends above 0, the lower one first")
+
+    def __contains__(self, value: Any) -> bool:
+        """Whether a setting may have this value."""
+        return bool(self.low <= value <= self.high)
+
+    def at(self, share: float) -> float:
+        """The number below which a share of the draws is, rounded to `DIGITS` and in the space."""
+        value = self.low * (self.high / self.low) ** share
+        return min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One of some values, each as likely as the others."""
+
+    values: tuple[Any, ...]
+
+    def __contains__(self, value: Any) -> bool:
+        """Whether a setting may have this value."""
+        return value in self.values
+
+    def at(self, share: float) -> Any:
+        """The value at a share, in [0, 1), of the list."""
+        return self.values[int(share * len(self.values))]
+
+
+Space = Mapping[str, LogUniform | Choice]
+"""By the name of the setting."""
+
+
+def space_of(kind: Any, name: str) -> Space:
+    """Returns the search space of an algorithm.
+
+    Raises:
+        SchemaError: it declares none.
+    """
+    space: Space | None = getattr(kind, "SPACE", None)
+    if not space:
+        raise SchemaError(
+            f"{name} declares no search space. Give its class an attribute SPACE: a table of "
+            "settings with `swarmdata.LogUniform(low, high)` or `swarmdata.Choice((value, value))`."
+        )
+    return space
+
+
+def drawn_settings(space: Space, seed: int) -> Iterator[dict[str, Any]]:
+    """Yields random settings from a space without end; the first n are the same for every n."""
+    trial = 0
+    while True:
+        yield {
+            name: values.at(uniform(derive(seed, trial, index)).item())
+            for index, (name, values) in enumerate(space.items())
+        }
+        trial += 1
