@@ -77,7 +77,7 @@ class Tier:
 TIERS = MappingProxyType(
     {
         "random": Tier(("random",), 1),
-        "scripted": Tier(("scripted",), 2),
+        "scripted": Tier(("scripted",), 2, families=LEARNED_FAMILIES[:-1]),  # pursuit's is slow
         "medium": Tier(("medium",), 3),
         "expert": Tier(("expert",), 4, families=(*LEARNED_FAMILIES, *STRICT_FAMILIES)),
         "medium-expert": Tier(("medium", "expert"), 5),

@@ -80,6 +80,7 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
 ) -> None:
     names = {f"coop_nav-{name}" for name in TIERS if name != "two-conventions"}
     names |= {f"{family}-{name}" for family in LEARNED_FAMILIES for name in ("random", "scripted")}
+    names -= {"pursuit-scripted"}  # its controller is slow
     names |= {f"{family}-two-conventions" for family in CONVENTION_FAMILIES}
     names |= {"formation-n8-expert"}
     assert set(trained) == {f"{n}{s}-v1" for n in names for s in ("", "-mini")}
