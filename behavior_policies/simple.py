@@ -7,7 +7,7 @@ from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.noise import Controller, counters
 from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, UNICYCLE, limits_of
 from swarmdata.numerics.random import uniform
-from swarmdata.rollouts.action_probabilities import uniform_log_probs
+from swarmdata.rollouts.action_probabilities import noisy_log_probs, uniform_log_probs
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -71,6 +71,10 @@ class Straight(Controller):
         commands = clip_norm(wishes)
         _track(robots, self._max_speeds * commands, self._limits, self._dt, commands)
         return commands
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        # of `act`, which policies of others that derive from this one override
+        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
 
 
 @kernel

@@ -48,6 +48,11 @@ QUESTIONS = (
         ("coop_nav-scripted",),
         "nearly all episodes are solved without a contact",
     ),
+    (
+        "need a team?",
+        ("pursuit-medium-replay", "pursuit-expert", "search-strict-expert"),
+        "robots that ignore each other solve nothing",
+    ),
 )
 """What is asked, the datasets that answer it, and why, as docs/which-dataset.md says at length."""
 
