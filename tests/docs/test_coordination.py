@@ -6,10 +6,13 @@ from pathlib import Path
 import pytest
 
 from swarmdata.registry.published import Interval, references
+from tests.docs.marked_numbers import MARK, faults
 
 PAGE = Path(__file__).parents[2] / "docs" / "coordination.md"
 
-ROWS = re.findall(r"^\| `([^`]+)` \|( \d.*)\|$", PAGE.read_text("utf-8"), re.MULTILINE)
+GAPS, LEARNERS = PAGE.read_text("utf-8").split("## Do learners")
+
+ROWS = re.findall(r"^\| `([^`]+)` \|( \d.*)\|$", GAPS, re.MULTILINE)
 
 
 def percent(value: Interval | None) -> str:
@@ -27,6 +30,11 @@ def test_a_row_has_what_was_measured(preset: str, cells: str) -> None:
         percent(known.gaps["scripted-alone"]["clean_success"]),
     ]
     assert [cell.strip() for cell in cells.split("|")] == expected
+
+
+def test_scores_of_learners_are_those_of_the_study() -> None:
+    assert len(MARK.findall(LEARNERS)) == 9
+    assert not list(faults(LEARNERS, PAGE.parents[1] / "cards/studies"))
 
 
 def test_the_best_naive_team_of_pursuit() -> None:
