@@ -2,15 +2,17 @@
 
 import pytest
 
+from swarmdata.cards.sections.origin import tier_section
 from swarmdata.cards.sections.wording import (
     COMMON_LIMITS,
+    STRICT_NOTE,
     TIER_DESCRIPTIONS,
     TIER_LIMITS,
     limits_of,
 )
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
-from swarmdata.registry.recipes import find_recipe, shipped_recipes
+from swarmdata.registry.recipes import STRICT_FAMILIES, find_recipe, shipped_recipes
 from swarmdata.specs.rules import PACKAGE_RULES
 
 
@@ -36,8 +38,19 @@ def test_what_tiers_say_of_success_is_true_of_all_published_data(
 ) -> None:
     assert words in TIER_DESCRIPTIONS[tier]
     found = {k: e.success for k, e in published().items() if find_recipe(k).tier == tier}
+    found = {k: share for k, share in found.items() if "-strict-" not in k}
     assert found
     assert not {k: share for k, share in found.items() if not least <= share <= most}
+
+
+@pytest.mark.parametrize("name", STRICT_FAMILIES)
+def test_cards_of_strict_presets_say_why_fewer_episodes_succeed(name: str) -> None:
+    base = STRICT_FAMILIES[name]
+    for tier in ("medium-replay", "expert"):
+        strict, free = (find_recipe(f"{each}-{tier}") for each in (name, base))
+        assert published()[strict.id].success < published()[free.id].success
+        assert STRICT_NOTE.format(base) in tier_section(strict)
+        assert "fewer episodes succeed" not in tier_section(free)
 
 
 @pytest.mark.parametrize("task", PACKAGE_RULES)
