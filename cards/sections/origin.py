@@ -13,7 +13,7 @@ from swarmdata.cards.sections.wording import (
 )
 from swarmdata.drawing import markdown
 from swarmdata.registry.published import license_of
-from swarmdata.registry.recipes import FAMILY_SPECS, STRICT_FAMILIES
+from swarmdata.registry.recipes import FAMILY_SPECS, STRICT_FAMILIES, is_dataset
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.origins.edit_origin import Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
@@ -29,7 +29,7 @@ def tier_section(origin: Origin) -> str:
     """What the tier means."""
     text = origin.about_tier or TIER_DESCRIPTIONS.get(origin.tier, UNKNOWN_TIER_DESCRIPTION)
     strict = next((k for k in STRICT_FAMILIES if FAMILY_SPECS[k] == origin.spec), None)
-    if strict is not None and origin.tier not in ("random", "scripted"):
+    if strict is not None and is_dataset(origin.id):  # others may record the same task
         text += f" {STRICT_NOTE.format(STRICT_FAMILIES[strict])}"
     return f"\n## Tier\n\n{text}\n"
 

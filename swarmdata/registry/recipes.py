@@ -35,6 +35,9 @@ LEARNED_FAMILIES = (
 )  # fmt: skip
 """Presets that have policies of their own."""
 
+SCRIPTED_FAMILIES = tuple(name for name in LEARNED_FAMILIES if name != "pursuit")
+"""Those that have scripted data, too; the controller of `pursuit` is slow."""
+
 STRICT_FAMILIES = MappingProxyType(
     {f"{name}-strict": name for name in ("coop_nav-n8", "intersection", "search", "warehouse")}
 )
@@ -77,7 +80,7 @@ class Tier:
 TIERS = MappingProxyType(
     {
         "random": Tier(("random",), 1),
-        "scripted": Tier(("scripted",), 2, families=LEARNED_FAMILIES[:-1]),  # pursuit's is slow
+        "scripted": Tier(("scripted",), 2, families=SCRIPTED_FAMILIES),
         "medium": Tier(("medium",), 3),
         "expert": Tier(("expert",), 4, families=(*LEARNED_FAMILIES, *STRICT_FAMILIES)),
         "medium-expert": Tier(("medium", "expert"), 5),

@@ -29,6 +29,18 @@ def test_shares_of_named_datasets_are_those_of_the_cards() -> None:
         assert f"{100 * published()[find_recipe(name).id].success:.1f}" == share, name
 
 
+def test_the_table_of_the_readme_is_that_of_the_published_datasets() -> None:
+    text = (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
+    head, _, *rows = re.findall(r"^\|.*\|$", text.partition("\n## Datasets\n")[2], re.MULTILINE)
+    tiers = [tier.strip() for tier in head.split("|")[2:-1]]
+    rows = rows[: next(k for k, row in enumerate(rows) if row.startswith("| score"))]
+    for row in rows:
+        name, *cells = (cell.strip(" `") for cell in row.split("|")[1:-1])
+        found = [published().get(f"{name}-{tier}-v1") for tier in tiers]
+        assert cells == [f"{100 * e.success:.1f}" if e else "" for e in found], name
+    assert len(rows) == 13
+
+
 def test_every_tier_is_on_the_page() -> None:
     text = PAGE.read_text(encoding="utf-8")
     for name in published():

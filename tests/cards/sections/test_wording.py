@@ -50,6 +50,8 @@ def test_cards_of_strict_presets_say_why_fewer_episodes_succeed(name: str) -> No
         strict, free = (find_recipe(f"{each}-{tier}") for each in (name, base))
         assert published()[strict.id].success < published()[free.id].success
         assert STRICT_NOTE.format(base) in tier_section(strict)
+        own = strict.model_copy(update={"id": "search-own-v0"})
+        assert "fewer episodes succeed" not in tier_section(own), "of other policies"
         assert "fewer episodes succeed" not in tier_section(free)
 
 
