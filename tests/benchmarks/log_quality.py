@@ -2,11 +2,11 @@
 
     swarmdata fetch mrclam-6 --accept-terms
     swarmdata fetch mrclam-7 --accept-terms
-    python -m tests.benchmarks.log_quality FOLDER docs/real-robots.png
+    python -m tests.benchmarks.log_quality FOLDER real-robots.png
 
 FOLDER has the files of run 7, for the places of its landmarks. Tables go to the terminal; the
-figure has the errors of predictions by a twin of run 6. `make bench` leaves it out: users fetch
-the logs.
+figure, docs/real-robots.png, has the errors of predictions by a twin of run 6. `make bench` leaves
+it out: users fetch the logs.
 """
 
 import sys
@@ -23,7 +23,7 @@ from swarmdata.interop.logs.logged_drives import AS_COMMANDED, STANDING, Drives,
 FITTED, HELD_OUT = "mrclam-run_6-v1", "mrclam-run_7-v1"
 WINDOW = 5  # steps of 0.1 s
 SECONDS = (0.5, 1.0, 2.0, 3.0, 4.0)
-WIDTH, HEIGHT = 7.0, 2.6  # inches, of the figure
+WIDTH, HEIGHT = 6.0, 2.1  # inches, of the figure
 
 
 def correlations(drives: Drives) -> np.ndarray:
@@ -88,7 +88,7 @@ def draw(twin: Twin, drives: Drives, path: Path) -> None:
         ]
         for name, each in predictors.items()
     }
-    with figure(path, width=WIDTH, height=HEIGHT, medium="screen") as drawing:
+    with figure(path, width=WIDTH, height=HEIGHT) as drawing:
         panels = drawing.subplots(1, 2)
         units = ("position", "cm", 100.0), ("heading", "°", 180 / np.pi)
         for k, (axes, (quantity, unit, scale)) in enumerate(zip(panels, units, strict=True)):

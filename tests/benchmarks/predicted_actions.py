@@ -8,7 +8,8 @@ A policy's action for a step is compared with the command that was logged in it,
 two seconds later; so are the command of the step before and the mean one. Logs that a task has
 scored are compared in the same units. It takes every fifth episode, because exported policies act
 robot by robot. Runs of a dataset that leaves out robots predict these robots only, and several such
-runs, separated by commas, are one row. `make bench` leaves it out: users fetch the logs.
+runs, separated by commas, are one row. The first run is subtracted from the others. `make bench`
+leaves it out: users fetch the logs.
 """
 
 import runpy
@@ -25,7 +26,12 @@ from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.training.run_files import seeds_of
 from swarmdata.learn.training.run_folder import load_run
-from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO, mean_interval
+from swarmdata.rollouts.score_intervals import (
+    AT_LEAST_ZERO,
+    difference_interval,
+    mean_interval,
+)
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import blank_step
 
 AHEAD = 20  # steps of 0.1 s
@@ -155,9 +161,13 @@ def run_errors(
     return np.stack(found)
 
 
-def cell(table: np.ndarray, scale: float) -> str:
-    found = mean_interval(scale * table, bounds=AT_LEAST_ZERO)
+def cell(found: Estimate) -> str:
     return f"{found.value:.2f} [{found.low:.2f}, {found.high:.2f}]"
+
+
+def columns(table: np.ndarray) -> Iterator[np.ndarray]:
+    """Each quantity, [K, E or N], of a table [K, E or N, 4]."""
+    yield from np.moveaxis(table, -1, 0)
 
 
 def main(data: str, *runs: str) -> None:
@@ -174,13 +184,18 @@ def main(data: str, *runs: str) -> None:
     for row in runs:
         parts = [run_errors(run, dataset, episodes, units) for run in row.split(",")]
         tables[row] = np.fmax.reduce(parts)  # each part has other robots, the rest is NaN
+    scales = np.array([100.0, 180 / np.pi] * 2)
     for over, axis in (("episodes", 2), ("robots", 1)):
         print(f"| over {over} | speed (cm/s) | turn rate (°/s) | speed in 2 s | turn rate in 2 s |")
         print("|---|---:|---:|---:|---:|")
-        for name, table in tables.items():
-            means = np.nanmean(table, axis=axis)
-            cells = [cell(means[..., k], scale) for k, scale in enumerate((100.0, 180 / np.pi) * 2)]
+        means = {name: scales * np.nanmean(table, axis=axis) for name, table in tables.items()}
+        for name, mean in means.items():
+            cells = [cell(mean_interval(each, bounds=AT_LEAST_ZERO)) for each in columns(mean)]
             print(f"| {name} | {' | '.join(cells)} |")
+        for run in runs[1:]:
+            pairs = zip(columns(means[run]), columns(means[runs[0]]), strict=True)
+            cells = [cell(difference_interval(*pair)) for pair in pairs]
+            print(f"| {run} minus {runs[0]} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":
