@@ -78,7 +78,7 @@ def draw(twin: Twin, drives: Drives, path: Path) -> None:
     n = len(drives.names)
     predictors = {
         "no motion": [STANDING] * n,
-        "commands as they are": [AS_COMMANDED] * n,
+        "as commanded": [AS_COMMANDED] * n,
         "twin": list(twin.responses.values()),
     }
     found = {
