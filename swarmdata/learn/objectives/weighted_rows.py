@@ -37,11 +37,11 @@ from swarmdata.types import Batch
 Along = Callable[[Batch], tuple[Batch, Tensor]]
 """Of an actor, such as `StackedActor.along`: returns transitions and its outputs there."""
 
-HALVINGS = 12
-"""Of the range of beta, which is at most `RANGE` over the deviation of the advantages."""
+HALVINGS = 14
+"""Of the range of beta on a logarithmic scale, which leaves 0.1 % of it."""
 
-RANGE = 16.0
-"""At this beta, a row one deviation below another weighs nothing."""
+SMALLEST = 1e-6
+"""End of that range, over its beginning."""
 
 
 def check_share(effective_share: float) -> None:
@@ -69,17 +69,20 @@ def row_weights(
 
     Args:
         advantages: A, [K, M, N]; each seed has its own beta for all its robots.
-        largest: beta, a number or [K].
+        largest: beta, a number or [K], finite.
         effective_share: least n_eff over M N.
     """
     below = (advantages - advantages.amax((1, 2), keepdim=True)).flatten(1)  # [K, M N]
-    ceiling = RANGE / below.std(1, correction=0).clamp(min=1e-12)
-    high = torch.as_tensor(largest, device=below.device).expand_as(ceiling).minimum(ceiling)
-    low, beta = torch.zeros_like(high), high
+
+    def is_enough(beta: Tensor) -> Tensor:
+        return effective_share_of((beta[:, None] * below).exp()) >= effective_share
+
+    high = torch.as_tensor(largest, dtype=below.dtype, device=below.device).expand(len(below))
+    low = torch.where(is_enough(high), high, SMALLEST * high)
     for _ in range(HALVINGS):
-        enough = effective_share_of((beta[:, None] * below).exp()) >= effective_share
+        beta = (low * high).sqrt()
+        enough = is_enough(beta)
         low, high = torch.where(enough, beta, low), torch.where(enough, high, beta)
-        beta = (low + high) / 2
     return (low[:, None] * below).exp().view_as(advantages), low
 
 

@@ -42,7 +42,7 @@ def test_beta_is_the_largest_that_keeps_the_floor(kind: str, share: float, unit:
     noise = torch.randn(2, 300, 3, generator=torch.Generator().manual_seed(0))
     kinds = {"normal": noise, "skewed": noise.exp(), "two values": (noise > 1).float()}
     advantages = unit * kinds[kind]
-    weights, beta = row_weights(advantages, float("inf"), share)
+    weights, beta = row_weights(advantages, 1e3 / unit, share)
     found = effective_share_of(weights)
     torch.testing.assert_close(found, shares(advantages, beta), rtol=1e-3, atol=0)
     assert (found >= share).all()
@@ -56,6 +56,9 @@ def test_beta_is_a_setting_at_most_and_each_seed_has_its_own() -> None:
     _, beta = row_weights(advantages, 2.0, 0.4)
     assert beta[0] == 2.0
     assert beta[1] < 0.2
+    rare = torch.where(noise > -2.5, 0.01 * noise, -100.0)  # as collisions are
+    _, beta = row_weights(rare, 20.0, 0.4)
+    assert (beta == 20.0).all()
     _, beta = row_weights(advantages, torch.tensor([0.5, 0.01]), 0.4)
     torch.testing.assert_close(beta, torch.tensor([0.5, 0.01]))
     weights, _ = row_weights(advantages, 0.0, 0.4)
