@@ -10,7 +10,7 @@ from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
-from swarmdata.learn.training.run_files import run_folders
+from swarmdata.learn.training.run_files import find_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.extras import require_extra
@@ -76,8 +76,8 @@ def _trained(name: str) -> tuple[TaskSpec | RecordedSpec, Sequence[Policy], Sequ
         read_trained,
     )
 
-    if run_folders(Path(name)):
-        found = read_trained(Path(name))
+    if (run := find_run(name)) is not None:
+        found = read_trained(run)
         if found.spec.get("kind") == "recorded":
             return RecordedSpec.parse(found.spec, name), load_policies(found), found.provenances
     target = find_target(name)

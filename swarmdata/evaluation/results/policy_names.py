@@ -12,7 +12,7 @@ from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.hub.remotes.outside_names import is_folder, looks_like_path
 from swarmdata.interfaces import Policy
 from swarmdata.learn.deployment.onnx_policy import OnnxPolicy
-from swarmdata.learn.training.run_files import run_folders
+from swarmdata.learn.training.run_files import find_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, make_policy, make_task
 from swarmdata.registry.presets import find_spec
@@ -97,7 +97,8 @@ def find_target(
     Args:
         name: a registered policy such as `random`; a learned tier such as `expert`: its checkpoints
             without noise; a dataset, by its id or by its folder: its behavior policies as recorded;
-            a run folder: its newest policies, one per seed; or a file of ONNX.
+            a training run, by its folder or as `zoo:ALGORITHM/DATASET`: its newest policies, one
+            per seed; or a file of ONNX.
         task: where policies, tiers and runs act: a preset's name, or a spec file. None: runs where
             they were trained, the others in `DEFAULT_TASK`. Datasets' policies act in their task.
         observation: observation model, such as `lidar`; None: that of the task, the dataset or the
@@ -118,8 +119,8 @@ def find_target(
         chosen_models, observation=observation, communication=communication, backend=backend,
         randomization=randomization,
     )  # fmt: skip
-    if is_folder(name) and run_folders(Path(name)):
-        return _run_target(Path(name), task, choose)
+    if (run := find_run(name)) is not None:
+        return _run_target(run, task, choose)
     if is_dataset(name):
         check_no_task(name, task)
     elif (own := own_dataset(name)) is not None:

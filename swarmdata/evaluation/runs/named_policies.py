@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
-from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.interfaces import Policy
-from swarmdata.learn.training.run_files import run_folders
+from swarmdata.learn.training.run_files import find_run
 from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, policy_class
 from swarmdata.registry.components import make_policy as make_registered
 from swarmdata.registry.presets import find_spec
@@ -56,7 +55,7 @@ def behaviors_of(
 
     Args:
         name: a registered policy such as `scripted`, a tier such as `expert` of a preset that has
-            its checkpoints, or a run folder of offline or online training.
+            its checkpoints, or a training run, by its folder or as `zoo:ALGORITHM/DATASET`.
         share: of the joint steps, which the policies have in equal parts.
         spec: the task.
         noise: standard deviation of the Gaussian noise on the actions; policies that take none,
@@ -69,8 +68,8 @@ def behaviors_of(
         SpecError: the run was trained on a recording of another environment.
         MissingExtraError: a run folder needs torch.
     """
-    if is_folder(name) and run_folders(Path(name)):
-        found = tuple(_copied(Path(name), spec, noise, folder))
+    if (run := find_run(name)) is not None:
+        found = tuple(_copied(run, spec, noise, folder))
     elif name in POLICIES and name not in CHECKPOINT_POLICIES:
         std = noise if takes_noise(name, spec) else 0.0
         found = (Behavior(PolicySource(label=name, name=name, noise=std)),)
@@ -180,8 +179,8 @@ def make_policy(
 
     Args:
         name: a registered policy such as `scripted`; a tier such as `expert` of a task of the
-            package, without action noise; or the folder of a training run, whose newest policy is
-            loaded.
+            package, without action noise; or a training run, by its folder or as
+            `zoo:ALGORITHM/DATASET`, whose newest policy is loaded.
         spec: the task; or a preset's name, or a spec file. None: that of the run's training.
         seed: of a run's training, or the number of a tier's policy; others have one policy.
         options: of a registered policy, such as `noise` or `convention`.
@@ -192,13 +191,13 @@ def make_policy(
         PolicyFitError: the task does not provide what a trained policy needs.
         MissingExtraError: a run needs torch.
     """
-    is_run = is_folder(name) and bool(run_folders(Path(name)))
-    if options and (is_run or name not in POLICIES):
+    run = find_run(name)
+    if options and (run is not None or name not in POLICIES):
         raise SpecError(
             f"{name} is no registered policy and takes no options, got {', '.join(options)}"
         )
-    if is_run:
-        return _of_run(Path(name), None if spec is None else find_spec(spec), seed)
+    if run is not None:
+        return _of_run(run, None if spec is None else find_spec(spec), seed)
     if spec is None:
         raise SpecError(f"policy {name} needs a task: give a spec, a preset's name or a spec file")
     task = find_spec(spec)

@@ -24,10 +24,12 @@ Needs no torch, so that a report can tell whether a run has changed since it was
 import csv
 import hashlib
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
-from swarmdata.errors import BuildError
+from swarmdata.errors import BuildError, UnknownNameError
+from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.runtime.documents import read_document
 
 CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED, REPLAY_FOLDER = (
@@ -41,6 +43,9 @@ CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED, REPLAY_FOLDER = (
     "replay",
 )
 
+ZOO = "zoo:"
+"""Before the name of a run of the package."""
+
 CURVE_METRICS = ("return", "success", "clean_success")
 """Columns of a learning curve, as means over the episodes of each evaluation."""
 
@@ -53,6 +58,34 @@ def run_folders(folder: Path) -> tuple[Path, ...]:
     inside = sorted(folder.glob(f"seeds-*/{CONFIG}"), key=_by_seeds)
     files = [folder / CONFIG] if (folder / CONFIG).exists() else inside
     return tuple(file.parent for file in files)
+
+
+def find_run(name: str | Path) -> Path | None:
+    """Finds a training run by its name; None: that is no run.
+
+    Args:
+        name: its folder; or `zoo:ALGORITHM/DATASET`, a finished run of the package.
+
+    Raises:
+        UnknownNameError: the zoo has no such run.
+    """
+    if str(name).startswith(ZOO):
+        if (wanted := str(name).removeprefix(ZOO)) not in zoo():
+            hint = "Train others with `swarmdata train ALGORITHM DATASET`."
+            raise UnknownNameError("run of the zoo", wanted, zoo(), hint)
+        algorithm, _, dataset = wanted.partition("/")
+        return _zoo_folder() / dataset / algorithm
+    return Path(name) if is_folder(name) and run_folders(Path(name)) else None
+
+
+def zoo() -> tuple[str, ...]:
+    """Names of the package's runs, such as `iql/coop_nav-medium-replay`."""
+    runs = (file.parent for file in _zoo_folder().glob(f"*/*/{CONFIG}"))
+    return tuple(sorted(f"{run.name}/{run.parent.name}" for run in runs))
+
+
+def _zoo_folder() -> Path:
+    return Path(str(files("swarmdata.cards"))) / "zoo"
 
 
 class Seed(NamedTuple):
