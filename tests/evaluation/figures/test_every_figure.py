@@ -168,7 +168,7 @@ def one_sweep(path: Path) -> None:
         pytest.param(line_plot, online, marks=pytest.mark.slow),
         (dot_plot, panels),
         (result_plots, profiles),
-        pytest.param(result_plots, pairs, marks=pytest.mark.slow),
+        pytest.param(matrix_plot, pairs, marks=pytest.mark.slow),
         pytest.param(dot_plot, differences(1, 9), marks=pytest.mark.slow),
         (dot_plot, differences(4, 9)),
         (matrix_plot, differences(12, 9)),
