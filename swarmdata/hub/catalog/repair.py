@@ -3,9 +3,8 @@
 What is named also keeps a dataset from being published.
 
 A broken file is fetched from a remote or made again from the recipe in a scratch folder, compared
-with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is recomputed from
-sound arrays, fetched, or made again; it is believed only where the published digests, or all the
-other files, agree with it.
+with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is fetched or made
+again; it is believed only where the published digests, or all the other files, agree with it.
 """
 
 import sys
@@ -30,7 +29,7 @@ from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.sources import Rebuild, Remotes, skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.pull_dataset import fetch_file
-from swarmdata.registry.published import changed_versions, published
+from swarmdata.registry.published import changed_versions
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.documents import read_document
@@ -44,7 +43,6 @@ from swarmdata.store.arrays.layout import CARD, CHECKPOINTS, MANIFEST, RECIPE, R
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.damage import Damage, find_damage
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, parse_manifest
-from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.recognition import is_dataset, no_dataset, root_attributes
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
@@ -192,15 +190,7 @@ class _Job:
         )
 
     def _manifests(self, origin: Recipe | Edit) -> Iterator[tuple[Manifest, str]]:
-        """Manifests that may be the lost one: of sound files, of remotes, of the recipe."""
-        entry = published().get(origin.id)
-        if entry is not None and isinstance(origin, Recipe):
-            try:
-                own = remake_manifest(self.path, origin, entry.made_with)
-            except DatasetError:  # the arrays are no sound ones
-                own = None
-            if own is not None and own.transport_digest == entry.transport_digest:
-                yield own, "made again from files that have the published digests"
+        """Manifests that may be the lost one: of remotes, of the recipe."""
         for address in self.remotes:
             try:
                 manifest, where = self._offered(address, origin.id)
