@@ -104,9 +104,9 @@ def evaluations_of(
         block: the reserved `evaluation` seeds, or the `validation` seeds.
     """
     found = target.spec if spec is None else spec
-    shared = {"source": source, "spec": found, "n_episodes": n_episodes, "block": block}
+    shared: dict[str, Any] = {"source": source, "spec": found, "n_episodes": n_episodes}
     return [
-        Evaluation(policy=index, provenance=provenance, folder=folder, **shared)
+        Evaluation(policy=index, provenance=provenance, block=block, folder=folder, **shared)
         for index, provenance in enumerate(target.provenances)
     ]
 

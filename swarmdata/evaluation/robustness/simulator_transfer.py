@@ -117,7 +117,7 @@ def _plan(
 def _team(known: Sequence[Evaluation], new: Sequence[Evaluation]) -> TeamTransfer:
     """What was measured of a team."""
     label, spec = known[0].provenance.label, known[0].spec
-    cases = {}
+    cases: dict[str, Case] = {}
     for each in (known, new):
         runs = {label: tuple(collect_evaluations(each))}
         cases[each[0].spec.backend] = Case(None, each[0].spec, reference_of(spec), None, runs)

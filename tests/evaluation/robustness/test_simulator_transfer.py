@@ -52,7 +52,8 @@ def test_both_simulators_play_the_same_episodes(teams: list[TeamTransfer]) -> No
         assert new.spec == known.spec.world.with_updates(backend="kinematic")
         assert new.evaluation.spec_hash != known.evaluation.spec_hash
     idle, _, straight = teams
-    np.testing.assert_array_equal(*metric(idle, "length"))
+    known_length, new_length = metric(idle, "length")
+    np.testing.assert_array_equal(known_length, new_length)
     before, after = metric(straight, "obstacle_collisions")
     assert before.shape == after.shape == (1, 3)
     assert before.sum() > after.sum() == 0.0, "nothing touches anything without contacts"
