@@ -24,8 +24,7 @@ from swarmdata.evaluation.results.result_plots import (
 )
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import read_csv
-from swarmdata.evaluation.study.pages.differences_section import plot_row_differences
-from swarmdata.evaluation.study.pages.row_differences import RowDifference
+from swarmdata.evaluation.study.pages.row_differences import RowDifference, plot_row_differences
 from swarmdata.evaluation.study.pages.training_curves import plot_training_curves
 from swarmdata.evaluation.study.shifts.sweep_sections import plot_sweeps
 from swarmdata.rollouts.score_statistics import Estimate
