@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 import pytest
 
+from swarmdata.envs.world.task_env import ThreadTeam
 from swarmdata.runtime.kernels import kernel
-from swarmdata.runtime.thread_team import ThreadTeam
 from swarmdata.types import Int
 
 
@@ -148,7 +148,7 @@ def test_kernels_leave_the_interpreter() -> None:
 FORKED = """
 import os, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # that a process with threads forks
-from swarmdata.runtime.thread_team import ThreadTeam
+from swarmdata.envs.world.task_env import ThreadTeam
 team, ran = ThreadTeam(2), []
 team.run([int, int])
 child = os.fork()
