@@ -229,7 +229,7 @@ def test_every_check_has_a_planted_flaw_and_names_a_published_failure() -> None:
 
 
 @settings(
-    max_examples=3,
+    max_examples=2,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(data=st.data())

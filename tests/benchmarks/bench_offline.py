@@ -160,7 +160,15 @@ def rows_of(
     return rows
 
 
-def networks_table(name: str, data: Any, hidden: int, arguments: argparse.Namespace) -> str:
+HEAD = (
+    "algorithm", "units of two layers", "million operations an update", "run",
+    "seed-updates a second", "/ plain loop", "/ ours, 1 seed", "/ limit",
+)  # fmt: skip
+
+
+def networks_rows(
+    name: str, data: Any, hidden: int, arguments: argparse.Namespace
+) -> list[tuple[str, ...]]:
     """Measures networks of one size."""
     plain = (PlainBC if name == "bc" else PlainTD3BC)(tensors_of(data), hidden, BATCH)
     work = operations(plain.train)
@@ -179,10 +187,8 @@ def networks_table(name: str, data: Any, hidden: int, arguments: argparse.Namesp
     rows = rows_of(rates, n_seeds, PLAIN)
     own = [row[2] for row in rows_of(rates, n_seeds, ONE)]
     shares = [f"{np.median(rates[run]) * n_seeds[run] / limit:.2f}" for run in runs]
-    head = ("run", "seed-updates a second", "/ plain loop", "/ ours, 1 seed", "/ limit")
-    lines = [(*row, ratio, share) for row, ratio, share in zip(rows, own, shares, strict=True)]
-    title = f"`{name}`, two hidden layers of {hidden}"
-    return f"{title} ({work / 1e6:.0f} million operations an update):\n\n{table(head, lines)}"
+    size = (f"`{name}`", str(hidden), f"{work / 1e6:.0f}")
+    return [(*size, *row, *rest) for row, *rest in zip(rows, own, shares, strict=True)]
 
 
 def main() -> None:
@@ -196,13 +202,14 @@ def main() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     data = load(DATASET).split("train")
-    body = [INTRODUCTION]
+    rows: list[tuple[str, ...]] = []
     for name in ("bc", "maddpg_bc"):
         for hidden in HIDDEN:
             print(f"{name}, hidden {hidden}", flush=True)
-            body.append(networks_table(name, data, hidden, arguments))
-    write_section("Offline training", "\n".join(body))
-    print("\n".join(body))
+            rows += networks_rows(name, data, hidden, arguments)
+    body = table(HEAD, rows)
+    write_section("Offline training", f"{INTRODUCTION}\n{body}")
+    print(body)
 
 
 if __name__ == "__main__":

@@ -2,26 +2,28 @@
 
     swarmdata fetch mrclam-6 --accept-terms
     swarmdata fetch mrclam-7 --accept-terms
-    python -m tests.benchmarks.log_quality FOLDER docs/real-robots.png
+    python -m tests.benchmarks.log_quality FOLDER real-robots.png
 
 FOLDER has the files of run 7, for the places of its landmarks. Tables go to the terminal; the
-figure has the errors of predictions by a twin of run 6. `make bench` leaves it out: users fetch
-the logs.
+figure, docs/real-robots.png, has the errors of predictions by a twin of run 6. `make bench` leaves
+it out: users fetch the logs.
 """
 
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import swarmdata
+from swarmdata.drawing.line_labels import label_ends
+from swarmdata.drawing.style import COLORS, GRAY, draw_grid, figure
 from swarmdata.interop.logs.fitted_twin import Twin, fit_twin
 from swarmdata.interop.logs.logged_drives import AS_COMMANDED, STANDING, Drives, window_sums
 
 FITTED, HELD_OUT = "mrclam-run_6-v1", "mrclam-run_7-v1"
 WINDOW = 5  # steps of 0.1 s
 SECONDS = (0.5, 1.0, 2.0, 3.0, 4.0)
+WIDTH, HEIGHT = 6.0, 2.1  # inches, of the figure
 
 
 def correlations(drives: Drives) -> np.ndarray:
@@ -75,20 +77,30 @@ def draw(twin: Twin, drives: Drives, path: Path) -> None:
     """Mean errors of predictions after some seconds."""
     n = len(drives.names)
     predictors = {
-        "twin": list(twin.responses.values()),
-        "commands as they are": [AS_COMMANDED] * n,
         "no motion": [STANDING] * n,
+        "as commanded": [AS_COMMANDED] * n,
+        "twin": list(twin.responses.values()),
     }
-    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.2))
-    for name, responses in predictors.items():
-        errors = [drives.errors_of(responses, drives.steps(each))[:2] for each in SECONDS]
-        left.plot(SECONDS, [100 * each[0].mean() for each in errors], marker="o", label=name)
-        right.plot(SECONDS, [np.rad2deg(each[1].mean()) for each in errors], marker="o")
-    left.set(xlabel="seconds after a measured pose", ylabel="error of positions (cm)")
-    right.set(xlabel="seconds after a measured pose", ylabel="error of headings (°)")
-    left.legend(frameon=False)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    found = {
+        name: [
+            [part.mean() for part in drives.errors_of(each, drives.steps(after))[:2]]
+            for after in SECONDS
+        ]
+        for name, each in predictors.items()
+    }
+    with figure(path, width=WIDTH, height=HEIGHT) as drawing:
+        panels = drawing.subplots(1, 2)
+        units = ("position", "cm", 100.0), ("heading", "°", 180 / np.pi)
+        for k, (axes, (quantity, unit, scale)) in enumerate(zip(panels, units, strict=True)):
+            for (name, means), color in zip(found.items(), (GRAY, *COLORS[:2]), strict=True):
+                look = {"color": color, "marker": "o", "ms": 3, "lw": 1.4}
+                axes.plot(SECONDS, [scale * mean[k] for mean in means], label=name, **look)
+            axes.set(
+                xlabel="seconds after a measured pose", ylabel=f"error of the {quantity} ({unit})"
+            )
+            axes.set(xlim=(0, SECONDS[-1]), ylim=(0, None))
+            draw_grid(axes, "y", width=0.5)
+            label_ends(axes, axes.get_lines(), HEIGHT)
 
 
 def main(folder: str, picture: str) -> None:

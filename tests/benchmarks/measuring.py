@@ -86,7 +86,7 @@ def write_section(title: str, body: str) -> None:
     body = long_tables_as_files(title, body)
     head, *old = PAGE.read_text(encoding="utf-8").split("\n## ")
     parts = dict(part.split("\n", 1) for part in old)
-    parts[title] = f"\n{body.strip()}\n\n{_machine()}\n"
+    parts[title] = f"\n{body.strip()}\n\n*{', '.join([_processor(), *_differences(head)])}*\n"
     sections = (f"## {section}\n{text.rstrip()}\n" for section, text in parts.items())
     PAGE.write_text("\n".join([head, *sections]), encoding="utf-8")
 
@@ -109,17 +109,16 @@ def long_tables_as_files(title: str, body: str) -> str:
     return re.sub(r"(?:^\|.*\n)+", replaced, body, flags=re.MULTILINE)
 
 
-def _machine() -> str:
-    found = []
+def _differences(head: str) -> list[str]:
+    """Number of cores, and the versions here that are not those in the head of the page."""
+    usual = " ".join(head.split())
+    found = [f"Python {platform.python_version()}"]
     for name in PACKAGES:
         try:
             found.append(f"{name} {version(name)}")
         except PackageNotFoundError:
             continue
-    return (
-        f"*{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}, "
-        f"{', '.join(found)}*"
-    )
+    return [f"{os.cpu_count()} cores", *(each for each in found if each not in usual)]
 
 
 def _processor() -> str:

@@ -2,17 +2,20 @@
 
     swarmdata train bc mrclam-run_6-v1 --seeds 2 --out runs/bc-6
     python -m tests.benchmarks.predicted_actions mrclam-run_7-v1 runs/bc-6 runs/gru-6
+    python -m tests.benchmarks.predicted_actions mrclam-run_7-v1 runs/bc-6-no-1,runs/bc-6-no-2
 
 A policy's action for a step is compared with the command that was logged in it, and with the one
 two seconds later; so are the command of the step before and the mean one. Logs that a task has
 scored are compared in the same units. It takes every fifth episode, because exported policies act
-robot by robot. `make bench` leaves it out: users fetch the logs.
+robot by robot. Runs of a dataset that leaves out robots predict these robots only, and several such
+runs, separated by commas, are one row. The first run is subtracted from the others. `make bench`
+leaves it out: users fetch the logs.
 """
 
 import runpy
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +26,12 @@ from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.training.run_files import seeds_of
 from swarmdata.learn.training.run_folder import load_run
-from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO, mean_interval
+from swarmdata.rollouts.score_intervals import (
+    AT_LEAST_ZERO,
+    difference_interval,
+    mean_interval,
+)
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import blank_step
 
 AHEAD = 20  # steps of 0.1 s
@@ -31,20 +39,46 @@ AHEAD = 20  # steps of 0.1 s
 STRIDE = 5  # every so many episodes
 
 
-def predicted(path: Path, episodes: Sequence[swarmdata.Episode]) -> Iterator[np.ndarray]:
-    """Commands of an exported policy in each episode, [T, N, A], in the units of the logs."""
-    policy = runpy.run_path(str(path))["Policy"]()
-    middles, halves = (
-        np.array([each[key] for each in policy.about["commands"]]) for key in ("middle", "half")
-    )
+def predicted(
+    policy: Any, episodes: Sequence[swarmdata.Episode], numbers: Mapping[int, int]
+) -> Iterator[np.ndarray]:
+    """Commands of an exported policy in each episode, [T, N, A], in the units of the logs.
+
+    Args:
+        policy: of the exported file.
+        episodes: of the logs.
+        numbers: robot of the logs -> robot of the policy as which it acts; NaN for the others.
+    """
     for episode in episodes:
-        commands = np.zeros_like(episode.actions)
-        for n in range(episode.actions.shape[1]):
+        commands = np.full_like(episode.actions, np.nan)
+        for n, number in numbers.items():
+            middle, half = (
+                np.array(policy.about["commands"][number][k]) for k in ("middle", "half")
+            )
             memory: Any = np.zeros(policy.about["memory"])
             for t, observation in enumerate(episode.observations[:-1, n]):
-                action, memory = policy.step(observation, n, memory)
-                commands[t, n] = middles[n] + halves[n] * np.clip(action, -1, 1)
+                action, memory = policy.step(observation, number, memory)
+                commands[t, n] = middle + half * np.clip(action, -1, 1)
         yield commands
+
+
+def errors_of(
+    policy: Any, names: Sequence[str], episodes: Sequence[swarmdata.Episode], units: np.ndarray
+) -> np.ndarray:
+    """Errors of an exported policy for the robots that it was not trained on, [E, N, 4].
+
+    Such a robot acts as each of the policy's robots in turn, and its errors are their means. A
+    policy that was trained on all robots predicts all of them, each as itself.
+    """
+    known = policy.about["robots"]
+    new = [n for n, name in enumerate(names) if name not in known]
+    if not new:
+        numbers = {n: known.index(name) for n, name in enumerate(names)}
+        return errors(episodes, predicted(policy, episodes, numbers), units)
+    turns = (dict.fromkeys(new, number) for number in range(len(known)))
+    return np.mean(
+        [errors(episodes, predicted(policy, episodes, each), units) for each in turns], axis=0
+    )
 
 
 def decided_in_order(
@@ -91,9 +125,13 @@ def repeated(episodes: Sequence[swarmdata.Episode], units: np.ndarray) -> Iterat
         yield units * np.concatenate([episode.actions[:1], episode.actions[:-1]])
 
 
-def constant(episodes: Sequence[swarmdata.Episode], units: np.ndarray) -> Iterator[np.ndarray]:
-    """The mean command of every robot, of these episodes themselves."""
+def constant(
+    episodes: Sequence[swarmdata.Episode], units: np.ndarray, *, of_others: bool = False
+) -> Iterator[np.ndarray]:
+    """The mean command of every robot, or that of all others, of these episodes themselves."""
     mean = units * np.concatenate([each.actions for each in episodes]).mean(axis=0)
+    if of_others:
+        mean = (mean.sum(axis=0) - mean) / (len(mean) - 1)
     for episode in episodes:
         yield np.broadcast_to(mean, episode.actions.shape)
 
@@ -106,9 +144,30 @@ def units_of(dataset: swarmdata.Dataset) -> np.ndarray:
     return np.array([[each.max_speed, each.max_turn_rate] for each in task.robots])
 
 
-def cell(table: np.ndarray, scale: float) -> str:
-    found = mean_interval(scale * table, bounds=AT_LEAST_ZERO)
+def run_errors(
+    run: str, dataset: swarmdata.Dataset, episodes: Sequence[swarmdata.Episode], units: np.ndarray
+) -> np.ndarray:
+    """Errors of the policies of a run, [K seeds, E, N, 4]."""
+    found = []
+    for policy, seed in zip(load_run(run), seeds_of([Path(run)]), strict=True):
+        if isinstance(policy, SequencePolicy):
+            guesses = decided_in_order(policy, dataset, episodes)
+            found.append(errors(episodes, guesses, units))
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            path = swarmdata.export_policy(run, Path(folder) / "policy.py", seed.seed)
+            exported = runpy.run_path(str(path))["Policy"]()
+        found.append(errors_of(exported, dataset.spec.agent_names, episodes, units))
+    return np.stack(found)
+
+
+def cell(found: Estimate) -> str:
     return f"{found.value:.2f} [{found.low:.2f}, {found.high:.2f}]"
+
+
+def columns(table: np.ndarray) -> Iterator[np.ndarray]:
+    """Each quantity, [K, E or N], of a table [K, E or N, 4]."""
+    yield from np.moveaxis(table, -1, 0)
 
 
 def main(data: str, *runs: str) -> None:
@@ -116,28 +175,27 @@ def main(data: str, *runs: str) -> None:
     dataset = swarmdata.load(data)
     units = units_of(dataset)
     episodes = [each for each in list(dataset)[::STRIDE] if len(each) > AHEAD + 2]
-    tables = {
-        "last command": errors(episodes, repeated(episodes, units), units)[None],
-        "mean command": errors(episodes, constant(episodes, units), units)[None],
+    guesses = {
+        "last command": repeated(episodes, units),
+        "mean command": constant(episodes, units),
+        "mean command of the other robots": constant(episodes, units, of_others=True),
     }
-    for run in runs:
-        found = []
-        for policy, seed in zip(load_run(run), seeds_of([Path(run)]), strict=True):
-            if isinstance(policy, SequencePolicy):
-                guesses = decided_in_order(policy, dataset, episodes)
-                found.append(errors(episodes, guesses, units))
-                continue
-            with tempfile.TemporaryDirectory() as folder:
-                path = swarmdata.export_policy(run, Path(folder) / "policy.py", seed.seed)
-                found.append(errors(episodes, predicted(path, episodes), units))
-        tables[run] = np.stack(found)
+    tables = {name: errors(episodes, each, units)[None] for name, each in guesses.items()}
+    for row in runs:
+        parts = [run_errors(run, dataset, episodes, units) for run in row.split(",")]
+        tables[row] = np.fmax.reduce(parts)  # each part has other robots, the rest is NaN
+    scales = np.array([100.0, 180 / np.pi] * 2)
     for over, axis in (("episodes", 2), ("robots", 1)):
         print(f"| over {over} | speed (cm/s) | turn rate (°/s) | speed in 2 s | turn rate in 2 s |")
         print("|---|---:|---:|---:|---:|")
-        for name, table in tables.items():
-            means = np.nanmean(table, axis=axis)
-            cells = [cell(means[..., k], scale) for k, scale in enumerate((100.0, 180 / np.pi) * 2)]
+        means = {name: scales * np.nanmean(table, axis=axis) for name, table in tables.items()}
+        for name, mean in means.items():
+            cells = [cell(mean_interval(each, bounds=AT_LEAST_ZERO)) for each in columns(mean)]
             print(f"| {name} | {' | '.join(cells)} |")
+        for run in runs[1:]:
+            pairs = zip(columns(means[run]), columns(means[runs[0]]), strict=True)
+            cells = [cell(difference_interval(*pair)) for pair in pairs]
+            print(f"| {run} minus {runs[0]} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

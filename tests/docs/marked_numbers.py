@@ -27,7 +27,7 @@ KEYS = {
 RATES = ("success", "clean_success")
 """Quantities that pages show in percent."""
 
-HIDDEN = re.compile(r"```.*?```|`[^`]*`|\]\([^)]*\)|<[^>]*>", re.DOTALL)
+HIDDEN = re.compile(r"```.*?```|^ {4}[^\n]*|`[^`]*`|\]\([^)]*\)|<[^>]*>", re.DOTALL | re.MULTILINE)
 """Code, addresses of links, and tags: they have no results."""
 
 

@@ -127,18 +127,18 @@ QUICK = """
     assert swarmdata.load("data").task.rules.patience == 5
     run("train my_bc data --updates 3 --seeds 1 --set hidden=8 --set patience=7 --out runs/mine")
     assert "mine" in run("evaluate runs/mine --episodes 4")
-    run("render runs/mine --out clip.png")
-    run("generate --task meeting.yaml --policy runs/mine --id meeting-mine-v0 --steps 400 "
-        "--workers 1 --out mine")
-    assert "no problems" in run("audit mine --sample 4")
-    run("push mine shelf://box")
-    assert "meeting-mine-v0" in run("remote list shelf://box")
+    run("push data shelf://box")
+    assert "meeting-slow-v0" in run("remote list shelf://box")
 """
 
 SLOW = """
     run("generate --task meeting.yaml --policy slow --id meeting-slow-v0 --steps 1200 --workers 1 "
         "--out data")
     run("train my_bc data --updates 3 --seeds 1 --set hidden=8 --out runs/mine")
+    run("render runs/mine --out clip.png")
+    run("generate --task meeting.yaml --policy runs/mine --id meeting-mine-v0 --steps 400 "
+        "--workers 1 --out mine")
+    assert "no problems" in run("audit mine --sample 4")
     run("sweep runs/mine --observation noise=0..0.1 --values 2 --episodes 4 --out sweep")
     run("study study.yaml --out study --work work --workers 1")
     assert "my_bc" in open("study/report.md").read()
@@ -180,7 +180,7 @@ def play(folder: Path, body: str, cache_folder: Path) -> None:
 
 def test_its_components_act_learn_and_record(tmp_path: Path, cache_folder: Path) -> None:
     play(tmp_path, QUICK, cache_folder)
-    recipe = json.loads((tmp_path / "mine" / "recipe.json").read_text())
+    recipe = json.loads((tmp_path / "data" / "recipe.json").read_text())
     assert recipe["spec"]["rules"]["patience"] == 5
 
 

@@ -2,12 +2,15 @@
 
 from pathlib import Path
 
+import pytest
+
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.large_dataset import make_large_dataset
 
 
+@pytest.mark.slow  # of benchmarks only
 def test_a_large_dataset_has_the_shapes_of_a_real_one(tmp_path: Path) -> None:
     manifest = make_large_dataset(tmp_path / "ds", 9_000)
     env, episode = make_env(TaskSpec()), Dataset.open(tmp_path / "ds")[0]

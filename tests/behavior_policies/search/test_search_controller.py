@@ -16,7 +16,7 @@ SPEC = preset("search")
 
 def test_teams_rescue_in_time() -> None:
     policy = make_policy("scripted", SPEC)
-    result = evaluate(policy, SPEC, name="scripted", n_episodes=30, progress=False)
+    result = evaluate(policy, SPEC, name="scripted", n_episodes=15, progress=False)
     assert result.metrics["success"].mean() >= 0.8  # 0.9 and more in 1,000 episodes
 
 

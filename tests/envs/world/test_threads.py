@@ -15,6 +15,7 @@ from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Seeds, Step
+from tests.support.pairs import once_each
 
 MODELS: dict[str, dict[str, Any]] = {
     "plain": {},
@@ -55,8 +56,7 @@ def assert_same(left: list[Step], right: list[Step]) -> None:
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("models", MODELS)
+@pytest.mark.parametrize(("task", "models"), once_each(tuple(TASKS), tuple(MODELS)))
 def test_every_number_of_threads_gives_the_same_bits(task: str, models: str) -> None:
     spec = preset(task).with_updates(horizon=12, on_collision="fail", **MODELS[models])
     expected = drive(make_env(spec, 7), 30)

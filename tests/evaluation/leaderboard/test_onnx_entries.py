@@ -16,7 +16,7 @@ from swarmdata.evaluation.leaderboard.entry import submit
 from swarmdata.evaluation.leaderboard.verify import verify
 from tests.learn.deployment.test_onnx_policy import write
 
-DATASET, N_EPISODES = "coop_nav-random-mini", 4
+DATASET, N_EPISODES = "coop_nav-random-mini", 3
 
 ABOUT: dict[str, Any] = {
     "name": "theirs", "license": "MIT", "code": "https://example.org", "trials": 1,
@@ -24,6 +24,7 @@ ABOUT: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.usefixtures("forked")
 def test_it_is_verified_and_an_altered_one_is_rejected(tmp_path: Path) -> None:
     files = [write(tmp_path / f"{seed}.onnx", seed=seed) for seed in range(5)]
     entry = tmp_path / "entry"

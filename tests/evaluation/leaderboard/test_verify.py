@@ -1,7 +1,6 @@
 """Entries of a leaderboard: honest ones are verified, forged ones are rejected with the reason."""
 
 import json
-import subprocess
 from functools import partial
 from pathlib import Path
 from shutil import copytree
@@ -38,7 +37,6 @@ from swarmdata.registry.published import published  # noqa: E402
 from swarmdata.registry.recipes import find_recipe  # noqa: E402
 from swarmdata.runtime.batches import Failures  # noqa: E402
 from swarmdata.specs.origins import task_of  # noqa: E402
-from tests.support.at_once import Forked  # noqa: E402
 
 DATASET, N_SEEDS, N_EPISODES = "coop_nav-random-mini-v1", 5, 4
 
@@ -94,24 +92,6 @@ def forged(honest: Path, tmp_path: Path) -> Path:
 
 def change(file: Path, **changes: Any) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
-
-
-def act_again(entry: str, out: str, n_episodes: str) -> None:
-    """What `verify` starts."""
-    from swarmdata.evaluation.leaderboard.act_again import main
-
-    main(Path(entry), Path(out), int(n_episodes))
-
-
-@pytest.fixture
-def forked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`verify` forks the process instead of starting an interpreter: that takes seconds."""
-
-    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
-        code, out, err = Forked(*command[3:], work=act_again).end()
-        return subprocess.CompletedProcess(command, code or 0, out.encode(), err.encode())
-
-    monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.subprocess.run", run)
 
 
 def test_an_honest_entry_is_verified(honest: Path) -> None:
@@ -240,6 +220,7 @@ def test_runs_on_other_data_make_no_entry(tiny: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "e").exists()
 
 
+@pytest.mark.usefixtures("forked")
 def test_the_catalogue_shows_verified_entries_and_names_the_others(
     honest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

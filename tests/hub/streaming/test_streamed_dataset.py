@@ -23,6 +23,7 @@ from swarmdata.testing.synthetic import RELEASE_CARD, make_dataset, write_releas
 from swarmdata.types import Batch
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.static_host import StaticHost
+from tests.support.pairs import slow
 from tests.support.tiny import flip
 
 ID = "coop_nav-synthetic-v0"
@@ -83,7 +84,11 @@ def test_only_the_index_is_fetched_first(host: StaticHost, whole: Dataset) -> No
     assert "15 episodes, 605 steps" in repr(data)
 
 
-@pytest.mark.parametrize("sizes", [{}, {"horizon": 7}, {"horizon": 8, "burn_in": 3}])
+SIZES = [{}, {"horizon": 8, "burn_in": 3}, *slow({"horizon": 7})]
+"""Of batches: single steps, sequences with and without a burn-in."""
+
+
+@pytest.mark.parametrize("sizes", SIZES)
 def test_a_window_of_all_blocks_gives_the_batches_of_the_whole(
     host: StaticHost, whole: Dataset, sizes: dict[str, int]
 ) -> None:
@@ -132,7 +137,7 @@ def test_a_window_holds_what_is_near_in_the_order_of_a_pass(host: StaticHost) ->
         assert set(found.tolist()) == {order[turn], order[turn + 1]}
 
 
-@pytest.mark.parametrize("sizes", [{}, {"horizon": 7}, {"horizon": 8, "burn_in": 3}])
+@pytest.mark.parametrize("sizes", SIZES)
 def test_streams_are_mixed_as_whole_datasets_are(
     host: StaticHost, folder: Path, sizes: dict[str, int]
 ) -> None:

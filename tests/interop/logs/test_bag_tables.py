@@ -14,6 +14,7 @@ from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.bag_tables import read_bag
 from swarmdata.specs.origins.log_map import LogMap
 from tests.interop.logs import bags
+from tests.support.pairs import slow
 
 pytest.importorskip("rosbags", reason="the extra 'logs'")
 pytest.importorskip("mcap", reason="the extra 'logs'")
@@ -52,7 +53,7 @@ def test_four_robots_in_mcap(from_mcap: Dataset) -> None:
     assert_allclose(episode.actions[:, 0, 0], bags.SPEED * (1 + 0.2 * np.sin(k / 20)), rtol=1e-5)
 
 
-@pytest.mark.parametrize("kind", ["sqlite3", "ros1", "file"])
+@pytest.mark.parametrize("kind", ["ros1", *slow("sqlite3", "file")])
 def test_other_bags_hold_the_same(kind: str, from_mcap: Dataset, tmp_path: Path) -> None:
     if kind == "ros1":
         log = bags.write_ros1(tmp_path / "monday.bag")

@@ -137,6 +137,19 @@ def test_states_are_the_poses(dataset: Dataset) -> None:
         assert_allclose(states[:, robot], expected, atol=0.01)
 
 
+def test_a_map_may_leave_out_a_robot(dataset: Dataset, tmp_path: Path) -> None:
+    """The others observe and do the same, and still have a slot for it."""
+    text = shipped_maps()["mrclam"].read_text("utf-8")
+    text = text.replace("ignore_logs: [", "ignore_logs: [Robot5_*, ").replace(", Robot5]", "]")
+    (tmp_path / "four.yaml").write_text(text, encoding="utf-8")
+    run = write_run(tmp_path / "run")
+    four = import_logs(run, tmp_path / "d", log_map=tmp_path / "four.yaml", id="mrclam-four-v0")
+    assert four.spec.agent_names == dataset.spec.agent_names[:4]
+    for ours, all_five in zip(four, dataset, strict=True):
+        assert_allclose(ours.observations, all_five.observations[: len(ours) + 1, :4], atol=0)
+        assert_allclose(ours.actions, all_five.actions[: len(ours), :4], atol=0)
+
+
 def test_a_twin_is_fitted_to_poses_that_are_states(dataset: Dataset) -> None:
     response = fit_twin(dataset).team.response
     assert_allclose([response.speed_gain, response.turn_gain], 1.0, atol=0.03)

@@ -21,7 +21,7 @@ from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
-from tests.support.pairs import pairwise
+from tests.support.pairs import once_each, pairwise
 
 STD = 0.2
 NOISE = {"position": STD, "velocity": STD, "direction": STD, "range": STD}
@@ -216,10 +216,14 @@ def test_quantisation_hides_what_is_within_a_cell(scenes: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",  # not intersection: who knows at which of its gates a robot starts knows where it is
-    ["coop_nav", "coop_nav-unassigned", "formation", "transport", "warehouse", "search", "pursuit"],
-)
-@pytest.mark.parametrize("kind", ["state", "bearing"])
+    ("name", "kind"),
+    once_each(
+        # not intersection: who knows at which gate a robot starts knows where it is
+        ("coop_nav", "coop_nav-unassigned", "formation", "transport", "warehouse", "search",
+         "pursuit"),
+        ("state", "bearing"),
+    ),
+)  # fmt: skip
 def test_what_a_task_adds_hides_it_too(name: str, kind: str) -> None:
     """References, goals, payloads and the way through aisles, seen by robots that see no walls."""
     blind = {"kind": kind, "n_neighbors": 0, "noise": NOISE}

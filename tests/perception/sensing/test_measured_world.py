@@ -170,18 +170,18 @@ def test_objects_are_missed_independently_at_their_rate(scenes: Any, kind: str) 
     step.states[0, [0, 1, 8, 9]] = 0, 0, 0.5, 0
     (mask,) = [k for k, f in enumerate(Sensor(task, 1).features) if f.name == "neighbor_0.mask"]
     seen = np.array(
-        [observe(task, step._replace(times=np.array([t])))[0][0, :, mask] for t in range(3000)]
+        [observe(task, step._replace(times=np.array([t])))[0][0, :, mask] for t in range(1500)]
     )
-    assert abs(seen.mean() - 0.75) < 0.02
-    assert abs(np.corrcoef(seen[:, 0], seen[:, 1])[0, 1]) < 0.06
-    assert abs(np.corrcoef(seen[1:, 0], seen[:-1, 0])[0, 1]) < 0.06
+    assert abs(seen.mean() - 0.75) < 0.03
+    assert abs(np.corrcoef(seen[:, 0], seen[:, 1])[0, 1]) < 0.08
+    assert abs(np.corrcoef(seen[1:, 0], seen[:-1, 0])[0, 1]) < 0.08
 
 
 def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
     task = scenes.task({"kind": "state", "noise": LOUD}, n_agents=2)
     step = scenes.step(task, 1, 3)
     step = step._replace(layouts=step.layouts[:, :1])
-    same = [step._replace(times=np.array([t])) for t in range(4000)]
+    same = [step._replace(times=np.array([t])) for t in range(1500)]
     clean = observe(scenes.task({"kind": "state"}, n_agents=2), step)[0][0, 0]
     draws = np.array([observe(task, each)[0][0, 0] for each in same]) - clean
     names = [feature.name for feature in Sensor(task, 1).features]
@@ -195,7 +195,7 @@ def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
         "obstacle_0.dy": 0.05,
     }.items():
         assert abs(columns[name].std() / std - 1) < 0.05, name
-        assert abs(columns[name].mean()) < 5 * std / np.sqrt(4000), name
+        assert abs(columns[name].mean()) < 5 * std / np.sqrt(1500), name
     turned = np.hypot(columns["own.heading_x"], columns["own.heading_y"])
     assert abs(np.sqrt((turned**2).mean()) / 0.03 - 1) < 0.05
     independent = np.corrcoef(
@@ -210,7 +210,7 @@ def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
             ]
         ]
     )
-    assert abs(independent - np.eye(5)).max() < 0.08
+    assert abs(independent - np.eye(5)).max() < 0.1
     np.testing.assert_allclose(columns["own.goal_dx"], -columns["own.x"], atol=1e-6)
 
 

@@ -1,0 +1,26 @@
+"""Verification without a second interpreter."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.support.at_once import Forked
+
+
+def act_again(entry: str, out: str, n_episodes: str) -> None:
+    """What `verify` starts."""
+    from swarmdata.evaluation.leaderboard.act_again import main
+
+    main(Path(entry), Path(out), int(n_episodes))
+
+
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`verify` forks the process instead of starting an interpreter: that takes seconds."""
+
+    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
+        code, out, err = Forked(*command[3:], work=act_again).end()
+        return subprocess.CompletedProcess(command, code or 0, out.encode(), err.encode())
+
+    monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.subprocess.run", run)
