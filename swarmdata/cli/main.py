@@ -248,8 +248,7 @@ def _root(
 
 def list_command() -> None:
     """List the published datasets, then others in the cache."""
-    from swarmdata.hub.catalog.catalog import list_datasets
-    from swarmdata.hub.catalog.own_datasets import own_datasets
+    from swarmdata.hub.catalog.catalog import list_datasets, own_datasets
 
     line = "{:36} {:>7} {:>12} {:>10} {:>8} {:>8}"
     typer.echo(line.format("id", "robots", "joint steps", "size", "score", "cached"))

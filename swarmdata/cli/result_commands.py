@@ -80,8 +80,11 @@ def evaluate(
     _check_options(context, engine, part, has_folder=out is not None, collect=collect)
     from swarmdata.evaluation.results.evaluation_jobs import TargetName, evaluations_of
 
-    how = (task, observation, communication, label, backend, parse_ranges(randomize))
-    sources = [TargetName.of(name, *how) for name in targets]
+    how = {
+        "task": task, "observation": observation, "communication": communication, "label": label,
+        "backend": backend, "randomization": parse_ranges(randomize),
+    }  # fmt: skip
+    sources = [TargetName.parse({"name": name, **how}) for name in targets]
     found = [(source, source.find()) for source in sources]
     block: SeedBlock = "validation" if validation else "evaluation"
     budgets = parse_budgets(budget)

@@ -2,7 +2,7 @@
 
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 _CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
 """Text in which Markdown reads no marks and no HTML."""
@@ -19,6 +19,13 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, is_numeric: boo
     rule = ["---", *["---:" if is_numeric else "---"] * (len(head) - 1)]
     lines = [head, rule, *rows]
     return "".join(f"| {' | '.join(map(_cell, line))} |\n" for line in lines)
+
+
+def pivot(corner: str, columns: Iterable[str], cells: Mapping[tuple[str, str], str]) -> str:
+    """A table with a row for each first key of `cells`, as code; what it lacks is a dash."""
+    heads, rows = tuple(columns), dict.fromkeys(row for row, _ in cells)
+    body = [(f"`{row}`", *(cells.get((row, head), "–") for head in heads)) for row in rows]
+    return table((corner, *heads), body)
 
 
 def _cell(text: str) -> str:

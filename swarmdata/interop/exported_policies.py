@@ -7,6 +7,7 @@ from typing import Any, get_args
 from swarmdata.datasets.action_scaling import ActionScale, action_scale
 from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.runs.named_policies import open_run
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
@@ -71,15 +72,10 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
 
 def _trained(name: str) -> tuple[TaskSpec | RecordedSpec, Sequence[Policy], Sequence[Provenance]]:
     """Spec, policies and provenances of a run, on a task or on a recording."""
-    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
-        load_policies,
-        read_trained,
-    )
-
     if (run := find_run(name)) is not None:
-        found = read_trained(run)
+        found = open_run(run)
         if found.spec.get("kind") == "recorded":
-            return RecordedSpec.parse(found.spec, name), load_policies(found), found.provenances
+            return RecordedSpec.parse(found.spec, name), found.policies(), found.provenances
     target = find_target(name)
     return target.spec, target.policies, target.provenances
 

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.rollouts.score_statistics import Estimate, wilson_interval
+from swarmdata.rollouts.score_statistics import LEVEL, Estimate, wilson_interval
 from swarmdata.types import Double
 
 Bounds = tuple[float, float]
@@ -42,9 +42,6 @@ AT_LEAST_ZERO: Bounds = (0.0, math.inf)
 
 SHARE: Bounds = (0.0, 1.0)
 
-LEVEL = 0.95
-"""Confidence level of all intervals."""
-
 TARGET_OF_SEVERAL = "new training seeds and new episodes of the same distribution"
 """What the interval of several seeds is for."""
 
@@ -52,19 +49,18 @@ TARGET_OF_ONE = "the measured policy on new episodes of the same distribution"
 """What the interval of one seed is for."""
 
 
-def mean_interval(values: Double, *, level: float = LEVEL, bounds: Bounds = UNBOUNDED) -> Estimate:
+def mean_interval(values: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds and episodes with its interval.
 
     Args:
         values: finite, [K, E]. A difference of the same policies on the same episodes is such a
             table too.
-        level: confidence level, in (0, 1).
         bounds: of the values; the interval ends there.
 
     Raises:
         SchemaError: the table is not finite, or not [seeds, episodes].
     """
-    return _within(bounds, combination_interval([values], [1.0], level=level))
+    return _within(bounds, combination_interval([values], [1.0]))
 
 
 def _within(bounds: Bounds, found: Estimate) -> Estimate:
@@ -72,7 +68,7 @@ def _within(bounds: Bounds, found: Estimate) -> Estimate:
     return Estimate(found.value, max(found.low, bounds[0]), min(found.high, bounds[1]))
 
 
-def difference_interval(x: Double, y: Double, *, level: float = LEVEL) -> Estimate:
+def difference_interval(x: Double, y: Double) -> Estimate:
     """Returns the mean of `x` minus that of `y` on the same episodes, with its interval.
 
     What an episode does to both cancels; the seeds of both count.
@@ -80,17 +76,14 @@ def difference_interval(x: Double, y: Double, *, level: float = LEVEL) -> Estima
     Args:
         x: of one algorithm, [K, E].
         y: of another, [J, E].
-        level: confidence level, in (0, 1).
 
     Raises:
         SchemaError: a table is not finite, or the tables differ in episodes.
     """
-    return combination_interval([x, y], [1.0, -1.0], level=level)
+    return combination_interval([x, y], [1.0, -1.0])
 
 
-def combination_interval(
-    tables: Sequence[Double], weights: Sequence[float], *, level: float = LEVEL
-) -> Estimate:
+def combination_interval(tables: Sequence[Double], weights: Sequence[float]) -> Estimate:
     """Returns a weighted sum of means with its interval: of a difference, or an average.
 
     The half-width is t_nu sqrt(V). With weights w, seed means of variance s^2, and Z the sum of
@@ -108,7 +101,6 @@ def combination_interval(
     Args:
         tables: finite, [K_g, E] with the same episodes in all.
         weights: of their means.
-        level: confidence level, in (0, 1).
 
     Raises:
         SchemaError: a table is not finite, or the tables differ in episodes.
@@ -131,7 +123,7 @@ def combination_interval(
     if variance <= 0.0:
         return Estimate(value, value, value)
     df = variance**2 / sum(each.variance**2 / each.df for each in components)
-    half = t_quantile((1.0 + level) / 2.0, df) * math.sqrt(variance)
+    half = t_quantile((1.0 + LEVEL) / 2.0, df) * math.sqrt(variance)
     return Estimate(value, value - half, value + half)
 
 
@@ -160,7 +152,7 @@ def _check(tables: Sequence[Double]) -> None:
         )
 
 
-def rate_interval(outcomes: Double, *, level: float = LEVEL) -> Estimate:
+def rate_interval(outcomes: Double) -> Estimate:
     """Returns the share of episodes with its interval, which stays between 0 and 1.
 
     Of one seed it is Wilson's. So it is if no or every episode of all seeds is a success: then the
@@ -168,7 +160,6 @@ def rate_interval(outcomes: Double, *, level: float = LEVEL) -> Estimate:
 
     Args:
         outcomes: 0 or 1, [K, E].
-        level: confidence level, in (0, 1).
 
     Raises:
         SchemaError: the table is not finite, or not [seeds, episodes].
@@ -176,11 +167,11 @@ def rate_interval(outcomes: Double, *, level: float = LEVEL) -> Estimate:
     _check([outcomes])
     first = outcomes[0]
     if len(outcomes) == 1 or (outcomes == first[0]).all():
-        return wilson_interval(int(first.sum()), len(first), level)
-    return mean_interval(outcomes, level=level, bounds=SHARE)
+        return wilson_interval(int(first.sum()), len(first))
+    return mean_interval(outcomes, bounds=SHARE)
 
 
-def seed_interval(means: Double, *, level: float = LEVEL, bounds: Bounds = UNBOUNDED) -> Estimate:
+def seed_interval(means: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds with Student's t interval, for new seeds on the same episodes.
 
     For curves, of which only means over episodes are kept: new episodes move all seeds together,
@@ -188,14 +179,13 @@ def seed_interval(means: Double, *, level: float = LEVEL, bounds: Bounds = UNBOU
 
     Args:
         means: one for each seed, finite, [K].
-        level: confidence level, in (0, 1).
         bounds: of the values; the interval ends there.
     """
     k, value = len(means), float(means.mean())
     if k == 1:
         return Estimate(value, math.nan, math.nan)
     error = math.sqrt(float(means.var(ddof=1)) / k)
-    half = t_quantile((1.0 + level) / 2.0, k - 1) * error
+    half = t_quantile((1.0 + LEVEL) / 2.0, k - 1) * error
     return _within(bounds, Estimate(value, value - half, value + half))
 
 

@@ -13,6 +13,9 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.types import Double
 
+LEVEL = 0.95
+"""Confidence level of all intervals."""
+
 MAX_RESAMPLED_SCORES = 1 << 22
 """Most resampled scores that are in memory at once."""
 
@@ -36,14 +39,13 @@ def bootstrap(
     *,
     generator: np.random.Generator,
     n_resamples: int = 2000,
-    level: float = 0.95,
 ) -> Estimate:
     """Stratified percentile bootstrap of a statistic of a score table.
 
     A resample draws, independently for every task, as many runs as there are, with replacement;
     tasks are not resampled (Agarwal et al., "Deep Reinforcement Learning at the Edge of the
     Statistical Precipice", NeurIPS 2021, section 4.1). The bounds are the
-    (1 - level) / 2 and (1 + level) / 2 quantiles of the statistic over resamples, linearly
+    (1 - `LEVEL`) / 2 and (1 + `LEVEL`) / 2 quantiles of the statistic over resamples, linearly
     interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
 
     Args:
@@ -51,7 +53,6 @@ def bootstrap(
         scores: a finite table [runs, tasks]; episodes of one policy are runs of one task.
         generator: source of the resamples.
         n_resamples: number of resamples.
-        level: confidence level of the interval, in (0, 1).
 
     Raises:
         SchemaError: the table is not a finite, non-empty [runs, tasks].
@@ -64,7 +65,7 @@ def bootstrap(
     size = max(1, MAX_RESAMPLED_SCORES // scores.size)
     chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
     draws = [statistic(resample(scores, generator, n)) for n in chunks]
-    tail = (1.0 - level) / 2.0
+    tail = (1.0 - LEVEL) / 2.0
     low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail])
     return Estimate(float(statistic(scores)), float(low), float(high))
 
@@ -79,7 +80,7 @@ def resample(table: Double, generator: np.random.Generator, n: int) -> Double:
     return table[rows, np.arange(n_tasks)]
 
 
-def wilson_interval(n_successes: int, n_episodes: int, level: float = 0.95) -> Estimate:
+def wilson_interval(n_successes: int, n_episodes: int) -> Estimate:
     """Returns the success rate with its Wilson score interval, which is accurate near 0 and 1 too.
 
     (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
@@ -93,7 +94,7 @@ def wilson_interval(n_successes: int, n_episodes: int, level: float = 0.95) -> E
             f"{n_successes} successes in {n_episodes} episodes, "
             "expected 0 <= successes <= episodes and at least one episode."
         )
-    z = NormalDist().inv_cdf((1.0 + level) / 2.0)
+    z = NormalDist().inv_cdf((1.0 + LEVEL) / 2.0)
     rate, shrink = n_successes / n_episodes, z * z / n_episodes
     center = (rate + shrink / 2.0) / (1.0 + shrink)
     margin = (z / (1.0 + shrink)) * np.sqrt(

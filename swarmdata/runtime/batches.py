@@ -1,8 +1,8 @@
 """Failures, the one rule of commands that do several things: a bad item never sinks the others."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from types import TracebackType
 
 from swarmdata.errors import BatchError, DiskFullError, SwarmdataError
 
@@ -20,9 +20,20 @@ class Failures:
     """Gets a line about each failure when it happens."""
     reasons: dict[str, str] = field(default_factory=dict)  # why items failed, by name
 
-    def item(self, name: str) -> "_Item":
+    def item(self, name: str) -> AbstractContextManager[None, bool]:
         """A block that does what belongs to one item; an error is noted and ends the block only."""
-        return _Item(self, name)
+        return self._item(name)  # type: ignore[return-value]  # it is not known to end errors
+
+    @contextmanager
+    def _item(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except DiskFullError:
+            raise
+        except Exception as error:  # a user's own task or algorithm may raise anything
+            if self.n_items == 1:
+                raise
+            self.note(name, error)
 
     def note(self, name: str, error: Exception) -> None:
         """Notes that an item failed."""
@@ -51,27 +62,3 @@ class Failures:
                 f"{len(self.reasons)} of {self.n_items} {what} failed: {listed}"
                 f"{'' if listed.endswith('.') else '.'} {advice}"
             )
-
-
-@dataclass(frozen=True)
-class _Item:
-    """One item of a batch, as a context manager."""
-
-    failures: Failures
-    name: str
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> bool:
-        ends_all = not isinstance(error, Exception) or isinstance(error, DiskFullError)
-        if ends_all or self.failures.n_items == 1:
-            return False
-        assert isinstance(error, Exception)  # a user's own task or algorithm may raise anything
-        self.failures.note(self.name, error)
-        return True

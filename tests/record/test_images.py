@@ -1,6 +1,5 @@
 """Images of bytes stay bytes: in the store, in views and batches, in edits, and for algorithms."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +18,7 @@ from swarmdata.specs.origins import RecordedSpec
 from swarmdata.store import open_store
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.assembly import assemble
-from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.parts import write_part
-from swarmdata.store.recognition import is_dataset
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.types import Episode
 from tests.record.worlds import Choosing, Seeing, play
@@ -169,16 +166,6 @@ def test_edits_keep_bytes(images: Dataset, tmp_path: Path) -> None:
 def test_the_audit_passes_and_the_contract_holds(images: Dataset) -> None:
     assert audit(images.path, progress=False).problems == ()
     check_dataset(images.path)
-
-
-def test_a_lost_manifest_is_written_again(images: Dataset, tmp_path: Path) -> None:
-    copy = shutil.copytree(images.path, tmp_path / "ds")
-    (copy / "manifest.json").unlink()
-    assert is_dataset(copy)
-    origin: Any = images.recipe
-    assert remake_manifest(copy, origin, images.stored.manifest.provenance) == (
-        images.stored.manifest
-    )
 
 
 def test_a_task_has_no_images(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -60,9 +60,9 @@ class Axis:
         n = round((self.high - self.low) / self.step)
         return [self.low + k * self.step for k in range(n + 1)]
 
-    def label(self, value: float, extra: int = 0) -> str:
-        """A value with the decimals of the ticks, and `extra` more."""
-        decimals = max(0, -math.floor(math.log10(self.step) + 1e-9)) + extra
+    def label(self, value: float) -> str:
+        """A value with the decimals of the ticks."""
+        decimals = max(0, -math.floor(math.log10(self.step) + 1e-9))
         text = f"{value:,.{decimals}f}"
         return text.removeprefix("-") if not float(text.replace(",", "")) else text
 

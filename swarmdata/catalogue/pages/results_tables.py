@@ -66,9 +66,7 @@ def about(board: Board) -> str:
     return f"{text}{board.study.title}: {updates}{seeds} training seeds each."
 
 
-def board_table(
-    board: Board, rows: Sequence[Row], series: Mapping[str, int], *, key: str, root: str = ""
-) -> Html:
+def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *, key: str) -> Html:
     """Returns the full table of a board, which is sorted by a click on its heads."""
     first = board.quantity
     others = [each for each in QUANTITIES if each[0] not in RANKS]
@@ -76,7 +74,7 @@ def board_table(
     body = [
         element(
             "tr",
-            *_ranked(board, row, axis, series, root),
+            *_ranked(board, row, axis, series, ""),
             *(_estimate(row.outcome, *each) for each in others),
             _number(str(row.outcome.n_runs or "–"), row.outcome.n_runs),
             _number(row.outcome.updates or "–", row.outcome.updates),

@@ -63,14 +63,11 @@ def regret(estimates: Double, scores: Double, k: int = 1) -> float:
     return float(scores.max() - scores[chosen].max())
 
 
-def ranking_quality(
-    estimates: Double,
-    scores: Double,
-    *,
-    top: tuple[int, ...] = (1, 3),
-    generator: np.random.Generator | None = None,
-    n_resamples: int = 2000,
-) -> Quality:
+TOP = (1, 3)
+"""Values of k for regret@k; those above n - 1 leave no choice and are left out."""
+
+
+def ranking_quality(estimates: Double, scores: Double) -> Quality:
     """Measures how well a criterion agrees with the scores of the same policies.
 
     The interval is a percentile bootstrap over policies: pairs of estimate and score are drawn with
@@ -79,9 +76,6 @@ def ranking_quality(
     Args:
         estimates: by the criterion, higher is better, [n].
         scores: of the policies, [n].
-        top: values of k for regret@k; values above n - 1 leave no choice and are left out.
-        generator: of the bootstrap; None: one with a fixed seed.
-        n_resamples: of the bootstrap.
 
     Raises:
         SchemaError: fewer than two policies, or arrays that differ in shape or are not finite.
@@ -93,13 +87,9 @@ def ranking_quality(
         index = rows[..., 0].astype(np.int64)
         return spearman(estimates[index], scores[index])
 
-    interval = bootstrap(
-        correlation,
-        np.arange(n, dtype=np.float64)[:, None],
-        generator=np.random.default_rng(0) if generator is None else generator,
-        n_resamples=n_resamples,
-    )
-    return Quality(n, interval, {k: regret(estimates, scores, k) for k in top if k < n})
+    rows = np.arange(n, dtype=np.float64)[:, None]
+    interval = bootstrap(correlation, rows, generator=np.random.default_rng(0))
+    return Quality(n, interval, {k: regret(estimates, scores, k) for k in TOP if k < n})
 
 
 def pessimistic_value(values: Double) -> float:

@@ -29,19 +29,12 @@ class ComparableScores:
     left_out: Mapping[str, str]  # label or dataset -> why it is not in the tables
 
 
-def comparable_scores(
-    results: ResultSet, datasets: Sequence[str] | None = None
-) -> ComparableScores:
+def comparable_scores(results: ResultSet) -> ComparableScores:
     """Selects the labels that aggregates can compare: those with results on all datasets.
 
-    Args:
-        results: what was measured.
-        datasets: to aggregate over; None: all that have a score.
-
-    Raises:
-        UnknownNameError: there are no results on one of them.
+    Datasets without a score are left out.
     """
-    cases = results.cases if datasets is None else [results.case(name) for name in datasets]
+    cases = results.cases
     names = tuple(case.name for case in cases if case.reference is not None)
     left_out = {
         case.name: "no references were measured in its world"
@@ -98,12 +91,12 @@ def _mean_over_datasets(table: Double, other: Double | None = None) -> Estimate:
     return combination_interval(found, weights)
 
 
-def optimality_gap(scores: Double, target: float = 100.0) -> float:
-    """The average shortfall of runs below `target`; scores are [runs, datasets].
+def optimality_gap(scores: Double) -> float:
+    """The average shortfall of runs below 100; scores are [runs, datasets].
 
-    target - mean(min(score, target)) (Agarwal et al. 2021, section 4.3).
+    100 - mean(min(score, 100)) (Agarwal et al. 2021, section 4.3).
     """
-    return float(target - np.minimum(scores, target).mean())
+    return float(100.0 - np.minimum(scores, 100.0).mean())
 
 
 def performance_profile(scores: Double, thresholds: Double) -> Double:

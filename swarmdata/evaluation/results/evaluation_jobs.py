@@ -1,9 +1,10 @@
 """Evaluations of named policies as jobs: each one leaves a result file, wherever it is done."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self, Unpack
+from typing import Annotated, Any, Unpack
+
+from pydantic import BeforeValidator
 
 from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.policy_names import Target, find_target
@@ -16,53 +17,31 @@ from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.model_choice import Ranges, Source, ranges_of
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
 EVALUATOR = f"{__name__}:evaluator"
 
 
-class TargetName(Frozen):
-    """What `find_target` needs to find a target, in any process."""
+Portable = Annotated[str | dict[str, Any] | None, BeforeValidator(portable_source)]
+"""What `Source` takes; a path becomes absolute."""
 
-    name: str
-    task: str | None = None
-    observation: str | dict[str, Any] | None = None
-    communication: str | dict[str, Any] | None = None
+
+class TargetName(Frozen):
+    """What `find_target` takes to find a target, in any process; paths become absolute."""
+
+    name: Annotated[str, BeforeValidator(portable_name)]
+    task: Annotated[str | None, BeforeValidator(portable_source)] = None
+    observation: Portable = None
+    communication: Portable = None
     label: str | None = None  # None: the target's own
     backend: str | None = None
     randomization: Randomization | None = None
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        task: str | None = None,
-        observation: Source | None = None,
-        communication: Source | None = None,
-        label: str | None = None,
-        backend: str | None = None,
-        randomization: Ranges | None = None,
-    ) -> Self:
-        """Takes what `find_target` takes; paths become absolute."""
-        return cls(
-            name=portable_name(name),
-            task=portable_source(task),
-            observation=portable_source(observation),
-            communication=portable_source(communication),
-            label=label,
-            backend=backend,
-            randomization=None if randomization is None else ranges_of(randomization),
-        )
-
     @property
     def changes_the_world(self) -> bool:
         """Whether the target meets another world than that of its training, or of its tier."""
-        changes = (
-            self.task, self.observation, self.communication, self.backend, self.randomization
-        )  # fmt: skip
-        return any(change is not None for change in changes)
+        return bool(self.model_dump(exclude={"name", "label"}, exclude_none=True))
 
     def find(self) -> Target:
         """Returns the target; raises as `find_target` and `Target.labelled` do."""
@@ -71,8 +50,7 @@ class TargetName(Frozen):
         return found if self.label is None else found.labelled(self.label)
 
 
-@dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Frozen):
     """One policy of a target in one spec."""
 
     source: TargetName  # of the target
@@ -95,17 +73,9 @@ class Evaluation:
             again: whether one that is there is replaced.
             n_threads: of the process that makes it.
         """
-        payload = {
-            "source": self.source.model_dump(mode="json"),
-            "policy": self.policy,
-            "provenance": self.provenance.model_dump(mode="json"),
-            "spec": self.spec.model_dump(mode="json"),
-            "n_episodes": self.n_episodes,
-            "block": self.block,
-            "folder": str(self.folder.resolve()),
-            "again": again,
-            "n_threads": n_threads,
-        }
+        here = self.model_copy(update={"folder": self.folder.resolve()})
+        evaluation = here.model_dump(mode="json")
+        payload = {"evaluation": evaluation, "again": again, "n_threads": n_threads}
         return Job(self.name, payload)
 
     def result(self) -> Result | None:
@@ -134,8 +104,9 @@ def evaluations_of(
         block: the reserved `evaluation` seeds, or the `validation` seeds.
     """
     found = target.spec if spec is None else spec
+    shared: dict[str, Any] = {"source": source, "spec": found, "n_episodes": n_episodes}
     return [
-        Evaluation(source, index, provenance, found, n_episodes, block, folder)
+        Evaluation(policy=index, provenance=provenance, block=block, folder=folder, **shared)
         for index, provenance in enumerate(target.provenances)
     ]
 
@@ -197,28 +168,28 @@ def evaluator() -> Handler:
     """Returns what evaluates policies in a process; a target is found once."""
     targets: dict[str, Target] = {}
 
-    def find(source: TargetName, policy: int, wanted: Provenance) -> Target:
+    def find(wanted: Evaluation) -> Target:
+        source, policy, provenances = wanted.source, wanted.policy, (wanted.provenance,)
         key = source.to_json()
         known = targets.get(key)
-        if known is None or known.provenances[policy : policy + 1] != (wanted,):
+        if known is None or known.provenances[policy : policy + 1] != provenances:
             known = targets[key] = source.find()  # a run may have been trained further
         found = known.provenances[policy : policy + 1]
-        if found != (wanted,):
+        if found != provenances:
             raise ResultsError(
                 f"{source.name} has another policy {policy} where it is evaluated ({found}) than "
-                f"where the evaluation was asked for ({wanted}). All processes need the same "
-                "version of swarmdata and the same files; start again when the run has ended."
+                f"where the evaluation was asked for ({wanted.provenance}). All processes need the "
+                "same version of swarmdata and the same files; start again when the run has ended."
             )
-        return replace(known, policies=known.policies[policy : policy + 1], provenances=found)
+        return Target(wanted.spec, known.policies[policy : policy + 1], found)
 
     def handle(payload: dict[str, Any], report: Report) -> None:
-        wanted = Provenance.parse(payload["provenance"])
-        target = find(TargetName.parse(payload["source"]), payload["policy"], wanted)
+        wanted = Evaluation.parse(payload["evaluation"])
         evaluate_target(
-            replace(target, spec=TaskSpec.parse(payload["spec"])),
-            payload["n_episodes"],
-            Path(payload["folder"]),
-            block=payload["block"],
+            find(wanted),
+            wanted.n_episodes,
+            wanted.folder,
+            block=wanted.block,
             again=payload["again"],
             n_threads=payload["n_threads"],
             progress=False,

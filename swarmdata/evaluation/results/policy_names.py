@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.evaluation.runs.named_policies import open_run
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.hub.remotes.outside_names import is_folder, looks_like_path
@@ -25,7 +26,6 @@ from swarmdata.registry.recipes import (
     sources,
 )
 from swarmdata.rollouts.recipe_episodes import make_source_policy
-from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.own_components import defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, task_of
@@ -231,18 +231,11 @@ def _recorded_target(
 
 
 def _run_target(folder: Path, task: str | None, choose: Choose) -> Target:
-    require_extra("torch", "torch", f"loading the run {folder}")
-    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
-        fit_policies,
-        load_policies,
-        read_trained,
-    )
-
-    found = read_trained(folder)
-    trained = found.task("Evaluate it with swarmdata.evaluate_parallel and the environment.")
+    found = open_run(folder)
+    advice = "Evaluate it with swarmdata.evaluate_parallel and the environment."
+    trained = found.task(advice)
     world = trained
     if task is not None:
         world = with_models(find_spec(task), trained.observation, trained.communication)
     spec = choose(world, own=TaskSpec.parse(found.own_spec, str(folder)))
-    policies = fit_policies(str(folder), load_policies(found), trained, spec)
-    return Target(spec, policies, found.provenances)
+    return Target(spec, found.fitted(spec, advice), found.provenances)

@@ -24,7 +24,7 @@ from swarmdata.evaluation.results.result_tables import (
     aggregate_table,
     case_table,
     difference_table,
-    metric_table,
+    score_table,
 )
 from swarmdata.learn.training.run_files import CURVE, run_folders
 from swarmdata.runtime.output_folder import OutputKind, check_output, filled
@@ -52,7 +52,7 @@ def shown_cases(results: ResultSet) -> dict[str, Case]:
 def tables_of(results: ResultSet) -> dict[str, Table]:
     """Returns all tables of a report by file name: comparisons of datasets, then each case."""
     compared = comparable_scores(results).tables
-    tables = {"scores": metric_table(results)} if any(results.scores.values()) else {}
+    tables = {"scores": score_table(results)} if any(results.scores.values()) else {}
     if compared:
         tables["aggregates"] = aggregate_table(results)
     if len(compared) > 1:

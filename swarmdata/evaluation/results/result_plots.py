@@ -7,14 +7,10 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from swarmdata.drawing.style import (
     COLORS,
     COLUMN_WIDTH,
     GRAY,
-    INK,
-    PAGE_WIDTH,
     draw_grid,
     draw_legend,
     family_looks,
@@ -24,7 +20,6 @@ from swarmdata.drawing.style import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import (
-    LETTER_WIDTH,
     Looks,
     Panel,
     PanelLine,
@@ -32,6 +27,7 @@ from swarmdata.evaluation.figures.dot_plot import (
     plot_dots,
 )
 from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
+from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results.aggregates import (
     Point,
     differences,
@@ -45,9 +41,6 @@ from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
-
-MATRIX_CELL = 0.36, 0.2
-"""Inches: width and height."""
 
 MAX_DISTANCE_IN_VIEW = 0.6
 """Of a return from those that learned from data, as a share of their range."""
@@ -157,40 +150,16 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
     labels = sorted(tables, key=lambda label: (-float(tables[label].mean()), label))
     if len(labels) < 2:
         raise SchemaError(f"got the labels {labels} to compare, expected at least two.")
-    pairs = differences(tables)
-    rows, columns = labels[:-1], labels[1:]
-    n, room = len(rows), LETTER_WIDTH * max(map(len, labels))
-    limit = max(abs(found.value) for found in pairs.values()) or 1.0
-    width = min(PAGE_WIDTH, max(COLUMN_WIDTH, 1.0 + room + MATRIX_CELL[0] * n))
-    font = min(7.0, 17.0 * (width - 1.9 - room) / n)  # four characters fill a column
-    with figure(path, width=width, height=0.6 + 0.7 * room + MATRIX_CELL[1] * max(n, 3)) as drawing:
-        axes = drawing.add_subplot()
-        shown = np.full((n, n), np.nan)
-        for row, one in enumerate(rows):
-            for column in range(row, n):
-                found = pairs[one, columns[column]]
-                is_decided = found.low > 0.0 or found.high < 0.0
-                shown[row, column] = found.value if is_decided else 0.0
-                axes.text(
-                    column,
-                    row,
-                    f"{found.value:+.0f}".replace("-", "−"),
-                    ha="center",
-                    va="center",
-                    fontsize=font,
-                    fontweight="bold" if is_decided else "normal",
-                    color="white" if is_decided and abs(found.value) > 0.45 * limit else INK,
-                )
-        image = axes.imshow(shown, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
-        drawing.colorbar(image, ax=axes, label="score of row − column", aspect=12)
-        names = [words_of(label) for label in columns]
-        axes.set_xticks(range(n), names, rotation=45, ha="right", rotation_mode="anchor")
-        axes.set_yticks(range(n), [words_of(label) for label in rows])
-        axes.set(xlabel="worse", ylabel="better")
-        axes.set_title("bold: clearly not 0", loc="left", fontsize=7.5)
-        for side in axes.spines.values():
-            side.set_visible(False)
-        axes.tick_params(length=0)
+    pairs, rows, columns = differences(tables), labels[:-1], labels[1:]
+    cells = {}
+    for k, one in enumerate(rows):
+        for other in columns[k:]:
+            found = pairs[one, other]
+            is_clear = found.low > 0.0 or found.high < 0.0
+            cells[one, other] = MatrixCell(found.value, found.value * is_clear, is_clear)
+    limit = max(abs(cell.change) for cell in cells.values()) or 1.0
+    notes = Notes(limit, "score of row − column", "the best first; framed: clearly not 0")
+    plot_matrix(cells, {"": rows}, {"": columns}, path, notes)
 
 
 def plot_pareto(cases: Collection[Case], path: Path, looks: Looks | None = None) -> None:

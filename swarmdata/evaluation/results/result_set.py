@@ -193,15 +193,12 @@ class ResultSet:
         return tuple(result for runs in groups for result in runs)
 
 
-def read_results(
-    folders: Iterable[Path | str], *, data: Sequence[Path | str] = (), is_checked: bool = True
-) -> ResultSet:
+def read_results(folders: Iterable[Path | str], *, data: Sequence[Path | str] = ()) -> ResultSet:
     """Reads all results in folders that `evaluate` wrote, without their subfolders.
 
     Args:
         folders: with result files; a file is allowed as well.
         data: folders of datasets that are neither published nor in the cache, for their means.
-        is_checked: whether stale and mixed results are refused.
 
     Raises:
         DatasetNotFoundError: a folder holds no results.
@@ -209,13 +206,22 @@ def read_results(
         ResultsError: results are stale, or cannot be compared.
     """
     files = [file for folder in folders for file in _files(Path(folder))]
-    return group_results([load_result(file) for file in files], data=data, is_checked=is_checked)
+    return group_results([load_result(file) for file in files], data=data)
 
 
 def group_results(
     results: Sequence[Result], *, data: Sequence[Path | str] = (), is_checked: bool = True
 ) -> ResultSet:
-    """Groups results by dataset and label; arguments and errors as of `read_results`."""
+    """Groups results by dataset and label, as `read_results` does.
+
+    Args:
+        results: of any policies.
+        data: as `read_results` takes it.
+        is_checked: whether stale and mixed results are refused.
+
+    Raises:
+        ResultsError: results are stale, or cannot be compared.
+    """
     if is_checked:
         check_results(results)
     groups: dict[tuple[str | None, str], list[Result]] = {}

@@ -10,7 +10,6 @@ from itertools import chain
 
 import numpy as np
 
-from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.aggregates import (
     ComparableScores,
     aggregates,
@@ -203,48 +202,34 @@ def _caption_of_case(case: Case) -> str:
     )
 
 
-def metric_table(results: ResultSet, key: str = "score") -> Table:
-    """Returns one quantity of every label on every dataset, below the mean of the data.
-
-    Args:
-        results: to show.
-        key: of `QUANTITIES`; datasets without the quantity are left out.
-
-    Raises:
-        UnknownNameError: no such quantity.
-    """
-    if key not in QUANTITIES:
-        raise UnknownNameError("quantity", key, QUANTITIES)
-    quantity = QUANTITIES[key]
-    shown = quantity.column
-    cases = [case for case in results.cases if quantity in quantities_of(case)]
-    columns = tuple(replace(shown, key=case.name, label=case.name) for case in cases)
+def score_table(results: ResultSet) -> Table:
+    """Returns the score of every label on every dataset that has one, below that of the data."""
+    cases = [case for case in results.cases if SCORE in quantities_of(case)]
+    columns = tuple(replace(SCORE.column, key=case.name, label=case.name) for case in cases)
     rows = [
         Row(
             label,
             max(len(case.runs.get(label, ())) for case in results.cases),
             tuple(
-                estimate(quantity, case, label) if label in case.runs else UNDEFINED_ESTIMATE
+                estimate(SCORE, case, label) if label in case.runs else UNDEFINED_ESTIMATE
                 for case in cases
             ),
         )
         for label in results.labels
     ]
-    own = tuple(_without_interval(quantity.data(case)) for case in cases)
+    own = tuple(_without_interval(case.data_score) for case in cases)
     if not all(math.isnan(each.value) for each in own):
         rows.insert(0, Row("data", 0, own))
-    return Table(columns, tuple(rows), _caption_of_metric(cases, shown))
+    return Table(columns, tuple(rows), _caption_of_scores(cases))
 
 
-def _caption_of_metric(cases: Sequence[Case], shown: Column) -> str:
+def _caption_of_scores(cases: Sequence[Case]) -> str:
     views = "".join(f" {case.name}: {words}." for case in cases for words in _words_of_view(case))
-    scale = " 0 is the better of an idle and a random team, 100 the expert." * (
-        shown.key == "score"
-    )
     target = target_of([len(runs) for case in cases for runs in case.runs.values()])
     return (
-        f"{shown.label.capitalize()}: mean [95 % interval for {target}].{scale} Row data: the mean "
-        f"of the dataset's own episodes, with action noise.{views}"
+        f"Score: mean [95 % interval for {target}]. 0 is the better of an idle and a random team, "
+        "100 the expert. Row data: the mean of the dataset's own episodes, with action noise."
+        f"{views}"
     )
 
 
@@ -261,9 +246,9 @@ def words_of_weights(rewards: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in rewards.items())
 
 
-def aggregate_table(results: ResultSet, datasets: Sequence[str] | None = None) -> Table:
+def aggregate_table(results: ResultSet) -> Table:
     """Returns the mean and the optimality gap of scores over all datasets."""
-    found = comparable_scores(results, datasets)
+    found = comparable_scores(results)
     columns = (
         Column("mean", "mean", "", 1),
         Column("optimality_gap", "optimality gap", "", 1),
@@ -284,9 +269,9 @@ def aggregate_table(results: ResultSet, datasets: Sequence[str] | None = None) -
     return Table(columns, tuple(rows), caption)
 
 
-def difference_table(results: ResultSet, datasets: Sequence[str] | None = None) -> Table:
+def difference_table(results: ResultSet) -> Table:
     """Returns the mean score of the row minus that of the column, paired by episode."""
-    found = comparable_scores(results, datasets)
+    found = comparable_scores(results)
     pairs = differences(found.tables)
     columns = tuple(Column(label, label, "", 1) for label in found.tables)
     rows = tuple(

@@ -8,10 +8,9 @@ the scale of that one, so that a loss is visible. An interrupted comparison resu
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -25,12 +24,10 @@ from swarmdata.evaluation.results.evaluation_jobs import (
     evaluations_of,
     run_evaluations,
 )
-from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.results.result_set import reference_of
+from swarmdata.evaluation.results.result_set import Case, reference_of
 from swarmdata.evaluation.robustness.sweep import RESULTS_FOLDER
 from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.registry.presets import name_of
-from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.output_folder import OutputKind, check_output, filled
@@ -44,38 +41,16 @@ LEAST_RANKED = 3
 """Policies from which on a rank correlation is computed."""
 
 
-@dataclass(frozen=True, eq=False)
-class TeamTransfer:
-    """A team in two simulators; tables are [K policies, E episodes]."""
+class TeamTransfer(NamedTuple):
+    """A team in two simulators."""
 
     task: str  # name of its preset, where the spec is one
     label: str  # of the team
-    backends: tuple[str, str]  # the simulators, that of the task first
-    known: tuple[Result, ...]  # result of each policy in the first simulator
-    new: tuple[Result, ...]  # likewise in the second
+    cases: Mapping[str, Case]  # by simulator, that of the task first, whose scale scores have
 
-    def metric(self, name: str) -> tuple[Double, Double]:
-        """A metric of every episode in both simulators."""
-        return _table(self.known, name), _table(self.new, name)
-
-    def scores(self) -> tuple[Double, Double]:
-        """The score of every episode in both simulators, on the scale of the first.
-
-        Raises:
-            SpecError: no references were measured in the task.
-        """
-        reference = reference_of(self.known[0].spec)
-        if reference is None:
-            raise SpecError(
-                f"{self.task} has no score: no references were measured in it, expected a preset "
-                "of cards/references.json. Name one of those with --task."
-            )
-        known, new = self.metric("return")
-        return normalized_score(known, reference), normalized_score(new, reference)
-
-
-def _table(results: Sequence[Result], name: str) -> Double:
-    return np.stack([result.evaluation.metrics[name] for result in results])
+    def scores(self) -> list[Double]:
+        """The score of every episode in both simulators, [K policies, E episodes] each."""
+        return [case.scores(self.label) for case in self.cases.values()]
 
 
 def compare_simulators(
@@ -111,16 +86,7 @@ def compare_simulators(
     planned = [_plan(name, task, backend, n_episodes, out / RESULTS_FOLDER) for name in names]
     every = [each for pair in planned for found in pair for each in found]
     run_evaluations(every, **options)
-    teams = [
-        TeamTransfer(
-            name_of(known[0].spec),
-            known[0].provenance.label,
-            (known[0].spec.backend, new[0].spec.backend),
-            tuple(collect_evaluations(known)),
-            tuple(collect_evaluations(new)),
-        )
-        for known, new in planned
-    ]
+    teams = [_team(*each) for each in planned]
     with filled(out, COMPARISON, besides=RESULTS_FOLDER) as folder:
         (folder / TABLE_FILE).write_text(transfer_table(teams), encoding="utf-8")
     return teams
@@ -130,14 +96,32 @@ def _plan(
     name: str, task: str | None, backend: str, n_episodes: int, results: Path
 ) -> tuple[list[Evaluation], list[Evaluation]]:
     """The evaluations of a team in its own simulator, and in the other."""
-    sources = [TargetName.of(name, task, backend=each) for each in (None, backend)]
+    sources = [
+        TargetName.parse({"name": name, "task": task, "backend": each}) for each in (None, backend)
+    ]
     known, new = (evaluations_of(each, each.find(), n_episodes, results) for each in sources)
-    if known[0].spec.backend == new[0].spec.backend:
+    spec = known[0].spec
+    if spec.backend == new[0].spec.backend:
         raise SpecError(
             f"{name} acts in {backend} already, expected another simulator; name another one with "
             "--simulator"
         )
+    if reference_of(spec) is None:
+        raise SpecError(
+            f"{name_of(spec)} has no score: no references were measured in it, expected a preset "
+            "of cards/references.json. Name one of those with --task."
+        )
     return known, new
+
+
+def _team(known: Sequence[Evaluation], new: Sequence[Evaluation]) -> TeamTransfer:
+    """What was measured of a team."""
+    label, spec = known[0].provenance.label, known[0].spec
+    cases: dict[str, Case] = {}
+    for each in (known, new):
+        runs = {label: tuple(collect_evaluations(each))}
+        cases[each[0].spec.backend] = Case(None, each[0].spec, reference_of(spec), None, runs)
+    return TeamTransfer(name_of(spec), label, cases)
 
 
 def rank_agreement(teams: Sequence[TeamTransfer]) -> Estimate | None:
@@ -146,12 +130,9 @@ def rank_agreement(teams: Sequence[TeamTransfer]) -> Estimate | None:
     The interval is a bootstrap over policies (`rank_statistics`); None for fewer than
     `LEAST_RANKED` policies.
     """
-    pairs = [team.scores() for team in teams]
-    known = np.concatenate([each.mean(axis=1) for each, _ in pairs])
-    new = np.concatenate([each.mean(axis=1) for _, each in pairs])
-    if len(known) < LEAST_RANKED:
-        return None
-    return ranking_quality(known, new).spearman
+    means = [[each.mean(axis=1) for each in team.scores()] for team in teams]
+    known, new = (np.concatenate(each) for each in zip(*means, strict=True))
+    return ranking_quality(known, new).spearman if len(known) >= LEAST_RANKED else None
 
 
 CHANGE = "change"
@@ -170,40 +151,32 @@ def transfer_table(teams: Sequence[TeamTransfer]) -> str:
     Args:
         teams: at least one, all with the same two simulators and number of episodes.
     """
-    rows = [row for team in teams for row in _rows(team)]
+    rows = []
+    for team in teams:
+        where = team.task, team.label, len(team.scores()[0])
+        for (quantity, backend), found in _estimates(team).items():
+            rows.append(_row(*where, quantity, backend, found))
     for task in dict.fromkeys(team.task for team in teams):
         ranks = rank_agreement([team for team in teams if team.task == task])
         if ranks is not None:
-            rows.append(_row(task, "", 0, "rank_correlation", "", ranks))
+            rows.append(_row(task, "", "", "rank_correlation", "", ranks))
     return to_csv(rows)
 
 
-def _rows(team: TeamTransfer) -> list[dict[str, object]]:
-    where = team.task, team.label, len(team.known)
+def _estimates(team: TeamTransfer) -> dict[tuple[str, str], Estimate]:
+    """By quantity and simulator."""
     known, new = team.scores()
-    scores = {
-        team.backends[0]: mean_interval(known),
-        team.backends[1]: mean_interval(new),
-        CHANGE: mean_interval(new - known),
-    }
-    found = [_row(*where, "score", backend, each) for backend, each in scores.items()]
+    scores = zip((*team.cases, CHANGE), (known, new, new - known), strict=True)
+    found = {("score", name): mean_interval(values) for name, values in scores}
     for quantity in COUNTS:
-        for backend, values in zip(team.backends, team.metric(quantity), strict=True):
-            mean = Estimate(float(values.mean()), math.nan, math.nan)
-            found.append(_row(*where, quantity, backend, mean))
+        for backend, case in team.cases.items():
+            mean = float(case.metric(team.label, quantity).mean())
+            found[quantity, backend] = Estimate(mean, math.nan, math.nan)
     return found
 
 
 def _row(
-    task: str, team: str, policies: int, quantity: str, backend: str, found: Estimate
+    task: str, team: str, policies: int | str, quantity: str, backend: str, found: Estimate
 ) -> dict[str, object]:
-    return {
-        "task": task,
-        "team": team,
-        "policies": policies or "",
-        "quantity": quantity,
-        "backend": backend,
-        "mean": found.value,
-        "low": found.low,
-        "high": found.high,
-    }
+    where = {"task": task, "team": team, "policies": policies, "quantity": quantity}
+    return {**where, "backend": backend, "mean": found.value, "low": found.low, "high": found.high}

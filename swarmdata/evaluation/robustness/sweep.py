@@ -29,7 +29,7 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 )
 from swarmdata.evaluation.results.policy_names import Target
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.robustness.sweep_axes import Axis, AxisSpecs, specs_along_axis
+from swarmdata.evaluation.robustness.sweep_axes import Axis, specs_along_axis
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import (
     SWEEP_FILE,
@@ -57,22 +57,22 @@ ResultsByFolder = dict[str, list[Result]]
 """Name of a folder -> one result per policy."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Team:
-    """A team, its label, and its specs along each axis."""
-
-    label: str
-    source: TargetName
-    target: Target
-    axis_specs: tuple[AxisSpecs, ...]  # one per axis
-
-
 class _SweepPoint(NamedTuple):
     """A spec to evaluate a team in."""
 
     value: float | None  # on the axis; None: as trained, which has no number
     folder: str  # of its results
     spec: TaskSpec
+
+
+@dataclass(frozen=True, eq=False)
+class _Team:
+    """A team, its label, and its points along each axis."""
+
+    label: str
+    source: TargetName
+    target: Target
+    points: tuple[tuple[_SweepPoint, ...], ...]  # one row per axis, in the order of its values
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,17 +93,11 @@ class Sweep:
         }
 
     def evaluations(self, team: _Team) -> dict[str, list[Evaluation]]:
-        """Name of a folder -> the evaluation of each policy of a team."""
-        return {
-            name: evaluations_of(
-                team.source,
-                team.target,
-                self.n_episodes,
-                self.out / RESULTS_FOLDER / name,
-                spec=spec,
-            )
-            for name, spec in _specs_by_folder(team, self.axes).items()
-        }
+        """Name of a folder -> the evaluation of each policy of a team, as trained first."""
+        specs = {TRAINED_FOLDER: team.target.spec}
+        specs |= {point.folder: point.spec for points in team.points for point in points}
+        found, folder = (team.source, team.target, self.n_episodes), self.out / RESULTS_FOLDER
+        return {name: evaluations_of(*found, folder / name, spec=s) for name, s in specs.items()}
 
 
 def plan_sweep(
@@ -128,9 +122,8 @@ def plan_sweep(
     """
     _check_axes(axes)
     check_output(out, SWEEP, RESULTS_FOLDER)
-    sources = [
-        TargetName.of(name, task, backend=backend, randomization=randomization) for name in names
-    ]
+    shared = {"task": task, "backend": backend, "randomization": randomization}
+    sources = [TargetName.parse({"name": name, **shared}) for name in names]
     return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, sources)))
 
 
@@ -205,13 +198,11 @@ def collect_sweep(planned: Sweep) -> list[Degradation]:
 
 def _collect(planned: Sweep) -> list[Degradation]:
     """Does what `collect_sweep` does, for a caller that holds the lock."""
-    teams, axes = planned.teams, planned.axes
     results = [
         {name: collect_evaluations(each) for name, each in planned.evaluations(team).items()}
-        for team in teams
+        for team in planned.teams
     ]
-    n_episodes = planned.n_episodes
-    found = [_degradation(k, axes, teams, results, n_episodes) for k in range(len(axes))]
+    found = [_degradation(k, planned, results) for k in range(len(planned.axes))]
     _write(found, planned.out)
     return found
 
@@ -238,9 +229,7 @@ def _teams(
         if any(axis.part != "body" for axis in axes):
             _check_senses(targets[-1], name)
     teams = [
-        _Team(
-            label, source, target, tuple(specs_along_axis(axis, name, target.spec) for axis in axes)
-        )
+        _Team(label, source, target, tuple(_points(axis, name, target.spec) for axis in axes))
         for name, label, source, target in zip(
             names, _labels(targets), sources, targets, strict=True
         )
@@ -282,50 +271,35 @@ def _check_senses(target: Target, name: str) -> None:
         )
 
 
-def _specs_by_folder(team: _Team, axes: Sequence[Axis]) -> dict[str, TaskSpec]:
-    """Name of a folder -> spec: as trained, then the other points of each axis."""
-    specs = {TRAINED_FOLDER: team.target.spec}
-    for axis, axis_specs in zip(axes, team.axis_specs, strict=True):
-        specs |= {
-            point.folder: point.spec for point in _points_along(axis, axis_specs, team.target.spec)
-        }
-    return specs
-
-
-def _degradation(
-    k: int,
-    axes: Sequence[Axis],
-    teams: Sequence[_Team],
-    results: Sequence[ResultsByFolder],
-    n_episodes: int,
-) -> Degradation:
+def _degradation(k: int, planned: Sweep, results: Sequence[ResultsByFolder]) -> Degradation:
     """The estimates of all teams along axis k."""
-    axis = axes[k]
+    axis = planned.axes[k]
     lines: list[TeamLine] = []
     columns: tuple[Column, ...] = ()
-    for team, found in zip(teams, results, strict=True):
+    for team, found in zip(planned.teams, results, strict=True):
         points = []
         trained = team.target.spec
-        for value, folder, spec in _points_along(axis, team.axis_specs[k], trained):
+        for value, folder, spec in team.points[k]:
             columns, estimates = estimates_of(found[folder], found[TRAINED_FOLDER], spec, trained)
             points.append(Point(value, folder == TRAINED_FOLDER, estimates))
         lines.append(TeamLine(team.label, len(team.target.policies), tuple(points)))
-    as_trained = not any(team.source.changes_the_world for team in teams)
+    as_trained = not any(team.source.changes_the_world for team in planned.teams)
     return Degradation(
-        axis.part, axis.name, columns, tuple(lines), n_episodes, axis.falls, as_trained
+        axis.part, axis.name, columns, tuple(lines), planned.n_episodes, axis.falls, as_trained
     )
 
 
-def _points_along(axis: Axis, axis_specs: AxisSpecs, trained: TaskSpec) -> list[_SweepPoint]:
+def _points(axis: Axis, policy: str, trained: TaskSpec) -> tuple[_SweepPoint, ...]:
     """The points of an axis in its order, with the trained one (first if it has no number)."""
+    along = specs_along_axis(axis, policy, trained)
     points = [
         _SweepPoint(value, f"{axis.part}-{axis.name}-{value}", spec)
-        for value, spec in zip(axis.values, axis_specs.specs, strict=True)
-        if value != axis_specs.trained and spec != trained
+        for value, spec in zip(axis.values, along.specs, strict=True)
+        if value != along.trained and spec != trained
     ]
-    points.append(_SweepPoint(axis_specs.trained, TRAINED_FOLDER, trained))
+    points.append(_SweepPoint(along.trained, TRAINED_FOLDER, trained))
     sign = -1.0 if axis.falls else 1.0
-    return sorted(points, key=lambda p: -np.inf if p.value is None else sign * p.value)
+    return tuple(sorted(points, key=lambda p: -np.inf if p.value is None else sign * p.value))
 
 
 def _write(found: Sequence[Degradation], out: Path) -> None:

@@ -5,7 +5,7 @@ import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
@@ -20,6 +20,9 @@ from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import CHECKPOINTS
+
+if TYPE_CHECKING:
+    from swarmdata.evaluation.runs.trained_policies import Trained
 
 EXACT_TOLERANCE = 0.02
 """Most by which exact inference may change an action, in [-1, 1]; else a network is kept as it is.
@@ -113,16 +116,8 @@ def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]
 
 def _copied(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
     """Copies the newest policies of a run, and yields one behavior policy for each seed."""
-    require_extra("torch", "torch", f"loading the run {run}")
-    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
-        fit_policies,
-        load_policies,
-        read_trained,
-    )
-
-    found = read_trained(run)
-    trained = found.task("Record it in its environment with swarmdata.Recorder.")
-    policies = fit_policies(str(run), load_policies(found), trained, spec)
+    found = open_run(run)
+    policies = found.fitted(spec, "Record it in its environment with swarmdata.Recorder.")
     (folder / CHECKPOINTS).mkdir(parents=True, exist_ok=True)
     stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
     for provenance, policy in zip(found.provenances, policies, strict=True):
@@ -211,19 +206,25 @@ def make_policy(
 
 def _of_run(folder: Path, spec: TaskSpec | None, seed: int) -> Policy:
     """The newest policy of a training seed; of a recording's run as it is."""
-    require_extra("torch", "torch", f"loading the run {folder}")
-    from swarmdata.evaluation.runs.trained_policies import (  # noqa: PLC0415  (torch is an extra)
-        fit_policies,
-        load_policies,
-        read_trained,
-    )
-
-    found = read_trained(folder)
+    found = open_run(folder)
     seeds = [each.seed for each in found.provenances]
     if seed not in seeds:
         raise SpecError(f"{folder} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
-    policy = load_policies(found)[seeds.index(seed)]
+    index = seeds.index(seed)
     if spec is None:
-        return policy
-    trained = found.task("Leave the spec out, and evaluate it with swarmdata.evaluate_parallel.")
-    return fit_policies(str(folder), [policy], trained, spec)[0]
+        return found.policies()[index]
+    advice = "Leave the spec out, and evaluate it with swarmdata.evaluate_parallel."
+    return found.fitted(spec, advice)[index]
+
+
+def open_run(run: Path) -> "Trained":
+    """Reads a run folder of offline or online training.
+
+    Raises:
+        MissingExtraError: torch is not installed.
+        CheckpointError: as `read_trained` says.
+    """
+    require_extra("torch", "torch", f"loading the run {run}")
+    from swarmdata.evaluation.runs.trained_policies import read_trained  # noqa: PLC0415  (torch)
+
+    return read_trained(run)

@@ -15,7 +15,7 @@ from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.runs.algorithm_choice import AUTO, choose_for
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.seed_jobs import Group, Where
-from swarmdata.evaluation.runs.trained_policies import load_policies, read_trained
+from swarmdata.evaluation.runs.trained_policies import read_trained
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.setup import check_device
@@ -269,7 +269,7 @@ def train(
         training = training.chosen(progress=progress)
     where = Where(Path(out), tuple(range(n_seeds)), workers, engine, part, progress)
     found = where.train(training, TRAINER)
-    return load_policies(read_trained(Path(out))) if found is None else found
+    return read_trained(Path(out)).policies() if found is None else found
 
 
 def train_online(

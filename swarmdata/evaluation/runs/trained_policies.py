@@ -53,6 +53,16 @@ class Trained(NamedTuple):
             )
         return TaskSpec.parse(self.spec, str(self.folder))
 
+    def policies(self) -> list[Policy]:
+        """Loads the policies, in the order of their provenances."""
+        if self.provenances[0].frames is None:
+            return [policy for folder in self.files for policy in load_run(folder)]
+        return [load_policy(path) for path in self.files]
+
+    def fitted(self, offered: TaskSpec, advice: str) -> tuple[Policy, ...]:
+        """Loads the policies for another spec, as `fit_policies` does; `advice` as of `task`."""
+        return fit_policies(str(self.folder), self.policies(), self.task(advice), offered)
+
 
 def read_trained(folder: Path) -> Trained:
     """Reads the provenances of a run's policies, from all its processes.
@@ -106,13 +116,6 @@ def _provenance(seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenanc
         updates=load_checkpoint(seed.folder / CHECKPOINT)[1]["update"],
         **shared,
     )
-
-
-def load_policies(trained: Trained) -> list[Policy]:
-    """Loads the policies, in the order of their provenances."""
-    if trained.provenances[0].frames is None:
-        return [policy for folder in trained.files for policy in load_run(folder)]
-    return [load_policy(path) for path in trained.files]
 
 
 def fit_policies(

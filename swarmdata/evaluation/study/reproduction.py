@@ -16,9 +16,7 @@ from swarmdata.evaluation.study.cells.cells import (
     read_cell,
 )
 from swarmdata.evaluation.study.cells.run_cells import run_cells
-from swarmdata.evaluation.study.pages.cell_archive import DECIMALS
-from swarmdata.evaluation.study.pages.csv_tables import RUN_METRICS
-from swarmdata.learn.training.run_files import CONFIG, LOSSES, read_table
+from swarmdata.learn.training.run_files import LOSSES, read_table
 from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double
 
@@ -35,7 +33,6 @@ class Comparison(Frozen):
     largest_difference: float  # of two values that both runs define
     n_one_sided: int  # values that one run defines and the other does not, among the different
     first_differing_update: int | None  # of the losses; None: all are equal, or nothing was trained
-    is_restored: bool = False  # the first run is from an archive, which rounds and has no losses
 
     @property
     def is_same(self) -> bool:
@@ -44,18 +41,11 @@ class Comparison(Frozen):
 
     def sentence(self) -> str:
         """The comparison in words."""
-        if self.is_same and self.is_restored:
-            return (
-                f"{self.cell}: all {self.n_values:,} values that the study's archive keeps are the "
-                f"same, with its {DECIMALS} digits; it keeps no losses."
-            )
         if self.is_same:
             return f"{self.cell}: all {self.n_values:,} values and all losses are the same."
         first, alone = self.first_differing_update, self.n_one_sided
         one_sided = f" (only one run defines {alone:,} of them)" if alone else ""
         losses = "losses are equal" if first is None else f"losses differ from update {first:,} on"
-        if self.is_restored:
-            losses = "the archive keeps no losses"
         return (
             f"{self.cell}: {self.n_different:,} of {self.n_values:,} values differ, by at most "
             f"{self.largest_difference:g}{one_sided}; {losses}. Equal bits are promised only on "
@@ -81,10 +71,7 @@ def reproduce_cell(folder: Path, *, progress: bool = True) -> Comparison:
         if failures:
             raise StudyError(f"{cell.name} failed when it was run again: {failures[cell.name]}")
         again = cell_folder(Path(temporary), cell)
-        is_restored = not (cell_run_folder(cell, folder) / CONFIG).exists()
-        differences = _result_differences(
-            folder / RESULTS_FOLDER, again / RESULTS_FOLDER, is_restored=is_restored
-        )
+        differences = _result_differences(folder / RESULTS_FOLDER, again / RESULTS_FOLDER)
         first = _first_difference(
             cell_run_folder(cell, folder) / LOSSES, cell_run_folder(cell, again) / LOSSES
         )
@@ -96,24 +83,16 @@ def reproduce_cell(folder: Path, *, progress: bool = True) -> Comparison:
         largest_difference=float(differences[np.isfinite(differences)].max(initial=0.0)),
         n_one_sided=int(np.isinf(differences).sum()),
         first_differing_update=first,
-        is_restored=is_restored,
     )
 
 
-def _result_differences(one: Path, other: Path, *, is_restored: bool) -> Double:
-    """Absolute differences of all values; infinity for a value that only one side defines.
-
-    Where the first run is from an archive, only what that keeps is compared, with its digits.
-    """
+def _result_differences(one: Path, other: Path) -> Double:
+    """Absolute differences of all values; infinity for a value that only one side defines."""
     found = []
     for file in sorted(one.glob("*.json")):
         first, second = load_result(file).evaluation, load_result(other / file.name).evaluation
         for name, a in first.metrics.items():
             b = second.metrics[name]
-            if is_restored and name not in RUN_METRICS:
-                continue
-            if is_restored:
-                b = np.array([round(value, DECIMALS) for value in b.tolist()])
             both_undefined = np.isnan(a) & np.isnan(b)
             found.append(np.where(both_undefined, 0.0, np.nan_to_num(np.abs(a - b), nan=np.inf)))
     return np.concatenate(found)

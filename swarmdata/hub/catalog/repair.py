@@ -3,9 +3,8 @@
 What is named also keeps a dataset from being published.
 
 A broken file is fetched from a remote or made again from the recipe in a scratch folder, compared
-with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is recomputed from
-sound arrays, fetched, or made again; it is believed only where the published digests, or all the
-other files, agree with it.
+with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is fetched or made
+again; it is believed only where the published digests, or all the other files, agree with it.
 """
 
 import sys
@@ -29,8 +28,9 @@ from swarmdata.errors import (
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.sources import Rebuild, Remotes, skip
 from swarmdata.hub.remotes.addresses import open_remote
-from swarmdata.hub.remotes.pull_dataset import fetch_file
-from swarmdata.registry.published import changed_versions, published
+from swarmdata.hub.remotes.interface import Release, Remote
+from swarmdata.hub.remotes.pull_dataset import fetch_file, fetch_manifest
+from swarmdata.registry.published import changed_versions
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.atomic import sync
 from swarmdata.runtime.documents import read_document
@@ -43,8 +43,6 @@ from swarmdata.store import Manifest, open_store, read_manifest, remove_leftover
 from swarmdata.store.arrays.layout import CARD, CHECKPOINTS, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.damage import Damage, find_damage
-from swarmdata.store.manifest import MAX_MANIFEST_BYTES, parse_manifest
-from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.recognition import is_dataset, no_dataset, root_attributes
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
@@ -192,22 +190,14 @@ class _Job:
         )
 
     def _manifests(self, origin: Recipe | Edit) -> Iterator[tuple[Manifest, str]]:
-        """Manifests that may be the lost one: of sound files, of remotes, of the recipe."""
-        entry = published().get(origin.id)
-        if entry is not None and isinstance(origin, Recipe):
-            try:
-                own = remake_manifest(self.path, origin, entry.made_with)
-            except DatasetError:  # the arrays are no sound ones
-                own = None
-            if own is not None and own.transport_digest == entry.transport_digest:
-                yield own, "made again from files that have the published digests"
+        """Manifests that may be the lost one: of remotes, of the recipe."""
         for address in self.remotes:
             try:
-                manifest, where = self._offered(address, origin.id)
+                _, release, manifest = self._offered(address, origin.id)
             except SwarmdataError as error:
                 skip(address, f"the manifest of {self.path}", error)
             else:
-                yield manifest, f"fetched from {where}"
+                yield manifest, f"fetched from {release.address}"
         yield read_manifest(self._built(origin)), MADE_AGAIN
 
     def _doubt(self, manifest: Manifest) -> str | None:
@@ -232,26 +222,23 @@ class _Job:
         path = self.path / file
         return path.is_file() and file_digest(path) == manifest.files[file].sha256
 
-    def _offered(self, address: str, dataset: str) -> tuple[Manifest, str]:
-        """The manifest that a remote has under an id, and the address of its release."""
+    def _offered(self, address: str, dataset: str) -> tuple[Remote, Release, Manifest]:
+        """What a remote has under an id: its release, and the manifest of that."""
         remote = open_remote(address)
         release = remote.find(dataset)
         if release is None:
             raise DatasetError(f"{dataset} is not there")
-        copy = self.scratch / "fetched" / MANIFEST
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        remote.read(release, MANIFEST, copy, MAX_MANIFEST_BYTES)
-        return parse_manifest(copy.read_bytes(), copy), release.address
+        place = self.scratch / "fetched"
+        place.mkdir(parents=True, exist_ok=True)
+        return remote, release, fetch_manifest(remote, release, place, lambda manifest: None)
 
     def _fetched(self, address: str, manifest: Manifest, files: list[str]) -> Iterator[str]:
         """Fetches files from one remote; yields those that have been replaced."""
         try:
-            theirs, where = self._offered(address, manifest.id)
-            remote = open_remote(address)
-            release = remote.find(manifest.id)
+            remote, release, theirs = self._offered(address, manifest.id)
             for file in files:
-                if release is None or theirs.files.get(file) != manifest.files[file]:
-                    raise DatasetError(f"{where} has another {file} than was written")
+                if theirs.files.get(file) != manifest.files[file]:
+                    raise DatasetError(f"{release.address} has another {file} than was written")
                 copy = self.scratch / "fetched" / file
                 fetch_file(remote, release, manifest, file, copy)
                 self._swap(copy, file)

@@ -9,7 +9,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, Self
 
 from swarmdata.errors import BuildError, EngineError
@@ -48,12 +47,7 @@ class ExecutorEngine:
         self._executor = self.open_executor()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._cancel()
         self._close()
 

@@ -9,7 +9,6 @@ import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 from swarmdata.errors import BuildError, SwarmdataError
@@ -54,12 +53,7 @@ class Engine(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
     def run(
         self, jobs: Iterable[Job], progress: Report, on_failure: OnFailure = stop_at_failure

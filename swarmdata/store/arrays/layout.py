@@ -77,11 +77,6 @@ class Field:
         """The dtypes that the array may have, the usual one first."""
         return (self.dtype, "uint8") if self.may_be_bytes else (self.dtype,)
 
-    def dtype_in(self, metadata: Mapping[str, Any]) -> DType:
-        """The dtype that Zarr's metadata of the array say, the usual one if it cannot have it."""
-        said = metadata.get("data_type")
-        return next((dtype for dtype in self.dtypes if dtype == said), self.dtype)
-
 
 ROW_MEANINGS = {
     "steps": (

@@ -24,8 +24,7 @@ from swarmdata.evaluation.results.result_plots import (
 )
 from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import read_csv
-from swarmdata.evaluation.study.pages.differences_section import plot_row_differences
-from swarmdata.evaluation.study.pages.row_differences import RowDifference
+from swarmdata.evaluation.study.pages.row_differences import RowDifference, plot_row_differences
 from swarmdata.evaluation.study.pages.training_curves import plot_training_curves
 from swarmdata.evaluation.study.shifts.sweep_sections import plot_sweeps
 from swarmdata.rollouts.score_statistics import Estimate
@@ -168,7 +167,7 @@ def one_sweep(path: Path) -> None:
         pytest.param(line_plot, online, marks=pytest.mark.slow),
         (dot_plot, panels),
         (result_plots, profiles),
-        pytest.param(result_plots, pairs, marks=pytest.mark.slow),
+        pytest.param(matrix_plot, pairs, marks=pytest.mark.slow),
         pytest.param(dot_plot, differences(1, 9), marks=pytest.mark.slow),
         (dot_plot, differences(4, 9)),
         (matrix_plot, differences(12, 9)),

@@ -73,10 +73,6 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
         assert each.mean.low <= each.mean.value <= each.mean.high
         assert each.optimality_gap >= 100 - each.mean.value - 1e-9
     assert comparable_scores(group_results([lone])).tables == {}
-    results = group_results([*grid(means), *grid({"vdn": {MEDIUM: 1.0}})])
-    assert list(comparable_scores(results, [MEDIUM]).tables) == ["vdn", "bc", "omar"]
-    with pytest.raises(UnknownNameError, match="unknown dataset with results"):
-        comparable_scores(results, ["coop_nav-medum-v0"])
     with pytest.raises(SchemaError, match="no scores to draw a profile"):
         thresholds_of({})
 

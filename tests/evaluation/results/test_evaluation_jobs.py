@@ -23,7 +23,7 @@ N = 2
 
 
 def evaluations(out: Path, *names: str) -> list[Evaluation]:
-    sources = [TargetName.of(name) for name in names or ("expert", "scripted")]
+    sources = [TargetName(name=name) for name in names or ("expert", "scripted")]
     return [each for source in sources for each in evaluations_of(source, source.find(), N, out)]
 
 
@@ -92,7 +92,7 @@ def test_only_what_is_missing_is_evaluated(alone: Path, tmp_path: Path) -> None:
 def test_a_process_with_another_policy_refuses(tmp_path: Path) -> None:
     (wanted,) = evaluations(tmp_path, "scripted")
     job = wanted.job(again=False, n_threads=1)
-    job.payload["provenance"]["code_version"] = "0.0.1"
+    job.payload["evaluation"]["provenance"]["code_version"] = "0.0.1"
     with pytest.raises(ResultsError, match="scripted has another policy 0 where it is evaluated"):
         evaluator()(job.payload, lambda episodes: None)
     assert not files(tmp_path)
@@ -104,9 +104,7 @@ def test_a_failure_elsewhere_names_the_policy(
     every = evaluations(tmp_path, "scripted")
     blocked = tmp_path / "file" / "results"
     blocked.parent.write_text("")
-    there = [
-        Evaluation(e.source, e.policy, e.provenance, e.spec, N, e.block, blocked) for e in every
-    ]
+    there = [each.model_copy(update={"folder": blocked}) for each in every]
     with (
         ThreadPoolExecutor(1) as elsewhere,
         pytest.raises(BuildError, match="policy 0 of scripted failed: "),
@@ -117,8 +115,9 @@ def test_a_failure_elsewhere_names_the_policy(
 def test_a_file_is_found_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
-    name = TargetName.of("run", "spec.yaml", {"kind": "state"}, "lossy-30", "mine")
+    models = {"observation": {"kind": "state"}, "communication": "lossy-30"}
+    name = TargetName.parse({"name": "run", "task": "spec.yaml", **models})
     assert name.name == str(tmp_path / "run")
     assert name.task == str(tmp_path / "spec.yaml")
     assert (name.observation, name.communication) == ({"kind": "state"}, "lossy-30")
-    assert TargetName.of("expert", "coop_nav").task == "coop_nav"
+    assert TargetName(name="expert", task="coop_nav").task == "coop_nav"

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.aggregates import returns_and_collisions
 from swarmdata.evaluation.results.estimate_table import Table
 from swarmdata.evaluation.results.result_set import group_results
@@ -17,7 +16,7 @@ from swarmdata.evaluation.results.result_tables import (
     budget_table,
     case_table,
     difference_table,
-    metric_table,
+    score_table,
 )
 from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.published import published
@@ -118,18 +117,13 @@ MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
 def test_labels_by_dataset() -> None:
     results = group_results([*grid(MEANS), *grid({"iql": {MEDIUM: 0.0}}), result("idle", None)])
-    table = metric_table(results)
+    table = score_table(results)
     assert [row.label for row in table.rows] == ["data", "iql", "bc", "omar"]
     assert [column.label for column in table.columns] == [MEDIUM, EXPERT]
     row = cells(table, "bc")
     assert row[EXPERT] == mean_interval(results.case(EXPERT).scores("bc"))
     assert cells(table, "data")[EXPERT].value == results.case(EXPERT).data_score
     assert math.isnan(cells(table, "iql")[EXPERT].value)
-    clean = metric_table(results, "clean_success")
-    assert cells(clean, "data")[EXPERT].value == published()[EXPERT].clean_success
-    assert clean.columns[0].header == f"{MEDIUM} (%)"
-    with pytest.raises(UnknownNameError, match="Did you mean 'clean_success'"):
-        metric_table(results, "clean_sucess")
 
 
 def test_views_are_explained() -> None:
@@ -137,7 +131,7 @@ def test_views_are_explained() -> None:
     models = json.dumps(models_of(lidar))
     strict = '{"rewards":{"robot_collision":1.5,"time":0.0}}'
     results = [result(), result(spec=lidar, view=models), result("safe", view=strict)]
-    table = metric_table(group_results(results))
+    table = score_table(group_results(results))
     keys = [each.provenance.dataset_key for each in results]
     assert f" {keys[1]}: re-observed with observation lidar" in table.caption
     words = "safe learned from rewards with robot_collision 1.5, time 0."

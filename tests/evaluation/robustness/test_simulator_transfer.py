@@ -14,6 +14,8 @@ from swarmdata.evaluation.robustness.simulator_transfer import (
     compare_simulators,
     rank_agreement,
 )
+from swarmdata.registry.presets import preset
+from swarmdata.types import Double
 
 ROOT = Path(__file__).parents[3]
 
@@ -24,6 +26,10 @@ def compared(names: Sequence[str], out: Path, n_episodes: int) -> list[TeamTrans
     return compare_simulators(
         names, out, backend="kinematic", task="coop_nav", n_episodes=n_episodes, progress=False
     )
+
+
+def metric(team: TeamTransfer, name: str) -> list[Double]:
+    return [case.metric(team.label, name) for case in team.cases.values()]
 
 
 @pytest.fixture(scope="module")
@@ -39,15 +45,16 @@ def teams(out: Path) -> list[TeamTransfer]:
 def test_both_simulators_play_the_same_episodes(teams: list[TeamTransfer]) -> None:
     assert [team.label for team in teams] == list(NAMES)
     for team in teams:
-        assert team.backends == ("pymunk", "kinematic")
-        (known,), (new,) = team.known, team.new
+        assert list(team.cases) == ["pymunk", "kinematic"]
+        (known,), (new,) = (case.runs[team.label] for case in team.cases.values())
         np.testing.assert_array_equal(known.evaluation.seeds, new.evaluation.seeds)
         assert known.spec.world is not None
         assert new.spec == known.spec.world.with_updates(backend="kinematic")
         assert new.evaluation.spec_hash != known.evaluation.spec_hash
     idle, _, straight = teams
-    np.testing.assert_array_equal(*idle.metric("length"))
-    before, after = straight.metric("obstacle_collisions")
+    known_length, new_length = metric(idle, "length")
+    np.testing.assert_array_equal(known_length, new_length)
+    before, after = metric(straight, "obstacle_collisions")
     assert before.shape == after.shape == (1, 3)
     assert before.sum() > after.sum() == 0.0, "nothing touches anything without contacts"
 
@@ -76,6 +83,12 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
         compare_simulators(["idle"], tmp_path, backend="mujoko")
     assert not list(tmp_path.iterdir())
+    without_references = tmp_path / "task.yaml"
+    without_references.write_text(preset("coop_nav").with_updates(horizon=7).to_yaml())
+    out = tmp_path / "out"
+    with pytest.raises(SpecError, match="coop_nav has no score"):
+        compare_simulators(["idle"], out, backend="kinematic", task=str(without_references))
+    assert not out.exists(), "refused before anything is evaluated"
 
 
 def test_the_table_has_what_was_measured(teams: list[TeamTransfer], out: Path) -> None:
@@ -85,7 +98,7 @@ def test_the_table_has_what_was_measured(teams: list[TeamTransfer], out: Path) -
         for row in rows
         if row["task"] == "coop_nav"
     }
-    known, new = teams[2].metric("obstacle_collisions")
+    known, new = metric(teams[2], "obstacle_collisions")
     assert found["straight", "obstacle_collisions", "pymunk"] == pytest.approx(known.mean())
     assert found["straight", "obstacle_collisions", "kinematic"] == new.mean() == 0.0
     assert found["idle", "score", "change"] == 0.0

@@ -1,7 +1,6 @@
-"""A cell that is run again to check it: what is the same, what differs, what an archive keeps."""
+"""A cell that is run again to check it: what is the same, what differs."""
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,8 @@ from swarmdata.errors import StudyError
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cell_folder, cells_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
-from swarmdata.evaluation.study.pages.cell_archive import Notes, read_archive, write_archive
-from swarmdata.evaluation.study.pages.collect_results import collect_findings
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.reproduction import reproduce_cell
-from tests.evaluation.study.conftest import BC
 
 Make = Callable[..., Study]
 
@@ -51,23 +47,3 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     other = reproduce_cell(folder, progress=False)
     assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
     assert "by at most 0.5 (only one run defines 1 of them)" in other.sentence()
-
-
-def test_a_cell_from_an_archive_is_compared_with_the_digits_that_it_has(
-    make_study: Make, data: Path, cache_folder: Path, tmp_path: Path
-) -> None:
-    shutil.copytree(data, cache_folder / "datasets" / data.name)  # an archive names no folder
-    study = make_study(algorithms={"bc": BC})
-    found, archive = cells_of(study, digest_of), tmp_path / "cells.tar.xz"
-    run_cells(found, tmp_path / "work", progress=False)
-    notes = Notes(command="x", missing={})
-    write_archive(collect_findings(study, found, tmp_path / "work", {}), notes, archive)
-    restored, _ = read_archive(study, archive, tmp_path / "restored")
-    folder = cell_folder(restored.work, found[0])
-    same = reproduce_cell(folder, progress=False)
-    assert same.is_same
-    assert "values that the study's archive keeps are the same" in same.sentence()
-    change_first_value(folder, "return", lambda value: value + 0.001)
-    other = reproduce_cell(folder, progress=False)
-    assert (other.n_different, other.n_one_sided) == (1, 0)
-    assert "the archive keeps no losses" in other.sentence()

@@ -30,9 +30,9 @@ from swarmdata.specs.task_spec import Role
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
-from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.store.publication import publication
 from swarmdata.store.stored_dataset import Verify
+from tests.support.signed_again import sign_again
 from tests.support.tiny import TINY, Shelf, flip, make_tiny
 
 RUNNER = CliRunner()
@@ -56,15 +56,13 @@ def entry(monkeypatch: pytest.MonkeyPatch, tiny: Path) -> Published:
     return found
 
 
-def sign_again(folder: Path, recipe: Recipe) -> Manifest:
-    """Makes manifest, attributes and card anew for whatever is there, as a forger would."""
+def forge(folder: Path, recipe: Recipe) -> Manifest:
+    """Makes manifest and attributes anew for whatever is there, as a forger would."""
     (folder / "recipe.json").write_text(recipe.to_json())
     root = json.loads((folder / ROOT).read_bytes())
     root["attributes"]["recipe_hash"] = recipe.hash()
     (folder / ROOT).write_text(json.dumps(root))
-    manifest = remake_manifest(folder, recipe, read_manifest(folder).provenance)
-    (folder / "manifest.json").write_bytes(manifest.to_bytes())
-    return manifest
+    return sign_again(folder, recipe)
 
 
 def changed(recipe: Recipe, **changes: Any) -> Recipe:
@@ -90,7 +88,7 @@ def change_rewards(folder: Path, recipe: Recipe = TINY) -> Manifest:
     values = np.frombuffer(content, dtype=np.float32, count=int(np.prod(shape)))
     values[:] = values + 1
     file.write_bytes(content)
-    return sign_again(folder, recipe)
+    return forge(folder, recipe)
 
 
 @dataclass(frozen=True)
@@ -102,11 +100,9 @@ class Case:
 
 
 CASES = {
-    "tier": Case(
-        lambda d: sign_again(d, changed(TINY, tier="expert")), "a recipe that was not pub"
-    ),
-    "label": Case(lambda d: sign_again(d, other_label(TINY)), "a recipe that was not published"),
-    "reward": Case(lambda d: sign_again(d, other_reward(TINY)), "a recipe that was not published"),
+    "tier": Case(lambda d: forge(d, changed(TINY, tier="expert")), "a recipe that was not pub"),
+    "label": Case(lambda d: forge(d, other_label(TINY)), "a recipe that was not published"),
+    "reward": Case(lambda d: forge(d, other_reward(TINY)), "a recipe that was not published"),
     "rewards": Case(change_rewards, "no record that they were built on this"),
     "both": Case(lambda d: change_rewards(d, changed(TINY, seed=77)), "neither arrays"),
 }
@@ -269,8 +265,7 @@ def test_another_identity_beside_the_arrays_is_refused(dataset: Path, key: str) 
     root = json.loads((dataset / ROOT).read_bytes())
     root["attributes"][key] = "0" * 64
     (dataset / ROOT).write_text(json.dumps(root))
-    manifest = remake_manifest(dataset, TINY, {})
-    (dataset / "manifest.json").write_bytes(manifest.to_bytes())
+    sign_again(dataset, TINY)
     with pytest.raises(ManifestError, match=f"says {key} '0000"):
         open_store(dataset, "none")
 
@@ -280,8 +275,7 @@ def test_a_dataset_without_the_hash_is_read(dataset: Path, entry: Published) -> 
     root = json.loads((dataset / ROOT).read_bytes())
     del root["attributes"]["recipe_hash"]
     (dataset / ROOT).write_text(json.dumps(root))
-    manifest = remake_manifest(dataset, TINY, {})
-    (dataset / "manifest.json").write_bytes(manifest.to_bytes())
+    manifest = sign_again(dataset, TINY)
     assert manifest.transport_digest != entry.transport_digest
     assert open_store(dataset, "full").manifest.digest == entry.digest
     assert judge(manifest).kind == "published"
@@ -344,7 +338,7 @@ def _rename(folder: Path, recipe: Recipe) -> None:
     root = json.loads((folder / ROOT).read_bytes())
     root["attributes"]["id"] = recipe.id
     (folder / ROOT).write_text(json.dumps(root))
-    sign_again(folder, recipe)
+    forge(folder, recipe)
 
 
 def test_a_folder_named_like_another_dataset_says_so(

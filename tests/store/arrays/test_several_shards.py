@@ -23,7 +23,6 @@ from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays import layout
 from swarmdata.store.arrays.layout import Shard, array_file, is_array_file, plan_shard
 from swarmdata.store.damage import find_damage
-from swarmdata.store.manifest_recovery import remake_manifest
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, write_release
 from tests.support.tiny import flip, sign
@@ -150,13 +149,6 @@ def test_a_link_in_the_place_of_a_later_file_is_refused(sharded: Path) -> None:
     file.symlink_to(sharded.parent / "elsewhere")
     with pytest.raises(ManifestError, match="symbolic link"):
         open_store(sharded)
-
-
-@pytest.mark.usefixtures("small_shards")
-def test_a_lost_manifest_is_made_again(sharded: Path) -> None:
-    stored = open_store(sharded)
-    again = remake_manifest(sharded, stored.recipe, stored.manifest.provenance)  # type: ignore[arg-type]
-    assert again.to_bytes() == (sharded / "manifest.json").read_bytes()
 
 
 @pytest.mark.usefixtures("small_shards")

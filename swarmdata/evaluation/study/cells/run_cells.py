@@ -4,10 +4,8 @@ import shutil
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
@@ -78,11 +76,34 @@ def run_cells(
         return {}
     total = sum(cell.n_updates for cell in waiting)
     n_done = sum(count_updates(cell, cell_folder(work, cell)) for cell in waiting)
+    failures = Failures(len(waiting))
+    jobs = [_job(cell, work) for cell in longest_first(waiting, work)]
     hidden = None if progress else True  # None: hidden unless there is a terminal
-    with tqdm(
-        total=total, initial=n_done, unit="update", unit_scale=True, desc="cells", disable=hidden
-    ) as bar:
-        return _CellQueue(longest_first(waiting, work), work, bar, progress).run(engine, workers)
+    with (
+        tqdm(total=total, initial=n_done, unit="update", unit_scale=True, desc="cells",
+             disable=hidden) as bar,
+        open_engine(engine, WORKER, n_workers=min(workers, len(jobs)), folder=work, renews=True)
+        as opened,
+    ):  # fmt: skip
+
+        def report(updates: int) -> None:
+            bar.update(updates)
+
+        def fail(job: Job, error: BuildError) -> None:
+            failures.note(job.name, error)
+            if progress:
+                details = Path(job.payload["folder"]) / ERROR_FILE
+                where = f" (more in {details})" if details.exists() else ""
+                reason = failures.reasons[job.name]
+                tqdm.write(f"{job.name} failed: {reason}{where}", file=sys.stderr)
+
+        opened.run(jobs, report, fail)
+    return failures.reasons
+
+
+def _job(cell: Cell, work: Path) -> Job:
+    folder = cell_folder(work, cell).resolve()  # for processes elsewhere
+    return Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
 
 
 def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
@@ -139,41 +160,3 @@ def known_speeds(work: Path) -> dict[str, float]:
         if speed:
             found.setdefault(file.parent.parent.name, []).append(1.0 / speed)
     return {label: sum(values) / len(values) for label, values in found.items()}
-
-
-@dataclass
-class _CellQueue:
-    """Gives cells to an engine; a failed one does not stop the others."""
-
-    cells: Sequence[Cell]
-    work: Path
-    bar: "tqdm[Any]"
-    prints_failures: bool
-
-    def __post_init__(self) -> None:
-        self.failures = Failures(len(self.cells))
-
-    def run(self, engine: str | Executor, workers: int) -> dict[str, str]:
-        """Runs all cells, each in a new process; returns why some failed, by the cell's name."""
-        jobs = [self._job(cell) for cell in self.cells]
-        with open_engine(
-            engine, WORKER, n_workers=min(workers, len(jobs)), folder=self.work, renews=True
-        ) as opened:
-            opened.run(jobs, self._report, self._record_failure)
-        return self.failures.reasons
-
-    def _job(self, cell: Cell) -> Job:
-        folder = cell_folder(self.work, cell).resolve()  # for processes elsewhere
-        return Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
-
-    def _report(self, updates: int) -> None:
-        self.bar.update(updates)
-
-    def _record_failure(self, job: Job, error: BuildError) -> None:
-        self.failures.note(job.name, error)
-        if self.prints_failures:
-            details = Path(job.payload["folder"]) / ERROR_FILE
-            where = f" (more in {details})" if details.exists() else ""
-            tqdm.write(
-                f"{job.name} failed: {self.failures.reasons[job.name]}{where}", file=sys.stderr
-            )

@@ -5,15 +5,15 @@ from pathlib import Path
 
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
-from swarmdata.evaluation.results.estimate_table import UNDEFINED, Column, format_estimate
+from swarmdata.evaluation.results.estimate_table import format_estimate
 from swarmdata.evaluation.results.result_set import ResultSet
+from swarmdata.evaluation.results.result_tables import UNDEFINED_ESTIMATE
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_view_cell, results_of
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT
 from swarmdata.evaluation.study.plan import ViewsPlan
-from swarmdata.rollouts.score_statistics import Estimate
 
 FIGURE = "information.png"
 
@@ -105,16 +105,12 @@ def view_columns(found: Findings, dataset: str) -> Iterator[tuple[str, str]]:
 
 def _panel(board: Scoreboard, dataset: str, columns: dict[str, str]) -> str:
     """A row for each algorithm, a column for each view."""
-    rows = []
+    found = {}
     for label in board.families:
-        cells = (board.estimates.get(name, {}).get(label) for name in columns.values())
-        rows.append((f"`{label}`", *(_text(each, board.column) for each in cells)))
-    head = (f"{dataset}: {board.column.label}", *columns)
-    return markdown.table(head, rows)
-
-
-def _text(found: Estimate | None, column: Column) -> str:
-    return UNDEFINED if found is None else format_estimate(found, column)
+        for view, name in columns.items():
+            known = board.estimates.get(name, {}).get(label, UNDEFINED_ESTIMATE)
+            found[label, view] = format_estimate(known, board.column)
+    return markdown.pivot(f"{dataset}: {board.column.label}", columns, found)
 
 
 def _plot(

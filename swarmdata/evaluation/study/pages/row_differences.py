@@ -1,16 +1,34 @@
-"""Differences between rows of a study, paired by episode."""
+"""Differences between rows of a study, paired by episode: what they are, and the sections on them.
 
-from collections.abc import Iterator, Mapping
+A study asks for lists of pairs; how far rows are from the data is always said. The figure of
+differences is no higher than a screen; of doubled updates, tables say which budget is enough and
+how the families are ordered.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
+from swarmdata.drawing import markdown
+from swarmdata.drawing.style import words_of_pair
+from swarmdata.evaluation.figures.dot_plot import (
+    HOLLOW_LOOK,
+    MAX_PANELS_IN_A_LINE,
+    Panel,
+    PanelLine,
+    plot_dots,
+)
+from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, Column, format_estimate
 from swarmdata.evaluation.results.result_tables import QUANTITIES, UNDEFINED_ESTIMATE
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import DifferencesPlan, Study
 from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.specs.plain_names import without_version
 
 Verdict = Literal["higher", "lower", "no clear change"]
 
@@ -117,3 +135,269 @@ def format_difference(difference: Estimate, column: Column) -> str:
     text = format_estimate(difference, column)
     sign = "+" if difference.value > 0.0 and text[0] not in f"-{UNDEFINED}" else ""
     return f"{sign}{text}".replace("-", "−")
+
+
+UNCLEAR = "no clear change"
+
+ORDERS = (
+    "Families by score, the best first. `>`: clearly better than the next, paired by episode; `≥`: "
+    "not clearly.\n\n"
+)
+
+
+def differences_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
+    """Title and body of each list of pairs, with a figure in a folder."""
+    plans = found.study.differences
+    return [(plan.title, _section(found, name, out)) for name, plan in plans.items()]
+
+
+def _section(found: Findings, name: str, out: Path) -> str:
+    plan, figure = found.study.differences[name], f"differences-{name}.png"
+    head = (
+        "The first row minus the second, paired by episode. A difference is higher or lower if "
+        "its whole interval is.\n\n"
+    )
+    if differences := measured_differences(found, plan):
+        plot_row_differences(differences, columns_of(found), out / figure)
+        head += f"![the first row minus the second]({figure})\n\n"
+    return head + _tables(found, plan)
+
+
+def _tables(found: Findings, plan: DifferencesPlan) -> str:
+    """A row for each pair and dataset; of doublings what they change; what is not measured."""
+    columns = columns_of(found)
+    rows = [
+        (
+            each.words,
+            each.dataset,
+            *(_with_verdict(each.estimates[column.key], column) for column in columns),
+        )
+        for each in measured_differences(found, plan)
+    ]
+    head = ("difference", "dataset", *(each.header for each in columns))
+    parts = [markdown.table(head, rows)] if rows else []
+    if plan.doubling and rows:
+        parts += [f"{ORDERS}{order_table(found, plan)}", budget_table(found, plan)]
+    if missing := missing_pairs(found, plan):
+        parts.append("Not compared yet:\n\n" + "".join(f"- {each}\n" for each in missing))
+    return "\n".join(parts)
+
+
+CLONE = "bc"
+"""The algorithm that copies the data."""
+
+
+def clone_of(study: Study) -> str:
+    """The label of the plain clone; empty if the study has none."""
+    plain = (
+        label
+        for label, row in study.algorithms.items()
+        if row.algorithm == CLONE and not row.settings and row.rewards is None
+    )
+    return next(plain, "")
+
+
+def distance_table(found: Findings) -> str:
+    """How far each row of the study is from the mean of each dataset, and from its plain clone.
+
+    The mean of the data is a known number, so nothing is paired with it.
+    """
+    board = make_scoreboard(found.results, found.families, main_column(found).key)
+    clone, rows = clone_of(found.study), []
+    for dataset, estimates in board.estimates.items():
+        mean = board.data.get(dataset)
+        for label, own in estimates.items():
+            cells = [UNDEFINED, UNDEFINED]
+            if mean is not None:
+                cells[0] = _with_verdict(Estimate(*(end - mean for end in own)), board.column)
+            if clone in estimates and label != clone:
+                cells[1] = _with_verdict(board.lead(dataset, label, clone), board.column)
+            rows.append((without_version(dataset), f"`{label}`", *cells))
+    label = board.column.label
+    head = ("dataset", "row", f"{label} minus the mean of the data", f"{label} minus the clone's")
+    return markdown.table(head, rows)
+
+
+def _with_verdict(difference: Estimate, column: Column) -> str:
+    return f"{format_difference(difference, column)}, {verdict_of(difference)}"
+
+
+CHANGE_LIMIT = 60.0
+"""Points of score at which colors end."""
+
+Found = Mapping[str, Mapping[str, Estimate]]
+"""Panel -> row -> difference, in shown units; NaN is left out."""
+
+
+def plot_row_differences(
+    differences: Sequence[RowDifference], columns: Sequence[Column], path: Path
+) -> None:
+    """Draws differences beside 0.
+
+    Of one pair, or on one dataset, every quantity is a panel. Several pairs on a few datasets have
+    a panel for each dataset, with the first quantity; on many datasets they are a matrix.
+
+    Args:
+        differences: at least one.
+        columns: the quantities, the main one first.
+        path: where to save.
+    """
+    main, pairs = columns[0], list(dict.fromkeys(map(_pair, differences)))
+    datasets = list(dict.fromkeys(each.dataset for each in differences))
+    if len(datasets) == 1 or len(pairs) == 1:
+        by_pair = len(datasets) == 1
+        title = datasets[0] if by_pair else pairs[0]
+        found = {
+            f"change of {column.header}": {
+                _pair(each) if by_pair else each.dataset: _shown(each, column)
+                for each in differences
+            }
+            for column in columns
+        }
+        _plot_changes(found, [title], list(found), path)
+    elif len(datasets) <= MAX_PANELS_IN_A_LINE:
+        found = {
+            name: {_pair(each): _shown(each, main) for each in differences if each.dataset == name}
+            for name in datasets
+        }
+        _plot_changes(found, datasets, [f"change of {main.header}"] * len(datasets), path)
+    else:
+        cells = {
+            (each.dataset, _pair(each)): MatrixCell(value, value, verdict_of(difference) != UNCLEAR)
+            for each in differences
+            if not math.isnan(value := (difference := _shown(each, main)).value)
+        }
+        rows: dict[str, list[str]] = {}
+        for name in sorted(datasets):
+            rows.setdefault(name.partition("-")[0], []).append(name)
+        notes = Notes(
+            CHANGE_LIMIT, f"change of {main.label}, paired by episode",
+            "framed: clearly not 0; dot: not run",
+        )  # fmt: skip
+        values = {pair: [cell.value for (_, each), cell in cells.items() if each == pair]
+                  for pair in pairs}  # fmt: skip
+        order = sorted(pairs, key=lambda pair: (-len(values[pair]), -sum(values[pair])))
+        plot_matrix(cells, rows, {"": order}, path, notes)
+
+
+def _pair(each: RowDifference) -> str:
+    return words_of_pair(each.one, each.other)
+
+
+def _shown(each: RowDifference, column: Column) -> Estimate:
+    return Estimate(*(column.factor * end for end in each.estimates[column.key]))
+
+
+def _plot_changes(found: Found, titles: Sequence[str], labels: Sequence[str], path: Path) -> None:
+    """Draws a line of panels, rows sorted by the first; hollow markers may be 0."""
+    rows = list(dict.fromkeys(row for each in found.values() for row in each))
+    first = next(iter(found.values()))
+    rows.sort(key=lambda row: -first[row].value if row in first else math.inf)
+    panels = []
+    for k, (label, each) in enumerate(zip(labels, found.values(), strict=True)):
+        known = {row: change for row, change in each.items() if not math.isnan(change.value)}
+        unclear = [row for row, change in known.items() if verdict_of(change) == UNCLEAR]
+        title = titles[k] if k < len(titles) else ""
+        panels.append(Panel(known, label, title, scale=label, hollow=unclear))
+    plot_dots([PanelLine(rows, panels)], {}, path, legend={UNCLEAR: HOLLOW_LOOK}, zero=True)
+
+
+Budgets = dict[int, list[RowDifference]]
+"""Updates that are doubled -> the changes on all datasets."""
+
+
+def budget_table(found: Findings, plan: DifferencesPlan) -> str:
+    """For each family, the shortest budget after which doubling changes no score clearly.
+
+    All longer doublings that were tried have to pass too, on every dataset of the rows. Beside it
+    are the clear changes of the longest doubling that does not pass.
+    """
+    measured = measured_differences(found, plan)
+    families: dict[str, list[tuple[str, str]]] = {}
+    for one, other in plan.pairs:
+        families.setdefault(found.study.algorithms[one].family, []).append((one, other))
+    rows = []
+    for family, pairs in families.items():
+        budgets = _budgets(found.study, pairs, measured)
+        if budgets is None:
+            rows.append((family, UNDEFINED, "not measured on all datasets"))
+        else:
+            rows.append((family, *_enough(budgets, main_column(found))))
+    return markdown.table(("family", "enough updates", "clear changes of the next doubling"), rows)
+
+
+def _budgets(
+    study: Study, pairs: Sequence[tuple[str, str]], measured: Sequence[RowDifference]
+) -> Budgets | None:
+    """The changes by budget; None if a dataset of a pair was not measured."""
+    found: Budgets = {}
+    for one, other in pairs:
+        each = [d for d in measured if (d.one, d.other) == (one, other)]
+        if len(each) < sum(study.has(one, d) and study.has(other, d) for d in study.datasets):
+            return None
+        found.setdefault(_updates(study, other), []).extend(each)
+    return found
+
+
+def _updates(study: Study, label: str) -> int:
+    updates = study.algorithms[label].updates
+    assert updates is not None  # checked by Study
+    return updates
+
+
+def _enough(budgets: Budgets, column: Column) -> tuple[str, str]:
+    """The shortest budget that is enough, and the changes that make shorter ones too short."""
+    enough = UNDEFINED
+    for budget in sorted(budgets, reverse=True):
+        changes = ((d.dataset, d.estimates[column.key]) for d in budgets[budget])
+        clear = [
+            f"{format_difference(change, column)} on {dataset}"
+            for dataset, change in changes
+            if verdict_of(change) != UNCLEAR
+        ]
+        if clear:
+            return enough, f"{budget:,} updates: {'; '.join(clear)}"
+        enough = f"{budget:,}"
+    return enough, ""
+
+
+def order_table(found: Findings, plan: DifferencesPlan) -> str:
+    """The families with their scores, the best first, by dataset and number of updates.
+
+    `>` where a family is clearly better than the next one, `≥` where it is not.
+    """
+    study = found.study
+    board = make_scoreboard(found.results, found.families, main_column(found).key)
+    ids = {cell.data: found.facts[cell.name].id for cell in found.cells if cell.kind == "offline"}
+    labels = _labels_by_updates(study, plan)
+    rows = [
+        (name, *(_order(board, ids[name], each) for each in labels.values()))
+        for name in map(short_name, study.datasets)
+        if name in ids
+    ]
+    return markdown.table(("dataset", *(f"{updates:,} updates" for updates in labels)), rows)
+
+
+def _labels_by_updates(study: Study, plan: DifferencesPlan) -> dict[int, dict[str, str]]:
+    """Updates -> family -> the row that was trained so long."""
+    once: dict[int, dict[str, str]] = {}
+    twice: dict[int, dict[str, str]] = {}
+    for longer, shorter in plan.pairs:
+        updates, family = _updates(study, shorter), study.algorithms[shorter].family
+        once.setdefault(updates, {})[family] = shorter
+        twice.setdefault(2 * updates, {})[family] = longer
+    lengths = sorted({*once, *twice})
+    return {updates: twice.get(updates, {}) | once.get(updates, {}) for updates in lengths}
+
+
+def _order(board: Scoreboard, dataset: str, labels: Mapping[str, str]) -> str:
+    column, estimates = board.column, board.estimates[dataset]
+    measured = [family for family in labels if labels[family] in estimates]
+    ranked = sorted(measured, key=lambda family: -estimates[labels[family]].value)
+    text = ""
+    for k, family in enumerate(ranked):
+        if k > 0:
+            lead = board.lead(dataset, labels[ranked[k - 1]], labels[family])
+            text += " > " if lead.low > 0.0 else " ≥ "
+        text += f"{family} {column.factor * estimates[labels[family]].value:.{column.decimals}f}"
+    return text or UNDEFINED

@@ -17,7 +17,7 @@ from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
-from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
+from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE, Degradation
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.cell_archive import (
@@ -37,11 +37,11 @@ from swarmdata.evaluation.study.pages.csv_tables import (
 )
 from swarmdata.evaluation.study.pages.data_sizes import size_section
 from swarmdata.evaluation.study.pages.data_views import information_section, view_rows
-from swarmdata.evaluation.study.pages.differences_section import (
+from swarmdata.evaluation.study.pages.row_differences import (
+    difference_rows,
     differences_sections,
     distance_table,
 )
-from swarmdata.evaluation.study.pages.row_differences import difference_rows
 from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT, plot_board
@@ -69,7 +69,6 @@ from swarmdata.evaluation.study.shifts.shift_table import (
 )
 from swarmdata.evaluation.study.shifts.sweep_sections import (
     SWEEPS_FOLDER,
-    StudySweep,
     read_sweeps,
     sweep_sections,
 )
@@ -197,7 +196,7 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
     return [out / REPORT_FILE, *(out / file for file in files if file != Path(REPORT_FILE))]
 
 
-def _made(found: Findings, out: Path, command: str, sweeps: Sequence[StudySweep]) -> str:
+def _made(found: Findings, out: Path, command: str, sweeps: Mapping[str, Degradation]) -> str:
     """The sections of the page, whose figures are drawn in a folder."""
     key = quantity_of(found.results).column.key
     board = make_scoreboard(found.results, found.families, key)

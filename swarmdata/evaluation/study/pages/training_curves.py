@@ -8,7 +8,6 @@ from swarmdata.drawing import markdown
 from swarmdata.drawing.style import family_looks, line_looks
 from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.figures.line_plot import LinePanel, plot_lines
-from swarmdata.evaluation.results.estimate_table import UNDEFINED
 from swarmdata.evaluation.results.learning_curves import Curve, curve_line, last_gain
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
@@ -122,18 +121,12 @@ def _by_algorithm(found: Findings, curves: Mapping[str, Curve]) -> dict[str, Cur
 
 def _gain_table(panels: Panels) -> str:
     """A row for each algorithm, a column for each dataset."""
-    labels = list(dict.fromkeys(label for curves in panels.values() for label in curves))
-    rows = [
-        [f"`{label}`", *(_format_gain(curves.get(label)) for curves in panels.values())]
-        for label in labels
-    ]
-    return markdown.table(["algorithm", *panels], rows)
-
-
-def _format_gain(curve: Curve | None) -> str:
-    if curve is None:
-        return UNDEFINED
-    return f"{100 * curve.values[:, -1].mean():.1f} ({100 * last_gain(curve):+.1f})"
+    gains = {
+        (label, dataset): f"{100 * c.values[:, -1].mean():.1f} ({100 * last_gain(c):+.1f})"
+        for dataset, curves in panels.items()
+        for label, c in curves.items()
+    }
+    return markdown.pivot("algorithm", panels, gains)
 
 
 def _offline_grid(found: Findings) -> list[Cell]:

@@ -57,7 +57,7 @@ def plan_shift(
     run = cell_run_folder(cell, cell_folder(found.work, cell))
     if not run.is_dir():
         return Shift(place, None)
-    source = TargetName.of(str(run), **conditions)  # type: ignore[arg-type]  # tasks are names
+    source = TargetName.parse({"name": run, **conditions})
     try:
         target = source.find()
     except PolicyFitError:

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -96,7 +96,12 @@ def transfer_section(found: Findings, rows: Sequence[Shifted]) -> dict[str, str]
         f"{rows[0].n_episodes:,} seeds: {quantity.column.label}.\n\n"
     )
     tables = [
-        f"`{label}` on {dataset}:\n\n{_matrix(group, quantity)}"
+        f"`{label}` on {dataset}:\n\n"
+        + markdown.pivot(
+            "learned with",
+            dict.fromkeys(row.used_with for row in group),
+            {(row.trained_with, row.used_with): row.text(quantity) for row in group},
+        )
         for (dataset, label), group in _grouped(rows).items()
     ]
     return {"Information: learned with one, used with another": text + "\n".join(tables)}
@@ -109,17 +114,6 @@ def _grouped(rows: Sequence[Shifted]) -> dict[tuple[str, str], list[Shifted]]:
     return groups
 
 
-def _matrix(rows: Sequence[Shifted], quantity: Quantity) -> str:
-    """A row for each view that was learned in, a column for each of evaluation."""
-    texts = {(row.trained_with, row.used_with): row.text(quantity) for row in rows}
-    views = list(dict.fromkeys(row.used_with for row in rows))
-    learned = dict.fromkeys(row.trained_with for row in rows)
-    return markdown.table(
-        ("learned with", *views),
-        [(f"`{one}`", *(texts.get((one, other), UNDEFINED) for other in views)) for one in learned],
-    )
-
-
 def task_section(found: Findings, rows: Sequence[Shifted], out: Path) -> dict[str, str]:
     """A table for each dataset and quantity, by the section's title; empty without rows."""
     if not rows:
@@ -130,12 +124,13 @@ def task_section(found: Findings, rows: Sequence[Shifted], out: Path) -> dict[st
         f"{rows[0].n_episodes:,} seeds. Sensors and radios are those of their training. A score is "
         "between doing nothing and the expert in each task.\n\n"
     )
-    by_dataset: dict[str, dict[str, dict[str, Shifted]]] = {}
-    for row in rows:
-        by_dataset.setdefault(row.dataset, {}).setdefault(row.label, {})[row.used_with] = row
     tables = [
-        _task_table(dataset, by_label, quantity)
-        for dataset, by_label in by_dataset.items()
+        markdown.pivot(
+            f"{dataset}: {quantity.column.header}",
+            dict.fromkeys(row.used_with for row in rows if row.dataset == dataset),
+            {(r.label, r.used_with): r.text(quantity) for r in rows if r.dataset == dataset},
+        )
+        for dataset in dict.fromkeys(row.dataset for row in rows)
         for quantity in quantities
     ]
     _plot_tasks(found, rows, out / TASKS_FIGURE)
@@ -164,18 +159,3 @@ def _plot_tasks(found: Findings, rows: Sequence[Shifted], path: Path) -> None:
         "number: success (%); dot: the policy has inputs of another size",
     )  # fmt: skip
     plot_matrix(cells, names, {"": columns}, path, notes)
-
-
-def _task_table(
-    dataset: str, by_label: Mapping[str, Mapping[str, Shifted]], quantity: Quantity
-) -> str:
-    """A row for each algorithm, a column for each task."""
-    tasks = list(dict.fromkeys(task for found in by_label.values() for task in found))
-    rows = [
-        (
-            f"`{label}`",
-            *(found[task].text(quantity) if task in found else UNDEFINED for task in tasks),
-        )
-        for label, found in by_label.items()
-    ]
-    return markdown.table((f"{dataset}: {quantity.column.header}", *tasks), rows)

@@ -1,8 +1,7 @@
 """The sections of a page on a study's sweeps, from the tables beside it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from swarmdata.drawing import markdown
 from swarmdata.drawing.style import line_looks
@@ -29,45 +28,37 @@ FIGURE = "robustness.png"
 SOLVED = tuple(QUANTITIES[key].column for key in ("success", "clean_success"))
 
 
-class StudySweep(NamedTuple):
-    """One sweep of a study."""
-
-    label: str  # in the plan
-    found: Degradation
-
-
-def read_sweeps(study: Study, folder: Path) -> list[StudySweep]:
+def read_sweeps(study: Study, folder: Path) -> dict[str, Degradation]:
     """Reads the sweeps of a study's plan that stand beside its page, by label."""
     files = {label: folder / SWEEPS_FOLDER / label / SWEEP_FILE for label in sorted(study.sweeps)}
-    return [StudySweep(label, read_csv(file)) for label, file in files.items() if file.exists()]
+    return {label: read_csv(file) for label, file in files.items() if file.exists()}
 
 
 def sweep_sections(
-    study: Study, sweeps: Sequence[StudySweep], looks: Looks, out: Path
+    study: Study, sweeps: Mapping[str, Degradation], looks: Looks, out: Path
 ) -> list[tuple[str, str]]:
     """A figure of all sweeps, and what is left of each row at the worst value of each."""
     if not sweeps:
         return []
-    plot_sweeps([each.found for each in sweeps], looks, out / FIGURE)
+    plot_sweeps([*sweeps.values()], looks, out / FIGURE)
     whole = "Robustness", f"![success in worse conditions]({FIGURE})"
-    return [whole, *(_section(study, sweep) for sweep in sweeps)]
+    return [whole, *(_section(study, *sweep) for sweep in sweeps.items())]
 
 
-def _section(study: Study, sweep: StudySweep) -> tuple[str, str]:
-    plan, found = study.sweeps[sweep.label], sweep.found
+def _section(study: Study, label: str, found: Degradation) -> tuple[str, str]:
+    plan = study.sweeps[label]
     models = {"observation": plan.observation, "communication": plan.communication}
     seen = ", ".join(f"{kind} `{model}`" for kind, model in models.items() if model)
     return f"Robustness: {found.part} {found.name}", (
         f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
         f"{found.n_episodes:,} seeds at each value; changes are paired by training seed and "
-        f"episode. [All values]({SWEEPS_FOLDER}/{sweep.label}/{SWEEP_FILE}).\n\n"
-        f"{_table(sweep)}"
+        f"episode. [All values]({SWEEPS_FOLDER}/{label}/{SWEEP_FILE}).\n\n"
+        f"{_table(label, found)}"
     )
 
 
-def _table(sweep: StudySweep) -> str:
+def _table(label: str, found: Degradation) -> str:
     """A row for each row of the study: as trained, and at the worst value."""
-    found = sweep.found
     worst, change = found.lines[-1].points[-1].value, found.columns[-1]
     places = [found.column(column.key) for column in SOLVED]
     rows = []
@@ -80,7 +71,7 @@ def _table(sweep: StudySweep) -> str:
         )
         rows.append((f"`{line.label}`", *solved, format_difference(last.estimates[-1], change)))
     head = (
-        sweep.label,
+        label,
         *(f"{column.header}, as trained" for column in SOLVED),
         *(f"{column.header}, {found.name} {worst:g}" for column in SOLVED),
         change.label,

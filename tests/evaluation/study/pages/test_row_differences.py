@@ -5,9 +5,9 @@ from math import nan
 import pytest
 
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.study.pages.differences_section import _enough
 from swarmdata.evaluation.study.pages.row_differences import (
     RowDifference,
+    _enough,
     format_difference,
     verdict_of,
 )
