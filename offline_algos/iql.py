@@ -26,8 +26,7 @@ beta 3 for locomotion and 0.5 for demonstrations (kitchen and adroit). Here beta
 `inverse_temperature` at most, and as much less as keeps `effective_share` of the rows effective.
 
 Deviations:
-- The paper has the weights as factors of the loss, at most 100, and one beta for a dataset. So had
-  `iql` in the published studies.
+- The paper has the weights as factors of the loss, and one beta for a dataset.
 - Actors are one network for all agents, which sees the agent's number. Those of continuous actions
   are deterministic: the weighted squared error is the paper's weighted log-likelihood for a
   Gaussian of fixed deviation; the paper's Gaussian learns a deviation that does not depend on the

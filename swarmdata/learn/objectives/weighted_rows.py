@@ -1,14 +1,14 @@
 """Rows that an actor clones, drawn in proportion to exponential weights of their advantages.
 
 Advantage-weighted cloning minimizes the mean of w_r e_r over rows r, one row for each robot and
-step, with w_r = exp(beta A_r) and e_r the error of the actor. With the weights as factors of the
-loss, a batch counts as no more than
+step, with w_r = min(exp(beta A_r), 100) and e_r the error of the actor; without the bound, a few
+outliers are all that counts. With the weights as factors of the loss, a batch counts as no more than
 
     n_eff = (sum_r w_r)^2 / sum_r w_r^2
 
 rows (Kish 1965), which can be a tenth of it: gradients are noisy, and few rows drive Adam. So
 
-- beta is the largest, up to a setting, at which n_eff is at least `effective_share` of the rows;
+- beta is a setting, or less where n_eff would be below `effective_share` of the rows;
 - rows are drawn in proportion to their weights, one batch from the last 1 / `effective_share`
   batches, which together hold about one batch of effective rows, and are cloned without factors.
 
@@ -37,6 +37,9 @@ from swarmdata.types import Batch
 Along = Callable[[Batch], tuple[Batch, Tensor]]
 """Of an actor, such as `StackedActor.along`: returns transitions and its outputs there."""
 
+LARGEST_WEIGHT = 100.0
+"""Of a row; Kostrikov et al. 2022, appendix B."""
+
 HALVINGS = 14
 """Of the range of beta on a logarithmic scale, which leaves 0.1 % of it."""
 
@@ -63,27 +66,29 @@ def effective_share_of(weights: Tensor) -> Tensor:
 def row_weights(
     advantages: Tensor, largest: float | Tensor, effective_share: float
 ) -> tuple[Tensor, Tensor]:
-    """Returns exp(beta A) of each row, at most 1, [K, M, N], and beta, [K].
-
-    The effective sample size falls as beta grows, so that bisection finds the largest beta.
+    """Returns the weight of each row over the largest, [K, M, N], and beta, [K].
 
     Args:
         advantages: A, [K, M, N]; each seed has its own beta for all its robots.
         largest: beta, a number or [K], finite.
         effective_share: least n_eff over M N.
     """
-    below = (advantages - advantages.amax((1, 2), keepdim=True)).flatten(1)  # [K, M N]
+    flat = advantages.flatten(1)  # [K, M N]
+
+    def weights(beta: Tensor) -> Tensor:
+        logs = (beta[:, None] * flat).clamp(max=math.log(LARGEST_WEIGHT))
+        return (logs - logs.amax(1, keepdim=True)).exp()
 
     def is_enough(beta: Tensor) -> Tensor:
-        return effective_share_of((beta[:, None] * below).exp()) >= effective_share
+        return effective_share_of(weights(beta)) >= effective_share
 
-    high = torch.as_tensor(largest, dtype=below.dtype, device=below.device).expand(len(below))
+    high = torch.as_tensor(largest, dtype=flat.dtype, device=flat.device).expand(len(flat))
     low = torch.where(is_enough(high), high, SMALLEST * high)
     for _ in range(HALVINGS):
         beta = (low * high).sqrt()
         enough = is_enough(beta)
         low, high = torch.where(enough, beta, low), torch.where(enough, high, beta)
-    return (low[:, None] * below).exp().view_as(advantages), low
+    return weights(low).view_as(advantages), low
 
 
 def draw(weights: Tensor, n_drawn: int, generators: Sequence[torch.Generator]) -> Tensor:

@@ -22,8 +22,8 @@ from tests.offline_algos.toys import random_batch  # noqa: E402
 
 
 def shares(advantages: Tensor, beta: Tensor) -> Tensor:
-    below = advantages - advantages.amax((1, 2), keepdim=True)
-    return effective_share_of((beta[:, None, None] * below).exp())
+    logs = (beta[:, None, None] * advantages).double()
+    return effective_share_of(logs.exp().clamp(max=100.0)).float()
 
 
 def test_the_effective_share_by_hand() -> None:
@@ -42,24 +42,24 @@ def test_beta_is_the_largest_that_keeps_the_floor(kind: str, share: float, unit:
     noise = torch.randn(2, 300, 3, generator=torch.Generator().manual_seed(0))
     kinds = {"normal": noise, "skewed": noise.exp(), "two values": (noise > 1).float()}
     advantages = unit * kinds[kind]
-    weights, beta = row_weights(advantages, 1e3 / unit, share)
+    largest = 30.0 / unit
+    weights, beta = row_weights(advantages, largest, share)
     found = effective_share_of(weights)
     torch.testing.assert_close(found, shares(advantages, beta), rtol=1e-3, atol=0)
     assert (found >= share).all()
-    if kind != "two values":  # of which the upper ones are alike: 16 % of all
-        assert (shares(advantages, 1.05 * beta) < share).all()
+    assert ((beta == largest) | (shares(advantages, 1.05 * beta) < share)).all()
 
 
 def test_beta_is_a_setting_at_most_and_each_seed_has_its_own() -> None:
     noise = torch.randn(2, 500, 2, generator=torch.Generator().manual_seed(1))
     advantages = noise * torch.tensor([0.1, 10.0])[:, None, None]
-    _, beta = row_weights(advantages, 2.0, 0.4)
+    _, beta = row_weights(advantages, 2.0, 0.6)
     assert beta[0] == 2.0
     assert beta[1] < 0.2
     rare = torch.where(noise > -2.5, 0.01 * noise, -100.0)  # as collisions are
     _, beta = row_weights(rare, 20.0, 0.4)
     assert (beta == 20.0).all()
-    _, beta = row_weights(advantages, torch.tensor([0.5, 0.01]), 0.4)
+    _, beta = row_weights(advantages, torch.tensor([0.5, 0.01]), 0.6)
     torch.testing.assert_close(beta, torch.tensor([0.5, 0.01]))
     weights, _ = row_weights(advantages, 0.0, 0.4)
     assert (weights == 1).all()
