@@ -2,7 +2,8 @@
 
 Advantage-weighted cloning minimizes the mean of w_r e_r over rows r, one row for each robot and
 step, with w_r = min(exp(beta A_r), 100) and e_r the error of the actor; without the bound, a few
-outliers are all that counts. With the weights as factors of the loss, a batch counts as no more than
+outliers would be all that counts. With the weights as factors of the loss, a batch counts as no
+more than
 
     n_eff = (sum_r w_r)^2 / sum_r w_r^2
 
