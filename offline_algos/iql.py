@@ -87,7 +87,7 @@ class IQLConfig(MemorySettings, ActorCriticConfig):
 
     expectile: float = 0.7  # tau, Kostrikov et al. 2022, appendix B, for locomotion
     inverse_temperature: float = 3.0  # beta at most, likewise, for returns with a range of 1,000
-    effective_share: float = 0.3  # of the rows, see `objectives.weighted_rows`; 1 clones all alike
+    effective_share: float = 0.03  # of the rows, see `objectives.weighted_rows`; 1 clones all alike
     critic: Critic = "decentralized"  # see above
     reward: Reward = "own"
 
@@ -104,7 +104,7 @@ class IQL(OfflineLearner):
         **ACTOR_CRITIC_SPACE,
         "expectile": Choice((0.6, 0.7, 0.8, 0.9)),
         "inverse_temperature": LogUniform(0.1, 30.0),
-        "effective_share": Choice((0.3, 0.5, 0.7)),
+        "effective_share": Choice((0.03, 0.1, 0.3, 0.7)),
     }
 
     def __init__(self, setup: Setup, config: IQLConfig) -> None:
