@@ -53,7 +53,10 @@ def evaluate(
     context: typer.Context,
     targets: Annotated[
         list[str],
-        typer.Argument(metavar="TARGET...", help="policies, tiers, datasets or run folders"),
+        typer.Argument(
+            metavar="TARGET...",
+            help="policies, tiers, datasets, run folders or zoo:ALGORITHM/DATASET",
+        ),
     ],
     episodes: Episodes = 1000,
     out: Annotated[Path | None, typer.Option(help="folder for result files")] = None,
