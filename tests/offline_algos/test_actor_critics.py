@@ -285,8 +285,8 @@ def test_weighted_extraction_clones_the_better_rows(monkeypatch: pytest.MonkeyPa
     algorithm = in_two_stages(
         "maddpg_bc", 4, extraction="weighted", effective_share=0.01, inverse_temperature=1e6
     )
-    batch, values = random_batch(2), torch.zeros(2, 32, 2)
-    values[:, 5] = 1.0  # of the data's actions; those of the density are worth 0
+    batch, values = random_batch(2), torch.full((2, 32, 2), -1.0)
+    values[:, 5] = 0.0  # of the data's actions, as those of the density are
 
     def of_candidates(candidates: Tensor) -> Tensor:
         n = candidates.shape[3]
