@@ -120,12 +120,11 @@ class CopyBlock:
 
 
 class ThreadTeam:
-    """Runs up to `size` parts at once: the first in the calling thread, the others in a pool's.
+    """Runs up to `size` parts at once: the first in the calling thread, the others in a pool.
 
     Each part must leave the interpreter for most of its time, as kernels and large array operations
-    do. Handing one to a waiting thread and hearing that it has finished takes 25 us.
-    The threads start with the first work, wait without using the processor, and end with `close`,
-    with the team, or with the process. After a fork the child starts threads of its own.
+    do. The threads start with the first work, wait without using the processor, and end with
+    `close`, with the team, or with the process. After a fork the child starts threads of its own.
 
     Args:
         size: number of threads, the caller's included.

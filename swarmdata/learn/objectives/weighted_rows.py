@@ -9,7 +9,7 @@ more than
 
 rows (Kish 1965), which can be a tenth of it: gradients are noisy, and few rows drive Adam. So
 
-- beta is a setting, or less where n_eff would be below `effective_share` of the rows;
+- beta is the setting, or less where n_eff would be below `effective_share` of the rows;
 - rows are drawn in proportion to their weights, one batch from the last 1 / `effective_share`
   batches, which together hold about one batch of effective rows, and are cloned without factors.
 

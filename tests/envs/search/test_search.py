@@ -112,7 +112,7 @@ def test_nothing_observed_depends_on_victims_out_of_sight() -> None:
     assert knows.any()
 
 
-@pytest.mark.slow  # the gap of `search` in cards/references.json is larger
+@pytest.mark.slow  # cards/references.json has the gap of `search-strict`
 def test_messages_are_worth_much() -> None:
     success = {}
     for channel in ("goal", "none"):
