@@ -51,6 +51,7 @@ class Naive:
 
     def __init__(self, spec: TaskSpec) -> None:
         self._n_agents = spec.n_agents
+        self._has_shared_target = spec.rules.payload_field is not None  # where the payload goes
         self._team = make_policy("scripted", spec)
 
     def reset(self, step: Step, copies: Int) -> None:
@@ -74,7 +75,8 @@ class Naive:
     def _changed(self, others: Float) -> Float:
         """Returns what a robot takes the others for, columns `state_layout.ROBOT`, [E, N-1, 8]."""
         others[..., [VX, VY]] = 0.0
-        others[..., [TX, TY]] = others[..., [X, Y]]
+        if not self._has_shared_target:
+            others[..., [TX, TY]] = others[..., [X, Y]]
         return others
 
 

@@ -34,7 +34,11 @@ GAP_WEIGHTS = (1, 2, 6, 40)
 """Gaps, m, and the factors on the cost of entering a node whose free gap is above each of them, and
 below all. The last factor lets robots that were pushed against a surface find a way out."""
 
-N_BUCKETS = DIAGONAL_COST * GAP_WEIGHTS[3] + 1
+N_BUCKETS = 512
+"""A power of two above the largest cost of a step, so that a bucket holds nodes of one cost, and the
+last bits of the cost are its number."""
+
+LAST_BITS = N_BUCKETS - 1
 
 
 class Ground(NamedTuple):
@@ -103,26 +107,6 @@ def weights_of(grid: Float, radius: float) -> Int32:
     return weights
 
 
-@kernel(inline="always")
-def _unlink(node: int, bucket: int, heads: Int32, links: Int32) -> None:
-    before, after = links[node, 0], links[node, 1]
-    if before >= 0:
-        links[before, 1] = after
-    else:
-        heads[bucket] = after
-    if after >= 0:
-        links[after, 0] = before
-
-
-@kernel(inline="always")
-def _push(node: int, bucket: int, heads: Int32, links: Int32) -> None:
-    first = heads[bucket]
-    links[node, 0], links[node, 1] = -1, first
-    if first >= 0:
-        links[first, 0] = node
-    heads[bucket] = node
-
-
 @kernel
 def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, next_nodes: Int32) -> None:
     """Writes for every node the cost of the cheapest path to the goal and the next node on it.
@@ -135,32 +119,45 @@ def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, next_nodes
         next_nodes: written, [n]; the goal's next node is itself.
     """
     heads = np.full(N_BUCKETS, -1, dtype=np.int32)  # first node of each bucket
-    links = np.empty((weights.shape[0], 2), dtype=np.int32)  # nodes before and after in the bucket
+    before, after = np.empty_like(weights), np.empty_like(weights)  # in the bucket, -1 at its ends
     costs[:], next_nodes[:] = -1, -1
     costs[goal], next_nodes[goal] = 0, goal
-    _push(goal, 0, heads, links)
+    heads[0], before[goal], after[goal] = goal, -1, -1
     cost, waiting = 0, 1
     while waiting > 0:
-        bucket = cost % N_BUCKETS
-        node = heads[bucket]
+        node = heads[cost & LAST_BITS]
         if node < 0:
             cost += 1
             continue
-        _unlink(node, bucket, heads, links)
+        second = after[node]
+        heads[cost & LAST_BITS] = second
+        if second >= 0:
+            before[second] = -1
         waiting -= 1
-        for k in range(9):
-            near = node + (k // 3 - 1) * columns + k % 3 - 1
-            if weights[near] == 0:
-                continue
-            new = cost + (STRAIGHT_COST if k % 2 == 1 else DIAGONAL_COST) * weights[near]
-            if costs[near] >= 0:
-                if costs[near] <= new:  # settled nodes end here: they were cheaper
+        for up in range(-1, 2):
+            for right in range(-1, 2):
+                near = np.uintp(node + up * columns + right)  # never counts from the end
+                if weights[near] == 0:
                     continue
-                _unlink(near, costs[near] % N_BUCKETS, heads, links)
-                waiting -= 1
-            costs[near], next_nodes[near] = new, node
-            _push(near, new % N_BUCKETS, heads, links)
-            waiting += 1
+                step = DIAGONAL_COST if up != 0 and right != 0 else STRAIGHT_COST
+                old, new = costs[near], cost + step * weights[near]
+                if 0 <= old <= new:  # settled nodes end here: they were cheaper
+                    continue
+                if old >= 0:  # it leaves the bucket of its old cost
+                    left, rest = before[near], after[near]
+                    if left >= 0:
+                        after[left] = rest
+                    else:
+                        heads[old & LAST_BITS] = rest
+                    if rest >= 0:
+                        before[rest] = left
+                    waiting -= 1
+                first = heads[new & LAST_BITS]
+                if first >= 0:
+                    before[first] = near
+                before[near], after[near], heads[new & LAST_BITS] = -1, first, near
+                costs[near], next_nodes[near] = new, node
+                waiting += 1
 
 
 @kernel

@@ -228,6 +228,7 @@ def test_every_check_has_a_planted_flaw_and_names_a_published_failure() -> None:
         assert len((check.run.__doc__ or "").splitlines()) > 2
 
 
+@pytest.mark.slow
 @settings(
     max_examples=2,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

@@ -43,6 +43,7 @@ def solved(name: str, follows_second: Bool, seeds_from: int = 0) -> Bool:
     return step.successes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_CONVENTIONS)
 def test_teams_that_keep_a_convention_succeed_and_robots_that_mix_them_fail(name: str) -> None:
     """All 14 mixtures of 4 robots, and both conventions, 6 episodes each."""

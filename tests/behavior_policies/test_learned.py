@@ -55,6 +55,7 @@ def step_of(n_copies: int, seed: int = 1) -> Step:
 KERNELS = (("Prescott", "1"), ("Haswell", "2"), ("SkylakeX", "1"))
 
 
+@pytest.mark.slow
 def test_every_blas_kernel_and_thread_count_gives_the_same_bits(tmp_path: Path) -> None:
     write(tmp_path / "actor.safetensors", width=256)
     np.save(tmp_path / "observations.npy", step_of(256).observations)

@@ -7,6 +7,7 @@ from swarmdata import evaluate, make_env
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_policy
 from swarmdata.registry.presets import preset
+from swarmdata.specs.state_layout import TX, TY, robots_of
 from swarmdata.types import Float, Step
 
 TEAMS = ("scripted-alone", "scripted-naive", "scripted-deaf")
@@ -44,6 +45,18 @@ def test_a_robot_alone_ignores_where_others_are() -> None:
     assert np.array_equal(actions["scripted-alone", "there"], actions["scripted-alone", "near"])
 
 
+@pytest.mark.parametrize("name", ["scripted-alone", "scripted-naive"])
+def test_each_robot_knows_where_the_payload_goes(name: str) -> None:
+    step, actions = start(name, "transport", 1)
+    elsewhere = step._replace(states=step.states.copy())
+    robots_of(elsewhere.states, step.observations.shape[1])[..., [TX, TY]] *= np.float32(-1.0)
+    policy = make_policy(name, preset("transport"))
+    policy.reset(elsewhere, np.arange(1))
+
+    assert (policy.act(elsewhere) != actions).any(axis=-1).all()
+
+
+@pytest.mark.slow
 def test_goals_are_assigned_among_all_robots() -> None:
     spec = preset("coop_nav-unassigned")
     alone = evaluate(make_policy("scripted-alone", spec), spec, n_episodes=4, progress=False)
@@ -51,6 +64,7 @@ def test_goals_are_assigned_among_all_robots() -> None:
     assert alone.metrics["success"].mean() >= 0.75  # and all fail if each plans for itself
 
 
+@pytest.mark.slow
 def test_the_gap_of_a_corridor_is_large() -> None:
     spec = preset("coop_nav-corridor")
     success = {

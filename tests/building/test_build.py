@@ -81,6 +81,7 @@ def start_build(folder: Path, out: Path) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(command, start_new_session=True)
 
 
+@pytest.mark.slow
 def test_processes_give_the_digest_of_one(tmp_path: Path, digest: str) -> None:
     folder = build(make_recipe(), tmp_path / "d", workers=2, progress=False)
 
@@ -146,6 +147,7 @@ def test_a_smaller_recipe_makes_the_first_episodes(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.actions, other.actions)
 
 
+@pytest.mark.slow
 def test_little_is_made_in_vain(tmp_path: Path, one_process: type[OneProcessCrew]) -> None:
     recipe = make_recipe()
     build(recipe, tmp_path / "d", progress=False)
@@ -220,6 +222,7 @@ def test_full_disk_is_noticed_before_most_of_the_work(
     assert len(OneProcessCrew.made) == len(recipe.policies)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_parts_are_joined_without_room_for_a_copy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, digest: str

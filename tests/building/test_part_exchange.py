@@ -48,6 +48,7 @@ def folder(folder: Path) -> Remote:
     return FolderRemote((folder / "shelf").as_uri())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_remote", [folder, bucket])
 def test_machines_that_share_a_remote_make_the_dataset(
     make_remote: Callable[[Path], Remote], tmp_path: Path, whole: str

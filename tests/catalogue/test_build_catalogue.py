@@ -98,6 +98,7 @@ def test_a_catalogue_of_everything_is_the_same_every_time(
     assert {f"datasets/{info.id}.html" for info in list_datasets()} <= first.keys()
 
 
+@pytest.mark.slow
 def test_a_sample_is_shown_and_the_page_says_so(shown: dict[str, Path], tmp_path: Path) -> None:
     build_catalogue([str(shown["tiny"])], tmp_path / "site", CatalogueChoices(episodes=3))
 
@@ -107,6 +108,7 @@ def test_a_sample_is_shown_and_the_page_says_so(shown: dict[str, Path], tmp_path
     assert "3 of " in (tmp_path / "site" / "datasets" / f"{TINY.id}.html").read_text()
 
 
+@pytest.mark.slow
 def test_other_sensors_and_radios_are_shown(shown: dict[str, Path], tmp_path: Path) -> None:
     choices = CatalogueChoices(observation="lidar", communication="lossy-30")
     build_catalogue([str(shown["tiny"])], tmp_path / "site", choices)
@@ -205,6 +207,7 @@ def test_bytes_for_each_joint_step_stay_below_those_of_a_mini(site: Path, key: s
     assert n_bytes / sum(episodes["length"]) < MOST_BYTES_OF_A_MINI / 50_000
 
 
+@pytest.mark.slow
 def test_the_build_says_which_studies_have_no_pages_of_episodes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -310,6 +310,7 @@ def test_task_validate_gives_the_one_error(tmp_path: Path, text: str | None, mes
     assert "Traceback" not in output
 
 
+@pytest.mark.slow
 def test_task_play_draws(tmp_path: Path) -> None:
     pytest.importorskip("PIL", reason="Pillow draws")
     models = ("--observation", "lidar", "--communication", "lossy-30")

@@ -93,6 +93,7 @@ def test_a_pushed_dataset_and_its_card(home: Path, data: Path, tmp_path: Path) -
         assert given_away(folder) == []
 
 
+@pytest.mark.slow
 def test_reports_catalogues_and_exported_policies(home: Path, data: Path, tmp_path: Path) -> None:
     """Their folders are elsewhere, so a path to the runs leads through the user's home."""
     pytest.importorskip("torch", reason="training needs the torch extra")

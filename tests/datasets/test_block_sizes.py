@@ -147,6 +147,7 @@ def test_computed_arrays_in_files_travel_to_other_processes(tiny: Path) -> None:
     assert np.array_equal(again.stored.arrays["observations"], seen.stored.arrays["observations"])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("tight")
 def test_files_of_computed_arrays_go_with_their_last_view(cache_folder: Path) -> None:
     arrays = new_arrays({"a": ((3, 5), np.dtype(np.float32)), "b": ((0, 2), np.dtype(np.bool_))})

@@ -106,6 +106,7 @@ def _first_sums(view: Dataset) -> tuple[float, bool]:
     return float(seen.sum(dtype=np.float64)), isinstance(mapping_of(seen), ScratchMap)
 
 
+@pytest.mark.slow
 def test_a_spawned_process_maps_a_reobservation(tiny: Path) -> None:
     """Row 33: it does not receive the arrays, and does not compute them again."""
     seen = Dataset.open(tiny, verify="none").reobserve("lidar-8", progress=False)

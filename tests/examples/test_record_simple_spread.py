@@ -8,6 +8,8 @@ import pytest
 import swarmdata
 from tests.examples import record_simple_spread as example
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("mpe2")
 pytest.importorskip("torch")
 

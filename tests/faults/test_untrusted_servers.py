@@ -63,6 +63,7 @@ def test_a_public_bucket_may_keep_its_list_and_its_cards(
     assert release.id == there.id
 
 
+@pytest.mark.slow
 def test_a_tag_that_moves_between_listing_and_download(
     hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path, tmp_path: Path
 ) -> None:

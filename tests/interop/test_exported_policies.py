@@ -39,6 +39,7 @@ def logged(tmp_path_factory: pytest.TempPathFactory) -> tuple[swarmdata.Dataset,
     return dataset, folder / "run", policy
 
 
+@pytest.mark.slow
 def test_a_policy_that_learned_from_logs_drives_a_robot(
     logged: tuple[swarmdata.Dataset, Path, Any], tmp_path: Path
 ) -> None:

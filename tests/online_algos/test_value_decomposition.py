@@ -123,6 +123,7 @@ def play(payoff: Tensor, kind: str) -> tuple[Tensor, Tensor]:
     return q, bins.greedy(learner.utilities(batch.observations))[0, 0, 0, :, 0]
 
 
+@pytest.mark.slow
 def test_a_sum_of_values_is_found_by_both() -> None:
     payoff = torch.tensor([0.0, 1.0, 3.0])[:, None] + torch.tensor([2.0, 0.0, 1.0])
     for kind in ("mean", "monotonic"):

@@ -86,6 +86,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return recorder.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "regulariser"), [("vdn", "bcq"), ("qmix", "cql")])
 def test_choices_are_learned_and_played(
     dataset: Dataset, tmp_path: Path, algorithm: str, regulariser: str

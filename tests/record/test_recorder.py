@@ -46,6 +46,7 @@ def reason(dataset: Dataset, index: int = 0) -> str:
     return END_REASONS[dataset[index].end_reason]
 
 
+@pytest.mark.slow
 def test_parts_stay_few_however_many_short_episodes_there_are(tmp_path: Path) -> None:
     recorder = Recorder(Counting(length=1), id=ID, path=tmp_path / "ds")
     play(recorder, 1600, steady)

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("torch", reason="algorithms need the torch extra")
 pytest.importorskip("matplotlib", reason="studies and sweeps draw figures")
 
@@ -184,6 +186,5 @@ def test_its_components_act_learn_and_record(tmp_path: Path, cache_folder: Path)
     assert recipe["spec"]["rules"]["patience"] == 5
 
 
-@pytest.mark.slow
 def test_its_components_take_part_in_sweeps_and_studies(tmp_path: Path, cache_folder: Path) -> None:
     play(tmp_path, SLOW, cache_folder)

@@ -107,6 +107,7 @@ def test_the_registry_goes_on(
         assert sorted(json.loads(out.read_text())) == ids[1:]
 
 
+@pytest.mark.slow
 def test_a_catalogue_has_all_that_can_be_shown(
     tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -77,6 +77,7 @@ def test_values_that_are_repeated_are_not_shared() -> None:
     assert read["b"] == [1]
 
 
+@pytest.mark.slow
 def test_as_much_as_is_allowed_is_read() -> None:
     assert len(parse_yaml("- 1\n" * (MAX_VALUES - 1), "x")) == MAX_VALUES - 1
     with pytest.raises(SpecError, match=rf"line {MAX_VALUES}, column 3: there are more than"):

@@ -64,6 +64,7 @@ def test_a_kernel_of_the_pack_is_not_compiled(script: Path, pack: Path, tmp_path
     assert not list(tmp_path.rglob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_another_cpu_compiles(script: Path, pack: Path, tmp_path: Path) -> None:
     assert run(script, pack, tmp_path / "kernels", NUMBA_CPU_NAME="generic") == 0
     assert list(tmp_path.rglob("*.nbc"))

@@ -65,6 +65,7 @@ def test_arrays_in_memory_stay(mapped: NDArray[np.float32]) -> None:
     assert mapping_of(mapped[3:, ::2]) is not None
 
 
+@pytest.mark.slow
 def test_pages_are_given_back_on_the_way(
     mapped: NDArray[np.float32], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -34,6 +34,7 @@ def violations(planes: Double, velocities: Double) -> Double:
     return planes[:, 2] * offset[..., 1] - planes[:, 3] * offset[..., 0]
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(st.lists(half_plane, min_size=1, max_size=6), component, component)
 def test_solve_against_a_grid_of_velocities(

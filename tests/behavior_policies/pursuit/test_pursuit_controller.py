@@ -18,11 +18,13 @@ def success(policy: str, task: str, n_episodes: int = 24, channel: str | None = 
     return float(found.metrics["success"].mean())
 
 
+@pytest.mark.slow
 def test_the_ring_captures_and_the_best_naive_team_mostly_does_not() -> None:
     assert success("scripted", "pursuit") >= 0.75
     assert success("pursuit-lead-3", "pursuit") <= 0.6
 
 
+@pytest.mark.slow
 def test_messages_are_worth_much_where_sight_is_short() -> None:
     told, silent = (success("scripted", "pursuit-sight", 24, c) for c in ("goal", "none"))
     assert told >= silent + 0.25

@@ -1,6 +1,7 @@
 """The scripted controller of `search`: what it reads of messages, and that teams rescue."""
 
 import numpy as np
+import pytest
 
 from swarmdata.behavior_policies.heard_goals import HEARD_X, HEARD_Y, HeardGoals
 from swarmdata.behavior_policies.search.search_controller import SearchController
@@ -14,6 +15,7 @@ from swarmdata.rollouts.evaluate import evaluate
 SPEC = preset("search")
 
 
+@pytest.mark.slow
 def test_teams_rescue_in_time() -> None:
     policy = make_policy("scripted", SPEC)
     result = evaluate(policy, SPEC, name="scripted", n_episodes=15, progress=False)

@@ -62,6 +62,7 @@ def test_rings_keep_their_gaps(shape: Shape, angle: float) -> None:
         assert least - 1e-6 <= gap(shape, pose, x, y) <= math.sqrt(2) * least + 1e-6
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=200)
 @given(shapes, angles, places, places, places, places)
 def test_a_line_crosses_where_its_points_come_near(

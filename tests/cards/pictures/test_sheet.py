@@ -35,6 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, record: Record) -> Path:
     return record(out, TaskSpec(horizon=40), ("random", "straight", "idle"))
 
 
+@pytest.mark.slow
 def test_published_text_shows_one_sheet_of_fixed_size_with_a_palette(
     folder: Path, tmp_path: Path
 ) -> None:
@@ -54,6 +55,7 @@ def test_every_kind_of_task_is_drawn(name: str, tmp_path: Path, record: Record) 
     assert (tmp_path / "card.png").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_a_view_of_one_episode_is_drawn(folder: Path, tmp_path: Path) -> None:
     dataset = Dataset.open(folder)
     best = dataset.filter(min_return=float(dataset.episodes.team_return.max()))

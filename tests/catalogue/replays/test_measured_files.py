@@ -71,6 +71,7 @@ def test_environments_of_others_have_fewer_columns(tmp_path: Path) -> None:
     np.testing.assert_allclose(columns["return"], [1.0, 2.0])
 
 
+@pytest.mark.slow
 def test_runs_at_hand_are_played_again_and_others_are_said(measured: Path, tmp_path: Path) -> None:
     (source,) = own_sources([measured], Failures(1))
     (outcome,) = source.outcomes

@@ -24,6 +24,7 @@ ABOUT: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked")
 def test_it_is_verified_and_an_altered_one_is_rejected(tmp_path: Path) -> None:
     files = [write(tmp_path / f"{seed}.onnx", seed=seed) for seed in range(5)]

@@ -220,6 +220,7 @@ def test_runs_on_other_data_make_no_entry(tiny: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "e").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked")
 def test_the_catalogue_shows_verified_entries_and_names_the_others(
     honest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

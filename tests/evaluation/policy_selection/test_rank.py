@@ -67,6 +67,7 @@ def ranking(made: Made) -> Ranking:
     return made.rank()
 
 
+@pytest.mark.slow
 def test_every_seed_is_ranked_by_every_criterion(made: Made, ranking: Ranking) -> None:
     labels = {policy.label for policy in ranking.policies}
     assert labels == {f"{run}/seed-{seed}@20" for run in SETTINGS for seed in (0, 7)}

@@ -46,6 +46,7 @@ def change(path: Path, name: str, values: dict[tuple[str, str], float], other: f
             writer.writerow({**row, name: values.get((row["frames"], row[who]), other)})
 
 
+@pytest.mark.slow
 def test_the_table_counts_what_was_reached_and_what_it_cost(runs: Path, tmp_path: Path) -> None:
     table = write_online_report([runs], tmp_path / "out")
     (row,) = table.splitlines()[2:]

@@ -116,6 +116,7 @@ def test_measured_datasets_leave_no_doubt_but_that_nothing_is_solved() -> None:
     assert doubtful == ["coop_nav-random"]
 
 
+@pytest.mark.slow
 def test_left_out_datasets_lose_little() -> None:
     """The goal: a mean regret of at most 2, at most 10 on any dataset, in one training."""
     rows = read_rows()

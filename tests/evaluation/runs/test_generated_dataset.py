@@ -71,6 +71,7 @@ def test_it_passes_the_audit_and_its_card_marks_inexact_networks(mine: swarmdata
     assert "`network` runs those that cannot be run so" in card
 
 
+@pytest.mark.slow
 def test_its_recipe_makes_it_again_without_the_runs(
     mine: swarmdata.Dataset, tmp_path: Path
 ) -> None:
@@ -103,6 +104,7 @@ def _killed(*arguments: object, **options: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_damaged_arrays_are_repaired_and_a_damaged_network_is_named(
     mine: swarmdata.Dataset, tmp_path: Path
 ) -> None:
@@ -131,6 +133,7 @@ def test_networks_travel_to_remotes_and_into_edits(mine: swarmdata.Dataset, tmp_
     assert problems_of(edit.path) == ()
 
 
+@pytest.mark.slow
 def test_online_runs_and_tiers_act_too(tmp_path: Path) -> None:
     small = {"n_copies": "4", "rollout_steps": "4", "hidden": "8", "minibatch": "64"}
     changes = {**small, "n_steps": "32"}

@@ -72,6 +72,7 @@ def test_processes_train_the_same_policies(together: Path, dataset: Path, tmp_pa
     assert len(again) == N_SEEDS
 
 
+@pytest.mark.slow
 def test_an_executor_trains_each_seed_for_itself(
     together: Path, dataset: Path, tmp_path: Path
 ) -> None:

@@ -266,6 +266,7 @@ def test_seeds_are_jobs_and_their_failures_are_told(task: Path, tmp_path: Path) 
         train_online("mappo", str(task), out, seeds=(0, 2), changes=changes)
 
 
+@pytest.mark.slow
 def test_a_mixture_is_trained_on_and_evaluated(tmp_path: Path) -> None:
     """The run's description says what was mixed; a killed run goes on with it."""
     with pytest.MonkeyPatch.context() as patch:

@@ -125,6 +125,7 @@ def test_a_second_call_trains_nothing_and_more_trials_train_only_these(
     assert trained == ["trial-03"]
 
 
+@pytest.mark.slow
 def test_two_datasets_and_their_first_steps(
     small_tune: Tune,
     tmp_path: Path,

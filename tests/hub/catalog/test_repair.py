@@ -300,6 +300,7 @@ def test_a_recipe_that_nobody_has_is_not_made_up(dataset: Path) -> None:
 FLIPPED_BYTES = st.none() | st.integers(0, 200)  # None: the file is absent
 
 
+@pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=1)
 @given(
     damage=st.dictionaries(st.sampled_from([*FILES, "manifest.json"]), FLIPPED_BYTES, min_size=1)

@@ -154,6 +154,7 @@ def test_streams_are_mixed_as_whole_datasets_are(
         assert_same(next(sampler), next(expected))
 
 
+@pytest.mark.slow
 def test_windows_of_mixed_streams_move_with_the_rows_of_their_part(
     host: StaticHost, folder: Path
 ) -> None:
@@ -247,6 +248,7 @@ def test_wrong_bytes_are_fetched_again_once(
         next(other.sampler(64))
 
 
+@pytest.mark.slow
 def test_chunks_are_kept_and_checked_again(
     host: StaticHost, whole: Dataset, cache_folder: Path
 ) -> None:

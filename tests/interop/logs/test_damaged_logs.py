@@ -106,6 +106,7 @@ def damaged(content: bytes, count: int) -> Iterator[bytes]:
         yield bytes(changed)
 
 
+@pytest.mark.slow
 def test_a_flipped_byte_is_found_or_harmless(whole: Path, tmp_path: Path) -> None:
     expected = read_bag(whole, TOPICS)
     broken, n_changed, n_refused = tmp_path / whole.name, 0, 0

@@ -130,6 +130,7 @@ def test_a_robot_that_never_moves_is_flagged(tmp_path: Path) -> None:
     assert_allclose(twin.team.response.speed_gain, TRUE[0].speed_gain, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_missing_rows_leave_the_rest(tmp_path: Path) -> None:
     twin = fit_twin(logged(tmp_path / "some", without=slice(300, 700)))
     assert not twin.flags

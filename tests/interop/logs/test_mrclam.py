@@ -150,6 +150,7 @@ def test_a_map_may_leave_out_a_robot(dataset: Dataset, tmp_path: Path) -> None:
         assert_allclose(ours.actions, all_five.actions[: len(ours), :4], atol=0)
 
 
+@pytest.mark.slow
 def test_a_twin_is_fitted_to_poses_that_are_states(dataset: Dataset) -> None:
     response = fit_twin(dataset).team.response
     assert_allclose([response.speed_gain, response.turn_gain], 1.0, atol=0.03)

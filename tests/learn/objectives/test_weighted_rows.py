@@ -138,6 +138,7 @@ def windows(n_windows: int = 3, length: int = 6) -> Batch:
     return Batch(observations=values, actions=values, mask=mask, **nothing)
 
 
+@pytest.mark.slow
 def test_steps_of_windows_count_by_their_weight() -> None:
     """Segments of two steps after a burn-in of four: each step is drawn as its weight says."""
 

@@ -141,6 +141,7 @@ def test_they_act_alike_bit_for_bit(
     assert not np.array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["maddpg", *slow("qmix")])
 def test_a_killed_run_that_started_and_mixes_data_ends_as_a_whole_one(
     algorithm: str, runs: dict[str, Path], task: str, dataset: Path, tmp_path: Path,

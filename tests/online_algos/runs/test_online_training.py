@@ -95,6 +95,7 @@ def test_threads_do_not_change_a_run(
     assert used == [2] * (1 + 4 * 2)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -162,6 +163,7 @@ class SlowChannel:
         return [*values, min(t - sent_at, 20) / 20, 1.0, j / max(self.n - 1, 1)]
 
 
+@pytest.mark.slow
 @settings(max_examples=max(60, settings().max_examples))  # many parts to combine
 @given(
     broadcasts,

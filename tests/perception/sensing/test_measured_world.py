@@ -162,6 +162,7 @@ def test_what_is_missed_is_not_there(scenes: Any, kind: str, seed: int, dropout:
         np.testing.assert_array_equal(found[0, i], expected[0, i])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["state", "bearing"])
 def test_objects_are_missed_independently_at_their_rate(scenes: Any, kind: str) -> None:
     task = scenes.task({"kind": kind, "dropout": 0.25}, n_agents=2)
@@ -177,6 +178,7 @@ def test_objects_are_missed_independently_at_their_rate(scenes: Any, kind: str) 
     assert abs(np.corrcoef(seen[1:, 0], seen[:-1, 0])[0, 1]) < 0.08
 
 
+@pytest.mark.slow
 def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
     task = scenes.task({"kind": "state", "noise": LOUD}, n_agents=2)
     step = scenes.step(task, 1, 3)

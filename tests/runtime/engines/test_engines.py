@@ -264,6 +264,7 @@ def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
         open_engine(name, "a:b", n_workers=1, folder=tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", WITH_SLOW_EXECUTOR, indirect=True)
 def test_processes_of_a_node_compile_a_kernel_once(
     empty_kernel_cache: Path, engine: str | Executor, tmp_path: Path

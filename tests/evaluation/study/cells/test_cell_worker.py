@@ -120,6 +120,7 @@ class KilledError(BaseException):
     """Stands for a signal."""
 
 
+@pytest.mark.slow
 def test_a_killed_cell_goes_on_to_the_same_numbers(make_study: Make, tmp_path: Path) -> None:
     cell, seen = cell_of(make_study(algorithms={"m": {**MADDPG, "updates": 20}})), 0
 

@@ -14,7 +14,7 @@ from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, ru
 from tests.evaluation.study.conftest import BC, Here
 from tests.support.drawn import save_empty_figures
 
-pytestmark = pytest.mark.usefixtures("here", "empty_figures")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here", "empty_figures")]
 
 VIEWS = {
     "recorded": {},

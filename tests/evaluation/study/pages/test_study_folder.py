@@ -202,6 +202,7 @@ def test_a_row_with_other_rewards_stands_beside_the_one_without(
     assert Study.from_text(text).algorithms["strict"].rewards == {"time": 9.0}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_pairs_and_online_rows_have_sections(
     make_study: Callable[..., Study], data: Path, tmp_path: Path

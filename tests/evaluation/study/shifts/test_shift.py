@@ -22,6 +22,7 @@ def rows_below(page: str, title: str) -> list[list[str]]:
     return [line.strip("| ").split(" | ") for line in f"{title}{table}".splitlines()]
 
 
+@pytest.mark.slow
 def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
     data: Path, make_study: Callable[..., Study], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

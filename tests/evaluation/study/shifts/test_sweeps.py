@@ -18,7 +18,7 @@ from swarmdata.evaluation.study.run_study import (
 )
 from tests.evaluation.study.conftest import BC, MADDPG
 
-pytestmark = pytest.mark.usefixtures("here", "empty_figures")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here", "empty_figures")]
 
 
 def test_the_best_of_each_family_is_swept(
