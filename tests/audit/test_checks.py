@@ -385,6 +385,7 @@ def test_datasets_without_attributes_are_older(clean: Path, tmp_path: Path) -> N
     assert open_store(folder, "full").table.success.shape
 
 
+@pytest.mark.slow
 def test_references_that_say_something_else(random_team: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(random_team, tmp_path / "typed"))
     write_card(folder)

@@ -157,6 +157,7 @@ def test_returns_have_a_score(spec: TaskSpec, dataset: Path) -> None:
     assert np.isfinite(scores).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", [OWN, *slow("transport")], indirect=True)
 def test_its_team_is_swept(spec: TaskSpec, file: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="sweeps draw figures")

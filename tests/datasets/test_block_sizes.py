@@ -40,6 +40,7 @@ def findings(path: Path) -> tuple[Finding, ...]:
     return audit(path, sample=2, progress=False).findings
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(rows=st.integers(1, 300), ends=st.integers(1, 20))
 def test_an_audit_does_not_depend_on_its_blocks(tiny: Path, rows: int, ends: int) -> None:
@@ -121,6 +122,7 @@ def test_a_frame_does_not_depend_on_where_arrays_are(tiny: Path) -> None:
     assert not again.arrays["actions"][starts[others]].any()
 
 
+@pytest.mark.slow
 @given(states=st.integers(1, 200))
 def test_observing_again_does_not_depend_on_blocks(tiny: Path, states: int) -> None:
     data = Dataset.open(tiny)

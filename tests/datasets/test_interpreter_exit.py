@@ -38,10 +38,8 @@ print(len(dataset))
 """
 
 
-@pytest.mark.parametrize(
-    ("beside", "backend"),
-    [("torch", "fast"), pytest.param("nothing", "public", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("beside", "backend"), [("torch", "fast"), ("nothing", "public")])
 def test_nothing_is_printed_at_exit(tiny: Path, beside: str, backend: str) -> None:
     if beside == "torch":
         pytest.importorskip("torch", reason="an extra")

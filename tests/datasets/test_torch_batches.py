@@ -18,7 +18,9 @@ def dataset(tiny: Path) -> Dataset:
     return Dataset.open(tiny, verify="none")
 
 
-@pytest.mark.parametrize(("n_workers", "horizon"), [(0, 4), (2, None)])
+@pytest.mark.parametrize(
+    ("n_workers", "horizon"), [(0, 4), pytest.param(2, None, marks=pytest.mark.slow)]
+)
 def test_a_loader_yields_the_stream_of_the_sampler(
     dataset: Dataset, n_workers: int, horizon: int | None
 ) -> None:

@@ -19,6 +19,7 @@ RoundTrip = Callable[[Dataset, str], Dataset]
 TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
+@pytest.mark.slow
 def test_blocks_do_not_matter(
     ours: Dataset, round_trip: RoundTrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:

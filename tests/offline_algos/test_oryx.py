@@ -114,10 +114,8 @@ def sides(policy_of: Oryx, seed: int) -> Float:
     return policy.act(step)[..., 1]
 
 
-@pytest.mark.parametrize(
-    ("joint", "low", "high"),
-    [(True, 0.97, 1.0), pytest.param(False, 0.35, 0.7, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("joint", "low", "high"), [(True, 0.97, 1.0), (False, 0.35, 0.7)])
 def test_only_who_decides_in_order_agrees(joint: bool, low: float, high: float) -> None:
     """Both sides are right if both robots take it: robots that act alone agree in half of steps."""
     algorithm, _ = trained(Oryx, hinted_side(), 300, joint=joint, batch_size=64, **SMALL)

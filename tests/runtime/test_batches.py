@@ -15,6 +15,7 @@ from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import do_jobs
 from tests.catalogue.conftest import little_published
 from tests.support.own_task import make_thrifty, thrifty_installed
+from tests.support.pairs import slow
 from tests.support.tiny import TINY
 
 RUNNER = CliRunner()
@@ -50,7 +51,7 @@ def handler() -> Any:
     return handle
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, *slow(2)])
 def test_jobs_of_every_engine_go_on(tmp_path: Path, workers: int) -> None:
     jobs = [
         Job(name, {"file": str(tmp_path / name), "fails": name == "a"}) for name in ("a", "b", "c")

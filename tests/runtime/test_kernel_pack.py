@@ -12,7 +12,6 @@ from llvmlite import binding
 
 from swarmdata.runtime import kernel_cache
 from swarmdata.runtime.kernel_pack import gather
-from tests.support.pairs import slow
 
 SCRIPT = """
 from pathlib import Path
@@ -76,7 +75,8 @@ def of_another_numba(index: Path) -> None:
     index.write_bytes(content.replace(version.encode(), b"0" * len(version), 1))
 
 
-@pytest.mark.parametrize("spoil", [of_another_numba, *slow(Path.unlink)])
+@pytest.mark.slow
+@pytest.mark.parametrize("spoil", [of_another_numba, Path.unlink])
 def test_a_pack_that_does_not_fit_is_ignored(
     script: Path, pack: Path, tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:

@@ -164,6 +164,7 @@ print(sorted(ran))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
 def test_a_forked_process_has_threads_of_its_own_and_open_teams_do_not_keep_it_alive() -> None:
     code = FORKED.replace("team.close()", "")

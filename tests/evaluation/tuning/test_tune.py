@@ -176,6 +176,7 @@ def test_a_folder_may_hold_other_data_under_a_published_name(
     assert np.isfinite(made.scores).all()
 
 
+@pytest.mark.slow
 def test_a_trial_that_fails_is_not_chosen(
     small_tune: Tune, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

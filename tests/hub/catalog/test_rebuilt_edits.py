@@ -55,6 +55,7 @@ def test_load_makes_a_lost_edit_again(edit: Dataset, by_id: bool) -> None:
     assert not [path for path in edit.path.parent.iterdir() if "rebuild" in path.name]
 
 
+@pytest.mark.slow
 def test_the_parents_of_an_edit_are_made_again_too(edit: Dataset, parent: Path) -> None:
     of_edit = filter_dataset(edit, parent.parent / EDIT_OF_EDIT, id=EDIT_OF_EDIT, min_return=-1e9)
     lose(of_edit)

@@ -12,6 +12,7 @@ from swarmdata.interop.logs import import_logs, remake_logs
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import ImportedLogs
 from tests.interop.logs.logged_team import write_csv
+from tests.support.pairs import slow
 
 DT, RATE, ROBOTS = 0.1, 50.0, ("anna", "bert")
 OFFSETS = {"anna": 0.0, "bert": 0.237}
@@ -71,7 +72,7 @@ def make(folder: Path, logs: list[Path], log_map: LogMap | None = None) -> Any:
     return import_logs(logs, folder / "dataset", log_map=log_map or clock_map(), id=ID)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.002])
+@pytest.mark.parametrize("noise", [0.002, *slow(0.0)])
 def test_known_offsets_are_found(tmp_path: Path, noise: float) -> None:
     logs = write(tmp_path, noise=noise)
     dataset = make(tmp_path, logs)
@@ -91,6 +92,7 @@ def test_known_offsets_are_found(tmp_path: Path, noise: float) -> None:
     assert again.digest == dataset.digest
 
 
+@pytest.mark.slow
 def test_the_offset_is_added_to_the_times_of_commands(tmp_path: Path) -> None:
     logs = write(tmp_path)[2:]
     found = make(tmp_path, logs, clock_map(robots=["bert"]))

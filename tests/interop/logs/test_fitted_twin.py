@@ -115,6 +115,7 @@ def test_the_twin_predicts_another_run_and_the_commands_alone_do_not(
     assert found["no motion"].estimates[0].low > 0.2
 
 
+@pytest.mark.slow
 def test_drift_takes_the_place_of_noise(dataset: Dataset) -> None:
     spec = fit_twin(dataset, drift=True, radius=0.2).spec
     assert spec.observation.drift.turning > 0
@@ -177,6 +178,7 @@ def test_another_team_is_refused(twin: Twin, tmp_path: Path) -> None:
         twin.check(logged(tmp_path, dt=0.2))
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_spec(dataset: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "twin.yaml"
     result = CliRunner().invoke(app, ["fit", str(dataset.path), "--out", str(out)])

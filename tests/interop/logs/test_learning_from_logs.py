@@ -13,7 +13,6 @@ import swarmdata
 from swarmdata.audit import audit
 from swarmdata.specs.origins.log_map import LogMap
 from tests.interop.logs import bags
-from tests.support.pairs import slow
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 pytest.importorskip("rosbags", reason="the extra 'logs'")
@@ -79,7 +78,8 @@ class Floor(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         return found
 
 
-@pytest.mark.parametrize("states", ["observations", *slow("poses")])
+@pytest.mark.slow
+@pytest.mark.parametrize("states", ["observations", "poses"])
 def test_bags_are_imported_learned_from_and_played(tmp_path: Path, states: str) -> None:
     log = bags.write_ros2(tmp_path / "monday", storage="mcap", seconds=30.0)
     dataset = swarmdata.import_logs(

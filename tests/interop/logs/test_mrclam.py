@@ -137,6 +137,7 @@ def test_states_are_the_poses(dataset: Dataset) -> None:
         assert_allclose(states[:, robot], expected, atol=0.01)
 
 
+@pytest.mark.slow
 def test_a_map_may_leave_out_a_robot(dataset: Dataset, tmp_path: Path) -> None:
     """The others observe and do the same, and still have a slot for it."""
     text = shipped_maps()["mrclam"].read_text("utf-8")

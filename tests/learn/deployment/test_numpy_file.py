@@ -19,7 +19,6 @@ from tests.learn.deployment.small_policies import (
     unicycles,
     with_own_networks,
 )
-from tests.support.pairs import slow
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
@@ -54,7 +53,8 @@ def check(policy: Any, dataset: Dataset, path: Path) -> None:
     assert {len(each) for each in names} == {observations.shape[2]}
 
 
-@pytest.mark.parametrize("kind", ["actor", *slow("bins")])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["actor", "bins"])
 def test_robots_with_networks_of_their_own(kind: str, tiny: Dataset, tmp_path: Path) -> None:
     check(with_own_networks(kind, tiny), tiny, tmp_path / "policy.py")
 

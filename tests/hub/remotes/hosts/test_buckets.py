@@ -51,6 +51,7 @@ def objects(remote: BucketRemote) -> set[str]:
     return {path.removeprefix(f"{root}/") for path in memory.find(root)}
 
 
+@pytest.mark.slow
 def test_s3_with_the_environment_of_its_tools(
     store: ObjectStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
