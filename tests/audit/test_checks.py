@@ -404,6 +404,7 @@ def random_team(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., 
     return folder
 
 
+@pytest.mark.slow
 def test_swapped_tiers(random_team: Path, forge: Forge) -> None:
     assert not messages(look(random_team), "tiers")
     for tier in ("medium", "expert"):

@@ -65,6 +65,7 @@ def test_machines_that_share_a_remote_make_the_dataset(
     assert not (tmp_path / "last" / "d.build").exists()
 
 
+@pytest.mark.slow
 def test_a_machine_goes_on_where_another_one_died(
     shelf: FolderRemote, tmp_path: Path, whole: str
 ) -> None:

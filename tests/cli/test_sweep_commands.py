@@ -31,6 +31,7 @@ def test_a_tier_is_swept(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "sweep.md").read_text() in output
 
 
+@pytest.mark.slow
 def test_bodies_are_swept_in_another_simulator(tmp_path: Path) -> None:
     """A scripted team, too: worse sensors do not concern it, and a slower body does."""
     axes = ("--body", "max_speed=0.6,0.2", "--episodes", "1", "--backend", "kinematic")

@@ -72,6 +72,7 @@ def test_shares_of_distinct_rows_are_estimated_from_some(
     assert exact == pytest.approx(0.25, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("tight")
 def test_a_copy_does_not_depend_on_reads(tiny: Path, tmp_path: Path) -> None:
     data = Dataset.open(tiny)

@@ -70,6 +70,7 @@ def test_with_one_component_and_no_weights_the_loss_is_the_squared_error() -> No
     torch.testing.assert_close(algorithm.update(batch)["actor_loss"], expected.detach())
 
 
+@pytest.mark.slow
 def test_better_actions_weigh_more() -> None:
     """Of two actions in the same state, one is worth 1 and one 0: the mode is the good one."""
     data = hinted_side(40)

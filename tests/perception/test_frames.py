@@ -145,6 +145,7 @@ def test_unicycles_turn_with_their_heading(task: str, sensor: str | None, anchor
     assert frame is None or not frame.turns_commands
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25)
 @given(st.floats(-math.pi, math.pi))
 def test_what_is_seen_does_not_turn_with_the_world(angle: float) -> None:

@@ -27,6 +27,7 @@ def test_closed_forms_and_limits() -> None:
     assert t_quantile(0.5, 3) == 0.0
 
 
+@pytest.mark.slow
 def test_real_degrees_of_freedom_lie_between_whole_ones() -> None:
     found = [t_quantile(0.975, 1.0 + 0.1 * k) for k in range(200)]
     assert found == sorted(found, reverse=True)

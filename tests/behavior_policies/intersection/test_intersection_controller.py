@@ -5,9 +5,10 @@ import pytest
 from swarmdata.registry.components import make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
+from tests.support.pairs import slow
 
 
-@pytest.mark.parametrize("name", ["intersection", "intersection-easy", "intersection-n8"])
+@pytest.mark.parametrize("name", ["intersection", *slow("intersection-easy", "intersection-n8")])
 def test_robots_get_across(name: str) -> None:
     spec = preset(name)
     policy = make_policy("scripted", spec)

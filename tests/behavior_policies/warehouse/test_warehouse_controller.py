@@ -52,6 +52,7 @@ def follow(spec: TaskSpec, at: Point, target: Point, n_steps: int = 2000) -> Dou
     raise AssertionError(f"from {at} to {target}: still at {path[-1]}")
 
 
+@pytest.mark.slow
 @given(st.integers(0, 1), st.floats(-1.88, 1.88), st.floats(-1.88, 1.88), st.integers(0, 35))
 def test_every_place_is_reached_from_everywhere(which: int, x: float, y: float, k: int) -> None:
     spec = (WIDE, NARROW)[which]

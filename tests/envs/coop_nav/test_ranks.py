@@ -38,6 +38,7 @@ def test_rules_cannot_be_mixed_exactly_if_the_order_is_one_cycle(n: int) -> None
         assert is_cycle(order) == fails or n == 1, order
 
 
+@pytest.mark.slow
 def test_goals_have_their_ranks_and_places_their_distances_in_every_episode() -> None:
     step = make_env(SPEC, 300).reset(np.arange(300, dtype=np.uint64))
     starts = robots_of(step.states, 4)[..., [X, Y]].astype(np.float64)

@@ -18,6 +18,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, Int, Seeds
+from tests.support.pairs import slow
 
 NO_SHARED_TERMS = {
     "success": 0, "proximity": 0, "robot_contact": 0, "obstacle_contact": 0,
@@ -43,7 +44,7 @@ def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
     return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
 
 
-@pytest.mark.parametrize("name", ["intersection", "intersection-n8"])
+@pytest.mark.parametrize("name", ["intersection", *slow("intersection-n8")])
 def test_trips_and_rewards_are_those_of_the_docstring(name: str) -> None:
     base = preset(name)
     rules = base.rules.model_dump()

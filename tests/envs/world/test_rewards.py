@@ -19,6 +19,7 @@ from swarmdata.specs.rules import Payload
 from swarmdata.types import EVENTS, Step
 from tests.examples.read_with_zarr import distance
 from tests.numerics.test_weighted_terms import plain
+from tests.support.pairs import slow
 
 Values = dict[str, Any]
 """What formulas mention, each [E, N] or wider."""
@@ -227,7 +228,12 @@ def evaluate(formula: str, weight: float, values: Values) -> Any:
     return eval(text, functions, values)
 
 
-@pytest.mark.parametrize("name", VALUES)
+VARIANTS = ("coop_nav-unassigned", "transport-hard", "posed", "pursuit-sight")
+
+
+@pytest.mark.parametrize(
+    "name", [*(name for name in VALUES if name not in VARIANTS), *slow(*VARIANTS)]
+)
 def test_the_formulas_are_what_is_computed(name: str) -> None:
     """Row 45: what was shared was nowhere written with its numbers."""
     spec = POSED if name == "posed" else preset(name)

@@ -53,6 +53,7 @@ def test_every_part_runs_once_and_the_first_in_the_calling_thread(size: int) -> 
     team.close()
 
 
+@pytest.mark.slow
 def test_threads_start_with_the_first_work_and_end_with_close_or_with_the_team() -> None:
     before = len(names())
     team = ThreadTeam(3)

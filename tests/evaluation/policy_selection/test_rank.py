@@ -82,6 +82,7 @@ def test_every_seed_is_ranked_by_every_criterion(made: Made, ranking: Ranking) -
     assert ranking == made.rank()
 
 
+@pytest.mark.slow
 def test_the_imitation_error_is_that_of_the_validation_split(made: Made, ranking: Ranking) -> None:
     found = {policy.label: policy for policy in ranking.policies}
     held_out = Dataset.open(made.data).split("validation").transitions()

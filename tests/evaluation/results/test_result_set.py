@@ -98,6 +98,7 @@ def test_worlds_without_references_have_no_score() -> None:
         case.metric("bcc", "return")
 
 
+@pytest.mark.slow
 def test_the_mean_of_an_own_dataset_is_read_from_its_files(tmp_path: Path) -> None:
     from swarmdata.store import read_manifest
 

@@ -233,6 +233,7 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
     sight = parse_axis("range=2,1", "observation")

@@ -103,6 +103,7 @@ def test_more_parts_than_seeds_leave_some_without_work(dataset: Path, tmp_path: 
     assert [each.name for each in run_folders(tmp_path / "bc")] == ["seeds-2"]
 
 
+@pytest.mark.slow
 def test_seeds_are_not_grouped_twice(together: Path, dataset: Path, tmp_path: Path) -> None:
     with pytest.raises(
         BuildError, match=r"other groups of seeds: it holds a run in .*bc, expected"

@@ -219,6 +219,7 @@ def test_mistakes_are_refused_before_any_training(
         small_tune(out, n_seeds=2, n_episodes=5)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_tune")
 def test_the_command_prints_the_choices(tmp_path: Path, data: Path) -> None:
     line = f"tune bc {data} --out {tmp_path / 'out'} --trials 2 --updates 5 --seeds 1 --episodes 2"

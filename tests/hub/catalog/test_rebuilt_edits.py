@@ -64,6 +64,7 @@ def test_the_parents_of_an_edit_are_made_again_too(edit: Dataset, parent: Path) 
     assert load(EDIT).source == "cache"
 
 
+@pytest.mark.slow
 def test_parents_come_from_remotes(
     edit: Dataset, parent: Path, original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

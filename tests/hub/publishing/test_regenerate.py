@@ -156,6 +156,7 @@ def test_what_an_interrupted_check_left_is_not_used(
     assert own.exists()
 
 
+@pytest.mark.slow
 def test_the_cache_is_used_only_if_asked_for(
     monkeypatch: pytest.MonkeyPatch, entry: Published
 ) -> None:

@@ -48,6 +48,7 @@ def test_files_are_looked_at_now_and_then(tmp_path: Path, monkeypatch: pytest.Mo
     assert 3 * SCANS * 0.8 <= looks <= 3 * SCANS * 1.3
 
 
+@pytest.mark.slow
 def test_processes_share_the_bound(tmp_path: Path) -> None:
     caches = [ChunkCache(tmp_path, BOUND) for _ in range(3)]
     for k in range(300):

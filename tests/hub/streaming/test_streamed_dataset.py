@@ -84,7 +84,7 @@ def test_only_the_index_is_fetched_first(host: StaticHost, whole: Dataset) -> No
     assert "15 episodes, 605 steps" in repr(data)
 
 
-SIZES = [{}, {"horizon": 8, "burn_in": 3}, *slow({"horizon": 7})]
+SIZES = [{"horizon": 8, "burn_in": 3}, *slow({}, {"horizon": 7})]
 """Of batches: single steps, sequences with and without a burn-in."""
 
 
@@ -105,6 +105,7 @@ def test_only_the_wanted_fields_are_read(host: StaticHost, whole: Dataset) -> No
     assert some.observations is None
 
 
+@pytest.mark.slow
 def test_a_moving_window_gives_rows_of_the_selected_episodes(
     host: StaticHost, whole: Dataset
 ) -> None:
@@ -187,6 +188,7 @@ def test_windows_of_mixed_streams_move_with_the_rows_of_their_part(
         other.sampler(16, seed=2).load_state_dict(state)
 
 
+@pytest.mark.slow
 def test_samplers_of_several_seeds_share_a_window(host: StaticHost, whole: Dataset) -> None:
     data = stream(host, window=2)
     first, second = data.sampler(8, seed=0), data.sampler(8, seed=1)
@@ -350,7 +352,7 @@ def test_a_dataset_of_this_machine_is_not_copied(folder: Path, cache_folder: Pat
     assert remote_arrays.RemoteArrays.__name__ in repr(type(data.blocks.source))
 
 
-@pytest.mark.parametrize("n_workers", [0, 2])
+@pytest.mark.parametrize("n_workers", [2, *slow(0)])
 def test_the_workers_of_a_loader_stream_for_themselves(host: StaticHost, n_workers: int) -> None:
     loading = pytest.importorskip("torch.utils.data", reason="a DataLoader is torch's")
     data = stream(host, window=3)

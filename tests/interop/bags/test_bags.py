@@ -80,6 +80,7 @@ def check_arrays(dataset: Dataset, topics: Topics) -> None:
     assert all(next(rows, None) is None for rows in left.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_array_is_there(
     name: str, tiny: Dataset, recorded: Dataset, read_back: Callable[[Dataset, str], Topics]

@@ -53,6 +53,7 @@ def test_four_robots_in_mcap(from_mcap: Dataset) -> None:
     assert_allclose(episode.actions[:, 0, 0], bags.SPEED * (1 + 0.2 * np.sin(k / 20)), rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ros1", *slow("sqlite3", "file")])
 def test_other_bags_hold_the_same(kind: str, from_mcap: Dataset, tmp_path: Path) -> None:
     if kind == "ros1":
@@ -64,6 +65,7 @@ def test_other_bags_hold_the_same(kind: str, from_mcap: Dataset, tmp_path: Path)
     assert make(log, tmp_path / "dataset").digest == from_mcap.digest
 
 
+@pytest.mark.slow
 def test_json_in_mcap(tmp_path: Path) -> None:
     log = bags.write_json(tmp_path / "monday.mcap")
     command = {

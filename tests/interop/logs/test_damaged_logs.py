@@ -122,6 +122,7 @@ def test_a_flipped_byte_is_found_or_harmless(whole: Path, tmp_path: Path) -> Non
         assert (n_changed, n_refused > 40) == (0, True)
 
 
+@pytest.mark.slow
 def test_a_file_that_was_cut(whole: Path, tmp_path: Path) -> None:
     content, cut = whole.read_bytes(), tmp_path / whole.name
     for share in (0.0, 0.05, 0.3, 0.6, 0.9):

@@ -123,6 +123,7 @@ def test_drift_takes_the_place_of_noise(dataset: Dataset) -> None:
     assert spec.team[0].robot.radius == 0.2
 
 
+@pytest.mark.slow
 def test_a_robot_that_never_moves_is_flagged(tmp_path: Path) -> None:
     twin = fit_twin(logged(tmp_path, still=True))
     assert list(twin.flags) == ["bert"]

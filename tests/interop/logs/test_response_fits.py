@@ -58,6 +58,7 @@ def test_the_noise_of_poses_is_recovered(noise: float) -> None:
     assert max(found.speed_bias, found.turn_bias) < 0.2 * noise
 
 
+@pytest.mark.slow
 def test_errors_of_actuation_are_told_from_noise_of_poses() -> None:
     """Every step of a robot goes wrong by a random amount, and poses are exact."""
     rng, deviation = np.random.default_rng(3), 0.002

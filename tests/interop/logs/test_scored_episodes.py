@@ -98,6 +98,7 @@ def make(folder: Path, logs: list[Path], spec: swarmdata.TaskSpec, **changes: An
     return import_logs(logs, folder / "dataset", log_map=log_map, id=ID, task=spec)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
 def test_the_log_of_a_world_is_scored_as_the_world_scored_it(tmp_path: Path, dynamics: str) -> None:
     spec = task(dynamics)

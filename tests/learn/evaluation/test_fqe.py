@@ -66,6 +66,7 @@ def test_values_of_a_task_that_goes_on() -> None:
     assert made.clipped.max() < 0.05
 
 
+@pytest.mark.slow
 def test_values_of_a_task_that_ends() -> None:
     """V(0) = a + g 2 a: nothing comes after a termination."""
     made = fit(chain(100, ends=True))

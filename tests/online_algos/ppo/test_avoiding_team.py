@@ -90,6 +90,7 @@ def test_each_seed_is_its_own_teacher() -> None:
     assert not np.allclose(own[0, :4], own[1, :4], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_policies_can_be_their_own_teacher() -> None:
     start = StartConfig(policies="coop_nav-expert", avoidance=True, clone_rounds=1)
     run = made(config=replace(SMALL, hidden=128, start=start))

@@ -85,6 +85,7 @@ def test_policies_are_carried_over_to_larger_teams(run: Path, tmp_path: Path) ->
     np.testing.assert_array_equal(actions[:, 4:], small.act(second))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("half")
 def test_shipping_writes_actors_and_the_index(run: Path, tmp_path: Path) -> None:
     (tmp_path / "index.json").write_text('{"coop_nav": {"other": []}, "formation": {}}')

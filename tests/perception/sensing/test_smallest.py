@@ -1,6 +1,7 @@
 """Taking the smallest numbers in turn is a stable sort."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
@@ -22,6 +23,7 @@ def ranks(values: Double) -> Int:
     return out
 
 
+@pytest.mark.slow
 @given(st.lists(numbers, max_size=70))
 def test_numbers_come_out_in_order(values: list[float]) -> None:
     array = np.array(values, dtype=np.float64)

@@ -12,6 +12,7 @@ from swarmdata.store import open_store
 from swarmdata.store.arrays import mapped_files
 
 
+@pytest.mark.slow
 def test_too_few_addresses_are_one_sentence(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Under `ulimit -v`, mmap fails without a path and without a reason."""
 

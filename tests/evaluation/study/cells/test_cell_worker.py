@@ -89,6 +89,7 @@ def test_a_cell_learns_from_its_rewards_and_is_measured_by_the_tasks(
     assert "rewards" in str(find_conflict(weaker, tmp_path / "other"))
 
 
+@pytest.mark.slow
 def test_a_cell_learns_from_a_mixture(
     make_study: Make, data: Path, other_data: Path, tmp_path: Path
 ) -> None:

@@ -37,6 +37,7 @@ def cells_and_specs(archive: Path) -> list[tuple[Cell, TaskSpec]]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("study", "n_cells"),
     [("hearing", 6), ("information", 140), ("information-online", 24), ("robustness", 20)],

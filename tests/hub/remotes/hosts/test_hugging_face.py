@@ -112,6 +112,7 @@ def test_without_a_card(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_
         remote.read(release, "card.md", tmp_path / "card.md", 1_000)
 
 
+@pytest.mark.slow
 def test_real_xet(
     hub: LoopbackHub,
     remote: HubRemote,
