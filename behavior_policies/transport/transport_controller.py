@@ -147,8 +147,7 @@ def write_aims(
     for i in range(n):
         slot = memory[FIRST_SLOT + i]
         aims[i, 3] = 1.0 if pushers.is_standing[i] else 0.0
-        is_outside = abs(robots[i, 0]) > ground.half[0] or abs(robots[i, 1]) > ground.half[1]
-        if slot < 0 or is_outside:
+        if slot < 0:
             keep_clear(i, robots[i], setup, payload.body, direction, aims[i])
         elif pushers.is_standing[i]:
             push = contact(robots[i], setup.insets[i], payload, slots[slot])

@@ -50,14 +50,19 @@ def is_visible(
 
     Where the start or the end has less clearance, that much is enough everywhere. Each step along
     the line is as long as the clearance beyond the need, at least half a spacing ("Sphere tracing",
-    The Visual Computer 12, 1996, section 2).
+    The Visual Computer 12, 1996, section 2). Outside the arena, from where robots that are out of
+    reach start, nothing is in the way.
     """
     (x, y), (to_x, to_y) = start, end
     dx, dy = to_x - x, to_y - y
     length = math.sqrt(dx * dx + dy * dy)
     need = min(need, free_distance(x, y, ground) - 1e-3)
     need = min(need, free_distance(to_x, to_y, ground) - 1e-3)
-    walked = 0.0
+    outside = max(
+        (abs(x) - ground.half[0]) / max(abs(dx), 1e-9),
+        (abs(y) - ground.half[1]) / max(abs(dy), 1e-9),
+    )  # share of the line before it enters the arena
+    walked = max(outside, 0.0) * length
     while walked < length:
         share = walked / length
         free = free_distance(x + share * dx, y + share * dy, ground) - need

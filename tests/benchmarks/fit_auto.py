@@ -1,7 +1,7 @@
 """Fits the thresholds of `train auto` to published scores, and prints what it would have lost.
 
     python -m tests.benchmarks.fit_auto             thresholds, and tables of regrets
-    python -m tests.benchmarks.fit_auto --measure   also builds and measures the datasets again
+    python -m tests.benchmarks.fit_auto --measure   builds and measures new datasets first
 
 Scores are those of the study `regimes`: means of 5 seeds on full datasets. Statistics are of the
 train splits of a fifth of these datasets, in `auto_statistics.csv`. A regret is the score of the
@@ -84,20 +84,28 @@ def read_scores() -> dict[str, dict[str, float]]:
 
 def read_rows() -> list[Row]:
     """The datasets that all candidates were trained on, with their statistics."""
+    measured = read_measured()
+    return [Row(name, scores, measured[name]) for name, scores in read_scores().items()]
+
+
+def read_measured() -> dict[str, EpisodeStatistics]:
+    """The statistics of each dataset that was measured."""
     with MEASURED.open(encoding="utf-8") as file:
-        measured = {row.pop("dataset"): row for row in csv.DictReader(file)}
-    return [
-        Row(name, scores, EpisodeStatistics(**{k: float(v) for k, v in measured[name].items()}))
-        for name, scores in read_scores().items()
-    ]
+        rows = {row.pop("dataset"): row for row in csv.DictReader(file)}
+    return {
+        name: EpisodeStatistics(**{k: float(v) for k, v in row.items()})
+        for name, row in rows.items()
+    }
 
 
 def measure() -> None:
-    """Writes the statistics of train splits of `N_STEPS` joint steps, which it builds."""
-    with MEASURED.open("w", encoding="utf-8", newline="") as file:
+    """Adds the statistics of train splits of `N_STEPS` joint steps of new datasets, built here."""
+    known = read_measured()
+    with MEASURED.open("a", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, ["dataset", *STATISTICS], lineterminator="\n")
-        writer.writeheader()
         for name in read_scores():
+            if name in known:
+                continue
             recipe = Recipe.parse({**find_recipe(name).model_dump(), "n_steps": N_STEPS})
             with TemporaryDirectory() as folder:
                 dataset = Dataset.open(build(recipe, Path(folder) / name))
