@@ -35,8 +35,8 @@ GAP_WEIGHTS = (1, 2, 6, 40)
 below all. The last factor lets robots that were pushed against a surface find a way out."""
 
 N_BUCKETS = 512
-"""A power of two above the largest cost of a step, so that a bucket holds nodes of one cost, and the
-last bits of the cost are its number."""
+"""A power of two above the largest cost of a step: a bucket holds nodes of one cost, and its number
+is that of their last bits."""
 
 LAST_BITS = N_BUCKETS - 1
 
@@ -143,21 +143,26 @@ def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, next_nodes
                 old, new = costs[near], cost + step * weights[near]
                 if 0 <= old <= new:  # settled nodes end here: they were cheaper
                     continue
-                if old >= 0:  # it leaves the bucket of its old cost
-                    left, rest = before[near], after[near]
-                    if left >= 0:
-                        after[left] = rest
-                    else:
-                        heads[old & LAST_BITS] = rest
-                    if rest >= 0:
-                        before[rest] = left
-                    waiting -= 1
-                first = heads[new & LAST_BITS]
-                if first >= 0:
-                    before[first] = near
-                before[near], after[near], heads[new & LAST_BITS] = -1, first, near
+                waiting += 1 if old < 0 else 0
+                _move(near, old, new, heads, before, after)
                 costs[near], next_nodes[near] = new, node
-                waiting += 1
+
+
+@kernel(inline="always")
+def _move(node: int, old: int, new: int, heads: Int32, before: Int32, after: Int32) -> None:
+    """Moves a node from the bucket of its old cost, if it has one, to the start of another."""
+    if old >= 0:
+        left, rest = before[node], after[node]
+        if left >= 0:
+            after[left] = rest
+        else:
+            heads[old & LAST_BITS] = rest
+        if rest >= 0:
+            before[rest] = left
+    first = heads[new & LAST_BITS]
+    if first >= 0:
+        before[first] = node
+    before[node], after[node], heads[new & LAST_BITS] = -1, first, node
 
 
 @kernel
