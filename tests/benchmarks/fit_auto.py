@@ -14,8 +14,8 @@ import csv
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import pairwise
+from dataclasses import asdict, dataclass, fields
+from itertools import pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -40,6 +40,9 @@ FAMILY_OF_ABLATIONS = "ablations"
 
 CLONES = ("bc", "filtered_bc")
 """Where the best episodes are by the same policies as the rest, and by others."""
+
+POOR = ("iql", "filtered_bc")
+"""Where no policy solves most episodes, robots have returns of their own, and share them."""
 
 N_STEPS = 200_000
 """Joint steps that statistics are measured on: a fifth of the published datasets."""
@@ -102,7 +105,8 @@ def measure() -> None:
     """Adds the statistics of train splits of `N_STEPS` joint steps of new datasets, built here."""
     known = read_measured()
     with MEASURED.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, ["dataset", *STATISTICS], lineterminator="\n")
+        columns = ["dataset", *(field.name for field in fields(EpisodeStatistics))]
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
         for name in read_scores():
             if name in known:
                 continue
@@ -131,17 +135,15 @@ def fit(rows: Iterable[Row]) -> Thresholds:
         return bool(getattr(row.statistics, name) >= threshold.middle)
 
     def candidates() -> Iterator[tuple[int, float, tuple[Threshold, ...]]]:
-        for common in gaps(every, "common_reward"):
-            own = [row for row in every if not is_above(row, common, "common_reward")]
-            for success in gaps(own, "best_success"):
-                learns = [row for row in own if not is_above(row, success, "best_success")]
-                cloned = [row for row in every if row not in learns]
-                for shift in gaps(cloned, "best_shift"):
-                    names = [CLONES[is_above(row, shift, "best_shift")] for row in cloned]
-                    errors = sum(row.is_worse("iql") for row in learns)
-                    errors += sum(map(Row.is_worse, cloned, names))
-                    found = common, success, shift
-                    yield errors, -sum(map(width, found)), found
+        for success in gaps(every, "best_success"):
+            cloned = [row for row in every if is_above(row, success, "best_success")]
+            poor = [row for row in every if row not in cloned]
+            for shift, common in product(gaps(cloned, "best_shift"), gaps(poor, "common_reward")):
+                names = [CLONES[is_above(row, shift, "best_shift")] for row in cloned]
+                names += [POOR[is_above(row, common, "common_reward")] for row in poor]
+                errors = sum(map(Row.is_worse, [*cloned, *poor], names))
+                found = success, shift, common
+                yield errors, -sum(map(width, found)), found
 
     return dict(zip(STATISTICS, min(candidates())[2], strict=True))
 

@@ -1,4 +1,4 @@
-"""The runs of the package are those that the results of the study `iql` are of."""
+"""The runs of the package are those that the results of the study `regimes` are of."""
 
 import json
 import tarfile
@@ -19,7 +19,7 @@ from swarmdata.evaluation.runs.trained_policies import read_trained
 from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, zoo
 from swarmdata.registry.published import published
 
-STUDY = Path(str(files("swarmdata.cards"))) / "studies" / "iql" / "cells.tar.xz"
+STUDY = Path(str(files("swarmdata.cards"))) / "studies" / "regimes" / "cells.tar.xz"
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,12 @@
 """`train auto`: chooses an algorithm for a dataset by statistics of its episodes, without training.
 
-Three questions, of which the first two decide whether values are learned:
+Two questions of three:
 
-1. Do the robots of a team share most of their return? Then a robot's own action explains little of
-   it, and learned values mislead: clone.
-2. Does some behavior policy solve nearly all of its episodes? Then imitate it, else learn values.
-3. Are the best episodes by other policies than the rest? Then clone the best episodes, else all.
+1. Does some behavior policy solve most of its episodes? Then imitate it.
+2. If so: are the best episodes by other policies than the rest? Then clone the best episodes, else
+   all.
+3. If not: do the robots of a team share most of their return? Then a robot's own action explains
+   little of it, and learned values mislead: clone the best episodes. Else learn values.
 
 `tests/benchmarks/fit_auto.py` fits the thresholds to the scores of the study `regimes`: the fewest
 datasets get an algorithm that is clearly worse than another one, and the gaps between the datasets
@@ -48,9 +49,9 @@ class Threshold(NamedTuple):
 
 
 THRESHOLDS = {
+    "best_success": Threshold(0.56, 0.74),
+    "best_shift": Threshold(0.18, 0.26),
     "common_reward": Threshold(0.47, 0.64),
-    "best_success": Threshold(0.56, 0.97),
-    "best_shift": Threshold(0.12, 0.26),
 }
 """By the name of the statistic, as `tests/benchmarks/fit_auto.py` prints them."""
 
@@ -135,30 +136,32 @@ class AlgorithmChoice:
 def choose_algorithm(
     found: EpisodeStatistics, thresholds: Mapping[str, Threshold] = THRESHOLDS
 ) -> AlgorithmChoice:
-    """Chooses by the three questions of this module."""
-    is_common, has_expert, is_shifted = (
+    """Chooses by the questions of this module."""
+    has_expert, is_shifted, is_common = (
         getattr(found, name) >= thresholds[name].middle for name in STATISTICS
     )
     clone = "filtered_bc" if is_shifted else "bc"
-    limits = [f"(threshold {100 * thresholds[name].middle:.0f} %)" for name in STATISTICS]
-    asked = {"common_reward": (clone, clone if has_expert else "iql")}
-    reasons = [f"robots' returns correlate by {100 * found.common_reward:.0f} % {limits[0]}"]
-    if not is_common:
-        asked["best_success"] = clone, "iql"
-        solved = f"{100 * found.best_success:.0f} % of its episodes"
-        reasons.append(f"the best policy solves {solved} {limits[1]}")
-    if is_common or has_expert:
+    other = "filtered_bc" if is_common else "iql"
+    limits = {name: f"(threshold {100 * thresholds[name].middle:.0f} %)" for name in STATISTICS}
+    asked = {"best_success": (other, clone)}
+    solved = f"the best policy solves {100 * found.best_success:.0f} % of its episodes"
+    reasons = [f"{solved} {limits['best_success']}"]
+    if has_expert:
         asked["best_shift"] = "bc", "filtered_bc"
         others = f"{100 * found.best_shift:.0f} % of the best episodes"
-        reasons.append(f"{others} are by other policies than the rest {limits[2]}")
+        reasons.append(f"{others} are by other policies than the rest {limits['best_shift']}")
+    else:
+        asked["common_reward"] = "iql", "filtered_bc"
+        share = f"robots' returns correlate by {100 * found.common_reward:.0f} %"
+        reasons.append(f"{share} {limits['common_reward']}")
     doubts = [
         doubt for name, pair in asked.items() if (doubt := _doubt(found, name, pair, thresholds))
     ]
-    if not is_common and found.best_success == 0:
+    if found.best_success == 0:
         doubts.append(
             "no episode is marked as solved; if success was not recorded, this is a guess"
         )
-    algorithm = clone if is_common or has_expert else "iql"
+    algorithm = clone if has_expert else other
     return AlgorithmChoice(algorithm, tuple(reasons), tuple(doubts))
 
 
