@@ -39,6 +39,10 @@ class _Layout(NamedTuple):
 LARGE, SMALL = _Layout(3, 2.2, 30, 7.5), _Layout(5, 1.15, 18, 6.5)
 
 
+MOST_HEIGHT = 5.3
+"""Inches, without the legend, so that a figure is no higher than a screen."""
+
+
 class FrontPanel(NamedTuple):
     """The points of a panel."""
 
@@ -88,7 +92,8 @@ def plot_fronts(
     shown = {label for panel in panels.values() for label in panel.points}
     legend = {words_of(label): looks[label] for label in looks if label in shown}
     has_line = any(panel.line is not None for panel in panels.values())
-    with figure(path, width=width, height=0.4 + layout.row * n_rows) as drawing:
+    height = min(0.4 + layout.row * n_rows, MOST_HEIGHT)
+    with figure(path, width=width, height=height) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, panel) in zip(grid, panels.items(), strict=False):
             _draw_panel(axes, panel, looks)
