@@ -48,7 +48,7 @@ def test_the_table_has_what_the_cards_have(visit: Visit) -> None:
 def test_facets_are_what_the_datasets_are(visit: Visit) -> None:
     visit.open("index.html")
     for name, values in {
-        "need": {"large": "coop_nav-medium-v1", "unknown": "transport-medium-v1"},
+        "need": {"large": "transport-medium-v1", "unknown": "painting_v1-mine-v0"},
         "kind": {"other environment": "painting_v1-mine-v0"},
         "messages": {"yes": "coop_nav-peer-v0"},
         "costs": {"no": "painting_v1-mine-v0", "yes": "transport-medium-v1"},
