@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,6 +27,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 # `cache_folder` below moves the cache for every test, and compiling takes a minute
 os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("swarmdata") / "kernels"))
+# tests make and remove 80,000 files and folders, ten times as fast in memory
+MEMORY = Path("/dev/shm")
+if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 4 << 30:
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
 
 # a shell starts background jobs with the interrupt ignored, and the processes of tests inherit that
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

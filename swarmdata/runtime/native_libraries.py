@@ -3,9 +3,9 @@
 import ctypes
 import sys
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import LibController, ThreadpoolController
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """Parameters of mallopt(3)."""
@@ -39,9 +39,9 @@ class ThreadLimit:
     """A context in which BLAS and OpenMP, and so NumPy's and torch's products, use few threads.
 
     The networks of policies are too small to gain from a second thread, and waiting threads spin:
-    on a busy machine a second thread cost twenty times the processor time. The libraries are looked
-    for once, when the limit is made, which takes milliseconds; those loaded later are not limited.
-    A limit can be entered again after it was left.
+    on a busy machine a second thread cost twenty times the processor time. The libraries are those
+    that were loaded when the limit is made; those loaded later are not limited. A limit can be
+    entered again after it was left.
 
     Args:
         n_threads: how many, at least 1.
@@ -49,7 +49,7 @@ class ThreadLimit:
 
     def __init__(self, n_threads: int = 1) -> None:
         self._n_threads = n_threads
-        self._libraries = ThreadpoolController().lib_controllers
+        self._libraries = _libraries(len(sys.modules))
         self._before: list[int] = []
 
     def __enter__(self) -> None:
@@ -65,3 +65,9 @@ class ThreadLimit:
         for library, n_threads, before in zip(self._libraries, numbers, self._before, strict=True):
             if before != self._n_threads:
                 library.set_num_threads(n_threads)
+
+
+@lru_cache(maxsize=1)
+def _libraries(n_modules: int) -> Sequence[LibController]:
+    """The loaded libraries with threads; looking for them takes 12 ms."""
+    return ThreadpoolController().lib_controllers

@@ -1,7 +1,7 @@
 """The on-disk format: parts, assembly into a dataset's folder, and checked memory maps of it.
 
-Nothing here imports zarr to read; zarr-python writes the metadata, so that `zarr.open` reads the
-same bits. Only what readers need is named here: what writes datasets has modules of its own.
+`zarr.open` reads the same bits; nothing here imports zarr, neither to read nor to write. Only what
+readers need is named here: what writes datasets has modules of its own.
 """
 
 from swarmdata.runtime.atomic import remove_leftovers, write_file

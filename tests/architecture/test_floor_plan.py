@@ -81,11 +81,9 @@ def small_and_alone() -> list[str]:
         if name not in packages and each != name
     )
     named = {
-        match[1]
-        for tree in parsed.values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        if (match := re.fullmatch(r"(swarmdata(?:\.\w+)+)(?::\w+)?", node.value))
+        name
+        for text in sources().values()
+        for name in re.findall(r"""["'](swarmdata(?:\.\w+)+)(?::\w+)?["']""", text)
     }
     small = {
         dotted(path)

@@ -6,10 +6,10 @@ Components are named in literal tables of "module:Name", at the top of a module,
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("swarmdata", "envs", "behavior_policies", "offline_algos", "online_algos", "cards")
+from tests.support.package_sources import sources
+
+CALLS = ("import_module", "__import__")
 
 IMPORTERS = {
     "swarmdata/__init__.py": "the public names, which its type-checking imports name as well",
@@ -17,12 +17,6 @@ IMPORTERS = {
     "swarmdata/runtime/engines/jobs.py": "what a worker does",
 }
 """Files that may call `import_module` on modules of ours, and what for."""
-
-
-def sources() -> Iterator[tuple[str, ast.Module]]:
-    for folder in FOLDERS:
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            yield str(path.relative_to(ROOT)), ast.parse(path.read_text(encoding="utf-8"))
 
 
 def strings_below(node: ast.AST) -> Iterator[str]:
@@ -37,14 +31,15 @@ def is_import(node: ast.AST) -> bool:
         if isinstance(node, ast.Call)
         else ""
     )
-    return name in ("import_module", "__import__")
+    return name in CALLS
 
 
 def test_modules_of_ours_are_imported_by_statements() -> None:
     found = {
-        file
-        for file, tree in sources()
-        for node in ast.walk(tree)
+        str(path)
+        for path, text in sources().items()
+        if any(call in text for call in CALLS)
+        for node in ast.walk(ast.parse(text))
         if is_import(node)
         and not any(text and not text.startswith("swarmdata") for text in strings_below(node))
     }

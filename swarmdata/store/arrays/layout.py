@@ -396,12 +396,11 @@ def expected_metadata(shard: Shard) -> dict[str, Any]:
     chunk = [shard.chunk_rows, *(max(1, size) for size in shard.shape[1:])]
     whole = [shard.shard_rows or chunk[0] * max(1, -(-shard.shape[0] // chunk[0])), *chunk[1:]]
     return {
-        "zarr_format": 3,
-        "node_type": "array",
         "shape": list(shard.shape),
         "data_type": shard.dtype,
         "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": whole}},
         "chunk_key_encoding": {"name": "default", "configuration": {"separator": "."}},
+        "fill_value": np.dtype(shard.dtype).type(0).item(),
         "codecs": [
             {
                 "name": "sharding_indexed",
@@ -413,6 +412,8 @@ def expected_metadata(shard: Shard) -> dict[str, Any]:
                 },
             }
         ],
+        "zarr_format": 3,
+        "node_type": "array",
     }
 
 

@@ -1,6 +1,7 @@
 """Writes arrays of any size as Zarr shards, one chunk in memory at a time, hashing on the way."""
 
 import hashlib
+import json
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
@@ -14,10 +15,11 @@ from numpy.typing import NDArray
 from swarmdata.errors import SchemaError
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
-    DATA,
+    GROUP_FILES,
     Shard,
     array_files,
     expected_metadata,
+    metadata_file,
 )
 from swarmdata.store.manifest import ArrayEntry, logical_header
 
@@ -36,7 +38,9 @@ def create_metadata(
     attributes: dict[str, Any],
     of_arrays: Mapping[str, dict[str, Any]],
 ) -> None:
-    """Lets zarr-python write the metadata of both groups and all arrays, and no data.
+    """Writes the metadata of both groups and all arrays as zarr-python does, and no data.
+
+    Zarr-python takes 0.1 s for the arrays of a dataset, and 0.3 s to be imported.
 
     Args:
         folder: the dataset's folder.
@@ -44,25 +48,25 @@ def create_metadata(
         attributes: of the root group.
         of_arrays: attributes of each array, by name.
     """
-    import zarr  # noqa: PLC0415  (0.3 s that readers never pay)
-
-    root = zarr.create_group(folder / DATA, zarr_format=3, attributes=attributes)
-    root.create_group("episodes")
+    group = {"zarr_format": 3, "node_type": "group"}
+    contents: tuple[dict[str, Any], ...] = (attributes, {})
+    documents: dict[str, dict[str, Any]] = {
+        file: {"attributes": content, **group}
+        for file, content in zip(GROUP_FILES, contents, strict=True)
+    }
     for name, shard in shards.items():
-        chunk = (shard.chunk_rows, *(max(1, size) for size in shard.shape[1:]))
-        root.create_array(
-            name,
-            shape=shard.shape,
-            chunks=chunk,
-            shards=tuple(expected_metadata(shard)["chunk_grid"]["configuration"]["chunk_shape"]),
-            dtype=shard.dtype,
-            compressors=None,
-            filters=None,
-            fill_value=0,
-            chunk_key_encoding={"name": "default", "separator": "."},
-            dimension_names=ALL_FIELDS[name].dimensions,
-            attributes=of_arrays[name],
-        )
+        layout = expected_metadata(shard)
+        kind = {key: layout.pop(key) for key in group}
+        documents[metadata_file(name)] = {
+            **layout,
+            "attributes": of_arrays[name],
+            "dimension_names": list(ALL_FIELDS[name].dimensions),
+            **kind,
+            "storage_transformers": [],
+        }
+    for file, document in documents.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_bytes(json.dumps(document, indent=2).encode())
 
 
 def write_shard(

@@ -194,3 +194,27 @@ def test_names_of_files_are_told_from_others() -> None:
 def test_shards_of_one_row_each() -> None:
     shard = Shard("float32", (5, 1024), 1, 1)
     assert (shard.n_shards, shard.shard_chunks, shard.data_of(4)) == (5, 1, 4096)
+
+
+def test_zarr_itself_writes_our_metadata(sharded: Path, tmp_path: Path) -> None:
+    ours = zarr.open_group(sharded / "data.zarr", mode="r")
+    theirs = zarr.create_group(tmp_path / "theirs", attributes=dict(ours.attrs))
+    for name, plan in read_manifest(sharded).plan.items():
+        array = ours[name]
+        assert isinstance(array, zarr.Array)
+        written = theirs.create_array(
+            name,
+            shape=plan.shard.shape,
+            chunks=array.chunks,
+            shards=array.shards,
+            dtype=plan.shard.dtype,
+            compressors=None,
+            filters=None,
+            fill_value=0,
+            chunk_key_encoding={"name": "default", "separator": "."},
+            dimension_names=layout.ALL_FIELDS[name].dimensions,
+            attributes=dict(array.attrs),
+        )
+        assert array.metadata == written.metadata
+    assert ours.metadata == theirs.metadata
+    assert dict(ours["episodes"].attrs) == {}
