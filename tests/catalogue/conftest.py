@@ -2,8 +2,9 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from swarmdata.cards.card import write_card
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
-from swarmdata.catalogue.result_sources import own_sources
+from swarmdata.catalogue.result_sources import ResultSource, own_sources
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets
@@ -32,6 +33,12 @@ def few_published() -> list[DatasetInfo]:
     return [info for info in list_datasets() if FEW.match(info.id)]
 
 
+@cache
+def one_study() -> Sequence[ResultSource]:
+    """The committed study that catalogues of tests show."""
+    return own_sources([STUDY], Failures(1))
+
+
 @contextmanager
 def little_published() -> Iterator[None]:
     """Of what is published, one study and a few datasets are shown.
@@ -39,7 +46,7 @@ def little_published() -> Iterator[None]:
     Reading all studies and cards takes most of the time of a catalogue; `test_result_sources.py`
     and `pages/test_card_html.py` read all, and a slow test makes a catalogue of all datasets.
     """
-    sources = own_sources([STUDY], Failures(1))
+    sources = one_study()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swarmdata.catalogue.build_catalogue.committed_sources", lambda *_: sources)
         patch.setattr("swarmdata.catalogue.entries.list_datasets", few_published)

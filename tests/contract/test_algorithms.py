@@ -126,12 +126,12 @@ def test_its_policies_can_be_copied_into_a_dataset(name: str, memory: str, tmp_p
 
 SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("maddpg_bc", {"joint_gradient": "own"}),
-    ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
-    ("mac_flow", {**MEMORY, "noise": "own", "reward": "team", "n_updates": 20}),
     ("vdn", {**MEMORY, "regulariser": "cql", "parameters": "separate"}),
-    ("oryx", {"joint": False}),
 )
 OTHER_SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("vdn", {"regulariser": "bc", "behavior_head": "joint"}),
+    ("mac_flow", {**MEMORY, "noise": "own", "reward": "team", "n_updates": 20}),
+    ("oryx", {"joint": False}),
     ("mac_flow", {"reward": "team", "mixer": "free", "mixer_hidden": 16}),
     ("mac_flow", {"noise": "own", "redraw": "episode"}),
     ("vdn", {"regulariser": "none", "parameters": "separate"}),

@@ -109,7 +109,7 @@ def test_an_empty_path_is_one_error() -> None:
 
 
 @pytest.mark.parametrize(
-    "place", [".", "../{name}/", "link", *slow("./", "..", "sub/..", "../{name}")]
+    "place", ["../{name}/", *slow(".", "link", "./", "..", "sub/..", "../{name}")]
 )
 def test_any_name_of_a_folder_works(
     dataset: Path, monkeypatch: pytest.MonkeyPatch, place: str

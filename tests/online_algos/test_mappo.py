@@ -34,6 +34,7 @@ from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
+from tests.support.pairs import slow
 
 STD, CLIP = 0.4, 0.2
 SMALL = MAPPOConfig(n_steps=1024, n_copies=4, rollout_steps=16, hidden=16, minibatch=64)
@@ -84,7 +85,7 @@ def played_noise(correlation: float, horizon: int) -> Float:
     return np.stack(played)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.9])
+@pytest.mark.parametrize("correlation", [0.9, *slow(0.0)])
 def test_noise_has_the_correlation_of_the_config(correlation: float) -> None:
     noise = played_noise(correlation, horizon=100)[20:]
     np.testing.assert_allclose(noise.std(), 0.3, rtol=0.1)
@@ -240,7 +241,7 @@ def test_values_beyond_the_clip_move_only_back() -> None:
     assert (gradient != 0).tolist() == [[False, True, False, True]]
 
 
-@pytest.mark.parametrize("parameters", ["shared", "separate"])
+@pytest.mark.parametrize("parameters", ["shared", *slow("separate")])
 def test_a_bonus_on_entropy_widens_the_actions(parameters: Parameters) -> None:
     changes: dict[str, Any] = {"learned_std": True, "parameters": parameters, "n_epochs": 8}
     config = replace(SMALL, learning_rate=1e-2, std=0.3, **changes)

@@ -3,7 +3,7 @@
 What is written here follows the formulas as somebody would who has read them and not our code.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import permutations
 from typing import Any
 
@@ -242,30 +242,35 @@ def test_the_formulas_are_what_is_computed(name: str) -> None:
     task: Task = env.task
     terms = reward_terms(task)
     weights = np.array([term.signed_weight for term in terms])
-    rng, seen = np.random.default_rng(1), {"success": 0.0, "robot_contact": 0.0}
-    before = env.reset(np.arange(n_copies, dtype=np.uint64))
+    rng = np.random.default_rng(1)
+    steps = [env.reset(np.arange(n_copies, dtype=np.uint64))]
     for _ in range(min(spec.horizon, 150)):
-        r = robots(before.states, spec.n_agents)
+        r = robots(steps[-1].states, spec.n_agents)
         towards = np.clip(2 * (r[..., 6:] - r[..., :2]), -1, 1)
         actions = towards + rng.normal(scale=0.3, size=towards.shape)
-        now = env.step(np.clip(actions, -1, 1))
-        values = {**common(task, before, now), **VALUES[name](task, before, now)}
-        active = ~before.ended
-        total = np.zeros((n_copies, spec.n_agents))
-        for column, term in zip(np.moveaxis(now.reward_terms, -1, 0), terms, strict=True):
-            value = evaluate(term.value, 1.0, values) * np.ones_like(total)
-            np.testing.assert_allclose(
-                column[active], value[active], rtol=0, atol=CLOSE, err_msg=term.name
-            )
-            part = evaluate(term.formula, term.weight, values) * np.ones_like(total)
-            seen[term.name] = seen.get(term.name, 0.0) + abs(part[active]).sum()
-            total += part
-        share = spec.rules.rewards.team_share
-        exact = plain(now.reward_terms, weights, share)
-        np.testing.assert_array_equal(now.rewards, exact)
-        total = (1 - share) * total + share * total.mean(-1, keepdims=True)
-        np.testing.assert_allclose(now.rewards[active], total[active], rtol=0, atol=CLOSE)
-        assert not now.reward_terms[~active].any()
-        before = now
-    tried = {term for term, size in seen.items() if size > 0}
-    assert tried >= {"time", "proximity", "robot_contact", "obstacle_contact"}, seen
+        steps.append(env.step(np.clip(actions, -1, 1)))
+    before, now = joined(steps[:-1]), joined(steps[1:])
+    values = {**common(task, before, now), **VALUES[name](task, before, now)}
+    active = ~before.ended
+    total = np.zeros(now.rewards.shape)
+    tried = set()
+    for column, term in zip(np.moveaxis(now.reward_terms, -1, 0), terms, strict=True):
+        value = evaluate(term.value, 1.0, values) * np.ones_like(total)
+        np.testing.assert_allclose(
+            column[active], value[active], rtol=0, atol=CLOSE, err_msg=term.name
+        )
+        part = evaluate(term.formula, term.weight, values) * np.ones_like(total)
+        if part[active].any():
+            tried.add(term.name)
+        total += part
+    share = spec.rules.rewards.team_share
+    np.testing.assert_array_equal(now.rewards, plain(now.reward_terms, weights, share))
+    total = (1 - share) * total + share * total.mean(-1, keepdims=True)
+    np.testing.assert_allclose(now.rewards[active], total[active], rtol=0, atol=CLOSE)
+    assert not now.reward_terms[~active].any()
+    assert tried >= {"time", "proximity", "robot_contact", "obstacle_contact"}, tried
+
+
+def joined(steps: Sequence[Step]) -> Step:
+    """All steps of all copies as those of more copies at once."""
+    return Step(*map(np.concatenate, zip(*steps, strict=True)))

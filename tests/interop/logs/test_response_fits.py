@@ -7,10 +7,10 @@ from numpy.testing import assert_allclose
 from swarmdata.interop.logs.logged_drives import AS_COMMANDED, Response
 from swarmdata.interop.logs.response_fits import error_sources, fit_response
 from tests.interop.logs.driven_robots import DT, drives_of, played, random_commands, simulated
+from tests.support.pairs import once_each
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.003])
-@pytest.mark.parametrize("case", range(8))
+@pytest.mark.parametrize(("case", "noise"), once_each(range(8), (0.0, 0.003)))
 def test_the_simulators_response_is_recovered(case: int, noise: float) -> None:
     rng = np.random.default_rng(case)
     true = Response(

@@ -122,10 +122,7 @@ def assert_same_files(one: Path, two: Path) -> None:
 
 
 MEMORY = {"memory": "gru", "memory_size": 4, "burn_in": 2, "window": 4}
-QUICK = {
-    ("bc", 3), ("bc_latent", 10), ("oryx", 10), ("maddpg_bc", 27), ("mac_flow", 10),
-    ("bc", 15), ("vdn", 15),
-}  # fmt: skip
+QUICK = {("bc", 3), ("oryx", 10), ("maddpg_bc", 27), ("bc", 15)}
 RESUMED = [
     pytest.param(name, stop, changes, marks=[] if (name, stop) in QUICK else [pytest.mark.slow])
     for stop, changes in ((3, {}), (10, {}), (27, {}), (15, MEMORY))
