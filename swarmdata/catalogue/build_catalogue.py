@@ -31,6 +31,7 @@ from swarmdata.catalogue.result_sources import (
     own_sources,
     results_on,
     studies_without_episodes,
+    with_differences,
     with_keys,
 )
 from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
@@ -110,19 +111,18 @@ def build_catalogue(
     start = perf_counter()
     failures = Failures(len(names) + len(choices.results), note)
     own = own_sources(choices.results, failures)
-    if choices.entries is not None:
-        own += entry_sources(choices.entries, failures)
+    verified = [] if choices.entries is None else entry_sources(choices.entries, failures)
     entries = find_entries(
         names, failures, workers=choices.workers, with_published=choices.published
     )
-    failures.n_items = len(entries) + len(failures.reasons) + len(own)
+    failures.n_items = len(entries) + len(failures.reasons) + len(own) + len(verified)
     committed = committed_sources() if choices.published else _committed_on(entries)
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
             "only a clone of the repository has, in cards/studies"
         )
-    sources = with_keys([*committed, *own])
+    sources = with_keys([*committed, *own, *with_differences(verified, committed)])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
