@@ -116,13 +116,18 @@ def build_catalogue(
         names, failures, workers=choices.workers, with_published=choices.published
     )
     failures.n_items = len(entries) + len(failures.reasons) + len(own) + len(verified)
-    committed = committed_sources() if choices.published else _committed_on(entries)
+    ids = {entry.id for entry in entries}
+    entered = {outcome.dataset for source in verified for outcome in source.outcomes}
+    measured = committed_sources(None if choices.published else ids | entered)
+    committed = measured
+    if not choices.published:  # beside minis, the results on the full datasets
+        committed = results_on(measured, ids, {entry.full_id for entry in entries})
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
             "only a clone of the repository has, in cards/studies"
         )
-    sources = with_keys([*committed, *own, *with_differences(verified, committed)])
+    sources = with_keys([*committed, *own, *with_differences(verified, measured)])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
@@ -138,12 +143,6 @@ def build_catalogue(
         note(f"{n_pages} pages, {_size(site)}, {perf_counter() - start:.0f} s")
     failures.check("datasets and results", f"The others are in {out / 'index.html'}.")
     return out / "index.html"
-
-
-def _committed_on(entries: Sequence[Entry]) -> list[ResultSource]:
-    """The committed results on some datasets, and beside minis those on the full ones."""
-    named = {entry.id for entry in entries}
-    return results_on(committed_sources(named), named, {entry.full_id for entry in entries})
 
 
 def _check_models(choices: CatalogueChoices) -> None:

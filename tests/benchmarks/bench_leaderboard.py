@@ -1,16 +1,16 @@
 """Verifies honest and forged entries in three settings, into docs/measurements.md.
 
-    python -m tests.benchmarks.bench_leaderboard [FOLDER]
+    python -m tests.benchmarks.bench_leaderboard [--episodes N] [--out FOLDER]
 
 The entries are made of the package's trained policies. Entries and verdicts in FOLDER are kept, so
 that a run that was interrupted goes on. Times are processor time, which the load of others changes
 less than the clock.
 """
 
+import argparse
 import json
 import os
 import resource
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -25,8 +25,15 @@ import onnx
 from onnx import helper
 
 from swarmdata import make_policy
-from swarmdata.evaluation.leaderboard.entry import ENTRY, RESULTS, Description, sha256, submit
-from swarmdata.evaluation.leaderboard.verify import N_EPISODES, Verdict, verify
+from swarmdata.evaluation.leaderboard.entry import (
+    ENTRY,
+    N_EPISODES,
+    RESULTS,
+    Description,
+    sha256,
+    submit,
+)
+from swarmdata.evaluation.leaderboard.verify import Verdict, verify
 from swarmdata.interop.exported_policies import export_policy
 from swarmdata.numerics.random import block_seeds
 from swarmdata.registry.components import make_env
@@ -37,7 +44,7 @@ from swarmdata.specs.origins import task_of
 from tests.benchmarks.measuring import table, write_section
 from tests.support.onnx_files import with_last_nodes
 
-FOLDER, ZOO = Path("build/leaderboard"), Path(__file__).parents[2] / "cards" / "zoo"
+ZOO = Path(__file__).parents[2] / "cards" / "zoo"
 
 N_SEEDS = 5
 
@@ -67,30 +74,32 @@ SETTINGS = {
 }  # fmt: skip
 
 
-def entry_of(dataset: str, runs: list[Path], out: Path, name: str) -> None:
+def entry_of(runs: list[Path], dataset: str, out: Path, n_episodes: int) -> None:
     """Submits runs."""
     submit(
-        runs, out, dataset, name=name, license="Apache-2.0", code="https://example.org", trials=1,
-        tuning_episodes=0, progress=False,
+        runs, out, dataset, name=out.stem, license="Apache-2.0", code="https://example.org",
+        trials=1, tuning_episodes=0, n_episodes=n_episodes, progress=False,
     )  # fmt: skip
 
 
-def honest(run: str, out: Path) -> None:
+def honest(run: str, out: Path, n_episodes: int) -> None:
     """The entry of a run of the package."""
-    entry_of(run.partition("/")[0], [ZOO / run], out, run.replace("/", "-"))
+    entry_of([ZOO / run], run.partition("/")[0], out, n_episodes)
 
 
-def exported(run: str, out: Path, change: Callable[[Path], None] = lambda file: None) -> None:
+def exported(
+    run: str, out: Path, n_episodes: int, change: Callable[[Path], None] = lambda file: None
+) -> None:
     """The entry of the files of ONNX of a run of the package, changed or not."""
     files = [out.with_name(f"{out.name}-{seed}.onnx") for seed in range(N_SEEDS)]
     for seed, file in enumerate(files):
         file.unlink(missing_ok=True)
         export_policy(ZOO / run, file, seed)
         change(file)
-    entry_of(run.partition("/")[0], files, out, run.replace("/", "-"))
+    entry_of(files, run.partition("/")[0], out, n_episodes)
 
 
-def altered(out: Path, honest: Path) -> None:
+def altered(out: Path, n_episodes: int, honest: Path) -> None:
     """The returns of an honest entry are a tenth of a unit higher."""
     copytree(honest, out)
     for file in (out / RESULTS).iterdir():
@@ -99,14 +108,14 @@ def altered(out: Path, honest: Path) -> None:
         file.write_text(json.dumps(document))
 
 
-def other_data(out: Path, honest: Path) -> None:
+def other_data(out: Path, n_episodes: int, honest: Path) -> None:
     """An honest entry names the digest of another dataset."""
     copytree(honest, out)
     text = (out / ENTRY).read_text()
     (out / ENTRY).write_text(text.replace(Description.from_file(out / ENTRY).digest, "0" * 64))
 
 
-def without_numbers(out: Path, honest: Path) -> None:
+def without_numbers(out: Path, n_episodes: int, honest: Path) -> None:
     """The policies of an honest entry of ONNX files answer NaN, under their old results."""
     copytree(honest, out)
     for file in out.glob("*.onnx"):
@@ -122,33 +131,33 @@ def noisy(file: Path) -> None:
     with_last_nodes(file, noise, helper.make_node("Add", ["plain", "noise"], ["action"]))
 
 
-def replayed(out: Path) -> None:
+def replayed(out: Path, n_episodes: int) -> None:
     """Files of ONNX that know the expert's actions in all reserved episodes, and play them.
 
     A robot recognizes its episode by its first observation: by the nearest of their products with
     random numbers. Its memory is the step, and the row of the table that it follows.
     """
     spec = task_of(find_recipe(REPLAYED), "a benchmark")
-    env, seeds = make_env(spec, 64), block_seeds("evaluation", N_EPISODES)
+    env, seeds = make_env(spec, 64), block_seeds("evaluation", n_episodes)
     episodes = list(rollout(env, make_policy("expert", spec), seeds))
-    starts = np.concatenate([each.observations[0] for each in episodes])  # [1000 N, O]
-    actions = np.zeros((N_EPISODES, spec.n_agents, spec.horizon, spec.action_size), np.float32)
+    starts = np.concatenate([each.observations[0] for each in episodes])  # [E N, O]
+    actions = np.zeros((n_episodes, spec.n_agents, spec.horizon, spec.action_size), np.float32)
     for row, each in zip(actions, episodes, strict=True):
         row[:, : len(each.actions)] = each.actions.swapaxes(0, 1)
     files = [out.with_name(f"{out.name}-{seed}.onnx") for seed in range(N_SEEDS)]
     for seed, file in enumerate(files):
         weights = np.random.default_rng(seed).normal(size=(starts.shape[1], 1)).astype(np.float32)
         onnx.save(replay_network(weights, starts @ weights, actions), file)
-    entry_of(REPLAYED, files, out, "replayed")
+    entry_of(files, REPLAYED, out, n_episodes)
 
 
 def replay_network(weights: Any, keys: Any, actions: Any) -> onnx.ModelProto:
-    """The network of `replayed`: weights [O, 1], keys [rows, 1], actions [1000, N, T, A]."""
+    """The network of `replayed`: weights [O, 1], keys [rows, 1], actions [E, N, T, A]."""
     horizon, size = actions.shape[2:]
     constants = {
         "weights": weights, "keys": keys.T, "table": actions.reshape(-1, size),
-        "horizon": np.float32([[horizon]]), "last": np.float32([[horizon - 1]]),
-        "one": np.float32([[1]]), "zero": np.float32([[0]]), "axis": np.int64([1]),
+        "horizon": np.array([[horizon]], np.float32), "last": np.array([[horizon - 1]], np.float32),
+        "one": np.array([[1]], np.float32), "zero": np.array([[0]], np.float32), "axis": np.array([1]),
     }  # fmt: skip
     nodes = [
         ("Split", ["memory"], ["time", "known"], {"axis": 1, "num_outputs": 2}),
@@ -184,11 +193,11 @@ def replay_network(weights: Any, keys: Any, actions: Any) -> onnx.ModelProto:
 
 
 INTRODUCTION = """\
-[Entries](evaluation.md#leaderboard-entries) made of the package's trained policies, some as ONNX \
-files, and forged ones, verified with one thread, with two, and with code for an older processor \
-(`python -m tests.benchmarks.bench_leaderboard`). {same} of {n} entries got the same verdict and \
-the same means to the last bit in all three settings. Times are processor time; those with old \
-code include compiling it once.
+[Entries](evaluation.md#leaderboard-entries) made of the package's trained policies, some as files \
+of ONNX, and forged ones, verified with one thread, with two, and with code for an older processor \
+(`python -m tests.benchmarks.bench_leaderboard --episodes {episodes}`): five policies each, on as \
+many reserved and fresh episodes. {same} of {n} entries got the same verdict and the same means to \
+the last bit in all settings. Times are processor time; those with older code include compiling it.
 
 """
 
@@ -200,12 +209,14 @@ RUNS = (
     "transport-expert/iql", "warehouse-medium-expert/iql", "search-strict-expert/bc",
 )  # fmt: skip
 
-EXPORTED = ("coop_nav-medium-replay/iql", "coop_nav-medium/iql", "pursuit-expert/bc")
+EXPORTED = ("coop_nav-expert/iql", "coop_nav-medium-replay/iql", "pursuit-expert/bc")
 
 
-def makers(folder: Path) -> dict[str, Callable[[Path], None]]:
+def makers(folder: Path) -> dict[str, Callable[[Path, int], None]]:
     """What makes each entry, by its name; the honest ones first."""
-    plain, onnx_files = (folder / each.replace("/", "-") for each in (RUNS[4], EXPORTED[0]))
+    plain, onnx_files = (
+        folder / each.replace("/", "-") for each in ("coop_nav-expert/bc", EXPORTED[0])
+    )
     return {
         **{run: partial(honest, run) for run in RUNS},
         **{run: partial(exported, run) for run in EXPORTED},
@@ -217,12 +228,12 @@ def makers(folder: Path) -> dict[str, Callable[[Path], None]]:
     }
 
 
-def measured(entry: Path, name: str) -> dict[str, Any]:
+def measured(entry: Path, name: str, n_episodes: int) -> dict[str, Any]:
     """The verdict on an entry in a setting, and its processor time, s."""
     n_threads, environment = SETTINGS[name]
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     with patch.dict(os.environ, {"OMP_NUM_THREADS": str(n_threads), **environment}):
-        verdict = verify(entry, seconds=LIMIT, n_threads=n_threads)
+        verdict = verify(entry, n_episodes=n_episodes, seconds=LIMIT, n_threads=n_threads)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return {
         **verdict._asdict(),
@@ -231,7 +242,7 @@ def measured(entry: Path, name: str) -> dict[str, Any]:
     }
 
 
-def all_measured(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
+def all_measured(folder: Path, n_episodes: int) -> dict[str, dict[str, dict[str, Any]]]:
     """The verdicts on all entries by setting; what is missing in the folder is made."""
     file = folder / "verdicts.json"
     found = json.loads(file.read_text()) if file.exists() else {}
@@ -241,16 +252,16 @@ def all_measured(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
         if not entry.exists():
             part = entry.with_name(f"{entry.name}.part")
             rmtree(part, ignore_errors=True)
-            makers_of[name](part)
+            makers_of[name](part, n_episodes)
             part.rename(entry)
         if setting not in found.setdefault(name, {}):
-            found[name][setting] = measured(entry, setting)
+            found[name][setting] = measured(entry, setting, n_episodes)
             write_file(file, json.dumps(found, indent=1).encode())
             print(name, setting, found[name][setting], flush=True)
     return {name: found[name] for name in makers_of}
 
 
-def text(found: dict[str, dict[str, dict[str, Any]]]) -> str:
+def text(found: dict[str, dict[str, dict[str, Any]]], n_episodes: int) -> str:
     """The section: words, then a line for each entry."""
     rows, n_same = [], 0
     for name, by_setting in found.items():
@@ -268,15 +279,18 @@ def text(found: dict[str, dict[str, dict[str, Any]]]) -> str:
         "entry", "verdict", "equal, %", "return, reserved", "return, fresh",
         *(f"{name}, s" for name in SETTINGS),
     )  # fmt: skip
-    return INTRODUCTION.format(same=n_same, n=len(rows)) + table(head, rows)
+    return INTRODUCTION.format(same=n_same, n=len(rows), episodes=n_episodes) + table(head, rows)
 
 
-def main(folder: Path) -> None:
+def main() -> None:
     """Verifies all entries, and writes the section."""
-    body = text(all_measured(folder))
-    print(body)
-    write_section("Leaderboard entries", body)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--episodes", type=int, default=N_EPISODES, help="reserved episodes")
+    parser.add_argument("--out", type=Path, default=Path("build/leaderboard"))
+    arguments = parser.parse_args()
+    found = all_measured(arguments.out / str(arguments.episodes), arguments.episodes)
+    write_section("Leaderboard entries", text(found, arguments.episodes))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    main()

@@ -222,8 +222,11 @@ def test_entries_are_compared_with_the_best_run_of_the_zoo() -> None:
     expected = difference_interval(case.scores("mine"), case.scores("bc"))
     assert compared.difference.score == expected
     page = page_of([source], frozenset())
-    assert page.count("to zoo:bc/coop_nav-expert, on the same episodes, paired.") == 1
-    assert f": score +{expected.value:.1f} [{expected.low:.1f}, {expected.high:.1f}] to" in page
+    assert page.count("zoo:bc/coop_nav-expert, paired by episode.") == 1
+    assert (
+        f": score +{expected.value:.1f} [{expected.low:.1f}, {expected.high:.1f}] relative to"
+        in page
+    )
 
 
 def source_of(*outcomes: Outcome) -> ResultSource:

@@ -74,7 +74,7 @@ def _facts(source: ResultSource, outcome: Outcome) -> Html:
             if name in outcome.estimates
         ),
         *(
-            [("score, difference to the zoo", zoo_difference(outcome.difference))]
+            [("score difference", zoo_difference(outcome.difference))]
             if outcome.difference is not None
             else []
         ),

@@ -72,7 +72,7 @@ def zoo_differences(board: Board) -> list[Html]:
         element(
             "p",
             element("strong", row.outcome.label),
-            f": score {zoo_difference(row.outcome.difference)}, on the same episodes, paired.",
+            f": score {zoo_difference(row.outcome.difference)}, paired by episode.",
             class_="note",
         )
         for row in board.rows
@@ -81,9 +81,9 @@ def zoo_differences(board: Board) -> list[Html]:
 
 
 def zoo_difference(found: ZooDifference) -> str:
-    """A difference with its interval and the run it is to, such as `+3.1 [1.2, 5.0] to ...`."""
-    sign = "+" if found.score.value > 0 else ""
-    return f"{sign}{interval(found.score)} to {found.run}"
+    """A difference with its interval and the run, such as `+3.1 [1.2, 5.0] relative to zoo:...`."""
+    sign = "+" if round(found.score.value, 1) > 0 else ""
+    return f"{sign}{interval(found.score)} relative to {found.run}"
 
 
 def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *, key: str) -> Html:

@@ -32,6 +32,7 @@ from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.numerics.random import EVALUATION_BASE, block_seeds, derive
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe
+from swarmdata.runtime.extras import require_extra
 from swarmdata.types import Double, Seeds
 
 SECONDS = 600
@@ -87,6 +88,7 @@ def verify(
 
     Raises:
         FileNotFoundError: the folder has no description.
+        MissingExtraError: the policies are files of ONNX, and onnxruntime is not installed.
     """
     if links := sorted(path.name for path in entry.rglob("*") if path.is_symlink()):
         return Verdict((f"{links[0]} is a link, expected a file",))
@@ -98,6 +100,8 @@ def verify(
         return Verdict((str(error),))
     if reasons:
         return Verdict(reasons)
+    if description.is_onnx:
+        require_extra("onnxruntime", "onnx", "verifying files of ONNX")
     with tempfile.TemporaryDirectory() as scratch:
         worker = f"{__package__}.act_again"
         numbers = map(str, (n_episodes, n_threads))
