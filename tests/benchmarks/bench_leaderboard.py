@@ -194,11 +194,11 @@ def replay_network(weights: Any, keys: Any, actions: Any) -> onnx.ModelProto:
 
 
 INTRODUCTION = """\
-[Entries](evaluation.md#leaderboard-entries) made of the package's trained policies, the last three \
-honest ones as files of ONNX, and forged ones, verified with one thread, with two, and with code for \
-an older processor (`python -m tests.benchmarks.bench_leaderboard --episodes {episodes}`): five \
-policies each, on as many reserved and as many fresh episodes. {same} of {n} entries got the same \
-verdict in all settings; a column says whether all numbers were the same to the last bit. Times are \
+[Entries](evaluation.md#leaderboard-entries) made of the package's trained policies, the last three
+honest ones as files of ONNX, and forged ones, verified with one thread, with two, and with code for
+an older processor (`python -m tests.benchmarks.bench_leaderboard --episodes {episodes}`): five
+policies each, on as many reserved and as many fresh episodes. {same} of {n} entries got the same
+verdict in all settings; a column says whether all numbers were the same to the last bit. Times are
 processor time of the whole command; with older code, they include compiling it.
 
 """
