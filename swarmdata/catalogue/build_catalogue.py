@@ -116,18 +116,13 @@ def build_catalogue(
         names, failures, workers=choices.workers, with_published=choices.published
     )
     failures.n_items = len(entries) + len(failures.reasons) + len(own) + len(verified)
-    ids = {entry.id for entry in entries}
-    entered = {outcome.dataset for source in verified for outcome in source.outcomes}
-    measured = committed_sources(None if choices.published else ids | entered)
-    committed = measured
-    if not choices.published:  # beside minis, the results on the full datasets
-        committed = results_on(measured, ids, {entry.full_id for entry in entries})
+    committed, verified = _compared(entries, verified, all_committed=choices.published)
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
             "only a clone of the repository has, in cards/studies"
         )
-    sources = with_keys([*committed, *own, *with_differences(verified, measured)])
+    sources = with_keys([*committed, *own, *verified])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
@@ -143,6 +138,22 @@ def build_catalogue(
         note(f"{n_pages} pages, {_size(site)}, {perf_counter() - start:.0f} s")
     failures.check("datasets and results", f"The others are in {out / 'index.html'}.")
     return out / "index.html"
+
+
+def _compared(
+    entries: Sequence[Entry], verified: Sequence[ResultSource], *, all_committed: bool
+) -> tuple[list[ResultSource], list[ResultSource]]:
+    """The committed results that are shown, and the verified entries compared with the zoo.
+
+    Either all are shown, or those on some datasets, and beside minis those on the full ones.
+    """
+    shown = {entry.id for entry in entries}
+    entered = {outcome.dataset for source in verified for outcome in source.outcomes}
+    committed = committed_sources(None if all_committed else shown | entered)
+    compared = with_differences(verified, committed)
+    if not all_committed:
+        committed = results_on(committed, shown, {entry.full_id for entry in entries})
+    return committed, compared
 
 
 def _check_models(choices: CatalogueChoices) -> None:
