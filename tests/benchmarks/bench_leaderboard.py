@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import partial
 from itertools import product
 from pathlib import Path
-from shutil import copytree, rmtree
+from shutil import copy, copytree, rmtree
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
@@ -86,15 +86,12 @@ def honest(run: str, out: Path, n_episodes: int) -> None:
     entry_of([ZOO / run], run.partition("/")[0], out, n_episodes)
 
 
-def exported(
-    run: str, out: Path, n_episodes: int, change: Callable[[Path], None] = lambda file: None
-) -> None:
-    """The entry of the files of ONNX of a run of the package, changed or not."""
-    files = [out.with_name(f"{out.name}-{seed}.onnx") for seed in range(N_SEEDS)]
+def exported(run: str, out: Path, n_episodes: int) -> None:
+    """The entry of the files of ONNX of a run of the package."""
+    files = [out.with_name(f"{out.stem}-{seed}.onnx") for seed in range(N_SEEDS)]
     for seed, file in enumerate(files):
-        file.unlink(missing_ok=True)
-        export_policy(ZOO / run, file, seed)
-        change(file)
+        if not file.exists():
+            export_policy(ZOO / run, file, seed)
     entry_of(files, run.partition("/")[0], out, n_episodes)
 
 
@@ -124,10 +121,14 @@ def without_numbers(out: Path, n_episodes: int, honest: Path) -> None:
             text.write_text(text.read_text().replace(before, sha256(file)))
 
 
-def noisy(file: Path) -> None:
-    """Adds a little noise to the actions of a file of ONNX."""
+def at_random(out: Path, n_episodes: int, honest: Path) -> None:
+    """Those policies add a little noise to their actions; the results are their own."""
     noise = helper.make_node("RandomNormalLike", ["plain"], ["noise"], scale=0.02)
-    with_last_nodes(file, noise, helper.make_node("Add", ["plain", "noise"], ["action"]))
+    files = []
+    for seed, file in enumerate(sorted(honest.glob("*.onnx"))):
+        files.append(Path(copy(file, out.with_name(f"{out.stem}-{seed}.onnx"))))
+        with_last_nodes(files[-1], noise, helper.make_node("Add", ["plain", "noise"], ["action"]))
+    entry_of(files, Description.from_file(honest / ENTRY).dataset, out, n_episodes)
 
 
 def replayed(out: Path, n_episodes: int) -> None:
@@ -143,7 +144,7 @@ def replayed(out: Path, n_episodes: int) -> None:
     actions = np.zeros((n_episodes, spec.n_agents, spec.horizon, spec.action_size), np.float32)
     for row, each in zip(actions, episodes, strict=True):
         row[:, : len(each.actions)] = each.actions.swapaxes(0, 1)
-    files = [out.with_name(f"{out.name}-{seed}.onnx") for seed in range(N_SEEDS)]
+    files = [out.with_name(f"{out.stem}-{seed}.onnx") for seed in range(N_SEEDS)]
     for seed, file in enumerate(files):
         weights = np.random.default_rng(seed).normal(size=(starts.shape[1], 1)).astype(np.float32)
         onnx.save(replay_network(weights, starts @ weights, actions), file)
@@ -225,7 +226,7 @@ def makers(folder: Path) -> dict[str, Callable[[Path, int], None]]:
         "altered returns": partial(altered, honest=plain),
         "replayed reserved episodes": replayed,
         "digest of other data": partial(other_data, honest=plain),
-        "random actions": partial(exported, EXPORTED[0], change=noisy),
+        "random actions": partial(at_random, honest=onnx_files),
         "NaN": partial(without_numbers, honest=onnx_files),
     }
 
