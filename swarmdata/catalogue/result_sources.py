@@ -193,7 +193,8 @@ def with_differences(
         committed: the committed studies; one has the episodes of the zoo's runs.
     """
     best: dict[str, tuple[str, Outcome]] = {}
-    for run, outcome in _zoo_outcomes(committed):
+    datasets = {outcome.dataset for source in entries for outcome in source.outcomes}
+    for run, outcome in _zoo_outcomes(committed, datasets):
         known = best.get(outcome.dataset)
         if known is None or _scores(outcome).mean() > _scores(known[1]).mean():
             best[outcome.dataset] = run, outcome
@@ -208,13 +209,16 @@ def with_differences(
     return [replace(source, outcomes=tuple(map(compared, source.outcomes))) for source in entries]
 
 
-def _zoo_outcomes(committed: Sequence[ResultSource]) -> Iterator[tuple[str, Outcome]]:
-    """The runs of the zoo with their results, which name the files of their policies."""
+def _zoo_outcomes(
+    committed: Sequence[ResultSource], datasets: Container[str]
+) -> Iterator[tuple[str, Outcome]]:
+    """The zoo's runs on some datasets with their results, which name the policies' files."""
     known = set(zoo())
     for outcome in (each for source in committed for each in source.outcomes):
         name = f"{outcome.label}/{without_version(outcome.dataset)}"
-        folder = find_run(f"{ZOO}{name}") if name in known else None
-        if folder is not None and outcome.results:
+        is_wanted = outcome.results and outcome.dataset in datasets and name in known
+        folder = find_run(f"{ZOO}{name}") if is_wanted else None
+        if folder is not None:
             first = outcome.results[0].provenance
             if first.seed is not None and first.content == run_hash(folder, first.seed):
                 yield f"{ZOO}{name}", outcome
