@@ -31,6 +31,7 @@ from swarmdata.catalogue.result_sources import (
     own_sources,
     results_on,
     studies_without_episodes,
+    with_differences,
     with_keys,
 )
 from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
@@ -110,19 +111,18 @@ def build_catalogue(
     start = perf_counter()
     failures = Failures(len(names) + len(choices.results), note)
     own = own_sources(choices.results, failures)
-    if choices.entries is not None:
-        own += entry_sources(choices.entries, failures)
+    verified = [] if choices.entries is None else entry_sources(choices.entries, failures)
     entries = find_entries(
         names, failures, workers=choices.workers, with_published=choices.published
     )
-    failures.n_items = len(entries) + len(failures.reasons) + len(own)
-    committed = committed_sources() if choices.published else _committed_on(entries)
+    failures.n_items = len(entries) + len(failures.reasons) + len(own) + len(verified)
+    committed, verified = _compared(entries, verified, all_committed=choices.published)
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
             "only a clone of the repository has, in cards/studies"
         )
-    sources = with_keys([*committed, *own])
+    sources = with_keys([*committed, *own, *verified])
     with replaced_site(out) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
             copy_assets(assets, site)
@@ -140,10 +140,20 @@ def build_catalogue(
     return out / "index.html"
 
 
-def _committed_on(entries: Sequence[Entry]) -> list[ResultSource]:
-    """The committed results on some datasets, and beside minis those on the full ones."""
-    named = {entry.id for entry in entries}
-    return results_on(committed_sources(named), named, {entry.full_id for entry in entries})
+def _compared(
+    entries: Sequence[Entry], verified: Sequence[ResultSource], *, all_committed: bool
+) -> tuple[list[ResultSource], list[ResultSource]]:
+    """The committed results that are shown, and the verified entries compared with the zoo.
+
+    Either all are shown, or those on some datasets, and beside minis those on the full ones.
+    """
+    shown = {entry.id for entry in entries}
+    entered = {outcome.dataset for source in verified for outcome in source.outcomes}
+    committed = committed_sources(None if all_committed else shown | entered)
+    compared = with_differences(verified, committed)
+    if not all_committed:
+        committed = results_on(committed, shown, {entry.full_id for entry in entries})
+    return committed, compared
 
 
 def _check_models(choices: CatalogueChoices) -> None:

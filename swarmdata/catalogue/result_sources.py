@@ -9,26 +9,38 @@ import csv
 import math
 import re
 import tempfile
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import NamedTuple
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE, committed_studies
 from swarmdata.catalogue.drawings.charts import Line
 from swarmdata.drawing.style import FAMILY_OF, family_name
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.results.result_set import read_results
+from swarmdata.evaluation.results.result_set import group_results, read_results
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, zoo
+from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.extras import require_extra
+from swarmdata.specs.plain_names import without_version
+from swarmdata.types import Double
 
 Rows = Sequence[Mapping[str, str]]
+
+
+class ZooDifference(NamedTuple):
+    """How an entry compares with the best run of the zoo on its dataset."""
+
+    run: str  # its name, such as zoo:iql/coop_nav-medium-replay
+    score: Estimate  # the entry's mean score minus that of the run, paired by episode
 
 
 @dataclass(frozen=True)
@@ -45,6 +57,7 @@ class Outcome:
     runs: tuple[str, ...]  # names of its run folders, where they are known
     results: tuple[Result, ...] = ()  # one for each run; empty: only the estimates are known
     key: str = ""  # of its page; empty: it has none
+    difference: ZooDifference | None = None  # of an entry; None: the zoo has no run on its dataset
 
 
 @dataclass(frozen=True)
@@ -168,6 +181,53 @@ def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
             source = replace(_of_place(place / RESULTS), title=f"Entry {name}", place=name)
             found.append(replace(source, is_own=True, is_verified=True))
     return found
+
+
+def with_differences(
+    entries: Sequence[ResultSource], committed: Sequence[ResultSource]
+) -> list[ResultSource]:
+    """Compares entries with the best run of the zoo on their datasets.
+
+    Args:
+        entries: those that were verified.
+        committed: the committed studies; one has the episodes of the zoo's runs.
+    """
+    best: dict[str, tuple[str, Outcome]] = {}
+    datasets = {outcome.dataset for source in entries for outcome in source.outcomes}
+    for run, outcome in _zoo_outcomes(committed, datasets):
+        known = best.get(outcome.dataset)
+        if known is None or _scores(outcome).mean() > _scores(known[1]).mean():
+            best[outcome.dataset] = run, outcome
+
+    def compared(entry: Outcome) -> Outcome:
+        if entry.dataset not in best:
+            return entry
+        run, other = best[entry.dataset]
+        found = difference_interval(_scores(entry), _scores(other))
+        return replace(entry, difference=ZooDifference(run, found))
+
+    return [replace(source, outcomes=tuple(map(compared, source.outcomes))) for source in entries]
+
+
+def _zoo_outcomes(
+    committed: Sequence[ResultSource], datasets: Container[str]
+) -> Iterator[tuple[str, Outcome]]:
+    """The zoo's runs on some datasets with their results, which name the policies' files."""
+    known = set(zoo())
+    for outcome in (each for source in committed for each in source.outcomes):
+        name = f"{outcome.label}/{without_version(outcome.dataset)}"
+        is_wanted = outcome.results and outcome.dataset in datasets and name in known
+        folder = find_run(f"{ZOO}{name}") if is_wanted else None
+        if folder is not None:
+            first = outcome.results[0].provenance
+            if first.seed is not None and first.content == run_hash(folder, first.seed):
+                yield f"{ZOO}{name}", outcome
+
+
+def _scores(outcome: Outcome) -> Double:
+    """The scores of an outcome on a published dataset of a world, [K, E]."""
+    (case,) = group_results(outcome.results, is_checked=False).cases
+    return case.scores(next(iter(case.runs)))
 
 
 def _of_place(place: Path) -> ResultSource:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from swarmdata.cli.shared_options import Threads
+
 leaderboard_app = typer.Typer(
     no_args_is_help=True, help="Make and verify entries of a leaderboard."
 )
@@ -43,13 +45,14 @@ def submit_command(
 def verify_command(
     entry: Entry,
     seconds: Annotated[float, typer.Option(min=1, help="most time")] = 600,
+    threads: Threads = 1,
 ) -> None:
     """Evaluate an entry again, on reserved and on fresh episodes; exit code 1 if it is rejected."""
     from swarmdata.evaluation.leaderboard.verify import verify
     from swarmdata.runtime.extras import require_extra
 
     require_extra("torch", "torch", "verifying an entry")
-    verdict = verify(entry, seconds=seconds)
+    verdict = verify(entry, seconds=seconds, n_threads=threads)
     for reason in verdict.reasons:
         typer.echo(f"rejected: {reason}")
     if not verdict.is_verified:

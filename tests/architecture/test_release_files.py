@@ -1,11 +1,13 @@
 """What is published with the package agrees with it; what has to be filled in first is known."""
 
 import json
+import os
 import re
 import shlex
 import subprocess
 import tomllib
 from pathlib import Path
+from shutil import copy, rmtree
 
 import pytest
 import yaml
@@ -94,3 +96,51 @@ def test_the_index_shows_the_readme_with_links_that_work_there() -> None:
     text = WheelBuilder(str(ROOT)).metadata.core.readme
     assert not re.findall(r"\]\((?!https?:|#)|src=\"(?!https?:)", text)
     assert "github.com/OWNER/swarmdata/blob/main/docs/" in text
+
+
+def test_the_entries_of_a_pull_request_are_verified(tmp_path: Path) -> None:
+    """Those that it changes, also where it only removes a file; all of them, after one fails."""
+    repository, programs = tmp_path / "repository", tmp_path / "programs"
+    for name in ("kept", "with space", "bad", "shrunk", "removed"):
+        (repository / "entries" / name).mkdir(parents=True)
+        for file in ("entry.json", "policy-0.onnx"):
+            (repository / "entries" / name / file).write_text(name)
+    (repository / ".ci").mkdir()
+    copy(ROOT / ".ci/verify_entries", repository / ".ci")
+
+    def git(*words: str) -> None:
+        who = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+        subprocess.run(["git", *who, *words], cwd=repository, check=True, capture_output=True)
+
+    git("init", "--initial-branch=main")
+    git("add", ".")
+    git("commit", "--message=before")
+    for name in ("with space", "bad"):
+        (repository / "entries" / name / "entry.json").write_text("changed")
+    (repository / "entries/shrunk/policy-0.onnx").unlink()
+    rmtree(repository / "entries/removed")
+    (repository / "entries/README.md").write_text("no entry")
+    git("add", "--all")
+    git("commit", "--message=after")
+    programs.mkdir()
+    python = programs / "python3"
+    python.write_text('#!/bin/sh\necho "$@" >>"$LOG"\ncase "$*" in *bad*) exit 1;; esac\n')
+    python.chmod(0o755)
+    log = tmp_path / "log"
+    environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "LOG": str(log)}
+
+    def verified(base: str) -> int:
+        command = ["bash", ".ci/verify_entries", base]
+        return subprocess.run(command, cwd=repository, env=environment, check=False).returncode
+
+    assert verified("HEAD~1") == 1
+    *installed, bad, shrunk, space = log.read_text().splitlines()
+    assert installed[-1].endswith(".[torch,onnx]")
+    assert bad.startswith("-m swarmdata leaderboard verify --threads ")
+    assert [each.partition("entries/")[2] for each in (bad, shrunk, space)] == [
+        "bad", "shrunk", "with space"
+    ]  # fmt: skip
+    git("checkout", "HEAD~1", "entries/bad")
+    git("commit", "--message=without bad")
+    assert verified("HEAD~2") == 0
+    assert verified("no-such-branch") != 0

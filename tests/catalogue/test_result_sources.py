@@ -10,16 +10,21 @@ from swarmdata.catalogue import result_sources
 from swarmdata.catalogue.boards import boards
 from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.result_sources import (
+    Outcome,
     ResultSource,
     committed_sources,
     own_sources,
     results_on,
+    with_differences,
     with_keys,
 )
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result, save_result
+from swarmdata.evaluation.results.result_set import group_results
+from swarmdata.learn.training.run_files import find_run, run_hash
+from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.runtime.batches import Failures
-from tests.support.measured import MEDIUM, result
+from tests.support.measured import EXPERT, MEDIUM, result
 
 HEAD = "label,family,dataset,rewards,digest,seeds,updates,frames,episodes,quantity,mean,low,high\n"
 ROW = "bc,cloning,coop_nav-medium-v1,,d1,5,4500,,1000,{},{},{},{}\n"
@@ -184,3 +189,45 @@ def test_broken_estimates_are_refused(study: Path, text: str, message: str) -> N
 
     with pytest.raises(SchemaError, match=message):
         own_sources([study], Failures(1))
+
+
+def test_entries_are_compared_with_the_best_run_of_the_zoo() -> None:
+    """Paired by episode, with runs whose policies are those of the zoo, and with no others."""
+
+    def outcome(label: str, dataset: str, mean: float, content: str | None = None) -> Outcome:
+        runs = tuple(
+            result(label, dataset, k, mean=mean + 0.1 * k, content=content) for k in range(3)
+        )
+        return Outcome(label, "cloning", dataset, {}, 3, "", "", (), runs)
+
+    def zoo_content(run: str) -> str:
+        folder = find_run(f"zoo:{run}")
+        assert folder is not None
+        return run_hash(folder, 0)
+
+    studies = [
+        source_of(
+            outcome("bc", EXPERT, 3.0, zoo_content("bc/coop_nav-expert")),
+            outcome("iql", EXPERT, 2.0, zoo_content("iql/coop_nav-expert")),
+        ),
+        source_of(outcome("maddpg_bc", EXPERT, 9.0, "0" * 64), outcome("bc", MEDIUM, 9.0)),
+    ]
+    mine, elsewhere = outcome("mine", EXPERT, 4.0), outcome("mine", MEDIUM, 4.0)
+    (source,) = with_differences([source_of(mine, elsewhere)], studies)
+    compared, alone = source.outcomes
+    assert alone.difference is None
+    assert compared.difference is not None
+    assert compared.difference.run == "zoo:bc/coop_nav-expert"
+    case = group_results([*mine.results, *studies[0].outcomes[0].results]).cases[0]
+    expected = difference_interval(case.scores("mine"), case.scores("bc"))
+    assert compared.difference.score == expected
+    page = page_of([source], frozenset())
+    assert page.count("zoo:bc/coop_nav-expert, paired by episode.") == 1
+    assert (
+        f": score +{expected.value:.1f} [{expected.low:.1f}, {expected.high:.1f}] relative to"
+        in page
+    )
+
+
+def source_of(*outcomes: Outcome) -> ResultSource:
+    return ResultSource("Some", "some", outcomes, {})

@@ -26,7 +26,10 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", ".github/pull_request_template.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 MINI = "coop_nav-medium-mini"
 
 FENCE = re.compile(

@@ -11,7 +11,13 @@ from swarmdata.catalogue.pages.card_html import card_html
 from swarmdata.catalogue.pages.figures_shown import compact, count, percent
 from swarmdata.catalogue.pages.getting import get_part
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.catalogue.pages.results_tables import about, brief_table, family_key, series_of
+from swarmdata.catalogue.pages.results_tables import (
+    about,
+    brief_table,
+    family_key,
+    series_of,
+    zoo_differences,
+)
 from swarmdata.catalogue.pages.task_facts import arrays_part, lead, reward_part
 from swarmdata.catalogue.pages.viewer_parts import browser_part, series_viewer, world_viewer
 from swarmdata.specs.model_choice import is_same_world
@@ -171,6 +177,7 @@ def _baselines(entry: Entry, results: Sequence[Board]) -> Html:
         title,
         element("p", f"{where}{about(board)}", class_="note"),
         brief_table(board, rows, series, "../"),
+        *zoo_differences(board),
         family_key(families, series),
         element("p", element("a", f"All {len(board.rows)} results", href=address)),
         aria_labelledby="results",

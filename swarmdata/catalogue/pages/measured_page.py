@@ -9,7 +9,7 @@ from swarmdata.catalogue.elements import Html, element, join, table
 from swarmdata.catalogue.pages.dataset_page import TABLE_SCRIPTS, WORLD_SCRIPTS
 from swarmdata.catalogue.pages.figures_shown import interval
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.catalogue.pages.results_tables import QUANTITIES
+from swarmdata.catalogue.pages.results_tables import QUANTITIES, zoo_difference
 from swarmdata.catalogue.pages.viewer_parts import episode_table, world_viewer
 from swarmdata.catalogue.replays.measured_files import measured_columns, run_names
 from swarmdata.catalogue.result_sources import Outcome, ResultSource
@@ -72,6 +72,11 @@ def _facts(source: ResultSource, outcome: Outcome) -> Html:
             (head, interval(outcome.estimates[name], factor, digits))
             for name, head, factor, digits in QUANTITIES
             if name in outcome.estimates
+        ),
+        *(
+            [("score difference", zoo_difference(outcome.difference))]
+            if outcome.difference is not None
+            else []
         ),
     ]
     figures = [join(element("dt", name), element("dd", value)) for name, value in facts]

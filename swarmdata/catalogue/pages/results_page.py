@@ -13,6 +13,7 @@ from swarmdata.catalogue.pages.results_tables import (
     board_table,
     family_key,
     series_of,
+    zoo_differences,
 )
 from swarmdata.catalogue.result_sources import ResultSource
 from swarmdata.drawing.style import family_name
@@ -87,6 +88,7 @@ def _section(board: Board, series: dict[str, int], known: frozenset[str], key: s
         "section",
         element("h2", title, id=f"{key}-title"),
         element("p", about(board), class_="note"),
+        *zoo_differences(board),
         family_key(families, series),
         board_table(board, board.rows, series, key=key),
         class_="leaderboard",

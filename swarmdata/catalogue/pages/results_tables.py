@@ -13,7 +13,7 @@ from swarmdata.catalogue.drawings.charts import (
 )
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.catalogue.pages.figures_shown import interval, score
-from swarmdata.catalogue.result_sources import Outcome
+from swarmdata.catalogue.result_sources import Outcome, ZooDifference
 from swarmdata.drawing.style import COLORS, GRAY, SPARE_COLORS, family_colors, words_of
 from swarmdata.rollouts.score_statistics import Estimate
 
@@ -64,6 +64,26 @@ def about(board: Board) -> str:
     seeds = " or ".join(sorted({str(outcome.n_runs) for outcome in rows}))
     updates = f"{int(rows[0].updates):,} updates, " if rows[0].updates else ""
     return f"{text}{board.study.title}: {updates}{seeds} training seeds each."
+
+
+def zoo_differences(board: Board) -> list[Html]:
+    """What entries score above or below the best run of the zoo, a line for each."""
+    return [
+        element(
+            "p",
+            element("strong", row.outcome.label),
+            f": score {zoo_difference(row.outcome.difference)}, paired by episode.",
+            class_="note",
+        )
+        for row in board.rows
+        if row.outcome.difference is not None
+    ]
+
+
+def zoo_difference(found: ZooDifference) -> str:
+    """A difference with its interval and the run, such as `+3.1 [1.2, 5.0] relative to zoo:...`."""
+    sign = "+" if round(found.score.value, 1) > 0 else ""
+    return f"{sign}{interval(found.score)} relative to {found.run}"
 
 
 def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *, key: str) -> Html:

@@ -1,4 +1,4 @@
-"""What `verify` runs in a process: the policies of an entry act; `python -m ... ENTRY OUT N`."""
+"""What `verify` runs in a process: policies act; `python -m ... ENTRY OUT N THREADS`."""
 
 import json
 import resource
@@ -6,28 +6,30 @@ import sys
 from pathlib import Path
 
 from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, read_policy
-from swarmdata.evaluation.leaderboard.verify import GIGABYTES, fresh_seeds
+from swarmdata.evaluation.leaderboard.verify import GIGABYTES, N_REPEATED, fresh_seeds
 from swarmdata.numerics.random import block_seeds
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.origins import task_of
 
 
-def main(entry: Path, out: Path, n_episodes: int) -> None:
-    """Writes the team returns of every policy on reserved and fresh episodes, [K, E]."""
+def main(entry: Path, out: Path, n_episodes: int, n_threads: int) -> None:
+    """Writes the team returns of every policy on all blocks of episodes, [K, E] each."""
     resource.setrlimit(resource.RLIMIT_AS, (GIGABYTES << 30, GIGABYTES << 30))
     description = Description.from_file(entry / ENTRY)
     spec = task_of(find_recipe(description.dataset), "a leaderboard")
+    policies = [read_policy(entry / file, spec) for file in description.files]
     blocks = {
         "reserved": block_seeds("evaluation", n_episodes),
         "fresh": fresh_seeds(description, n_episodes),
+        "repeated": block_seeds("evaluation", min(n_episodes, N_REPEATED)),
     }
     returns = {
         name: [
-            evaluate(read_policy(entry / file, spec), spec, seeds=seeds, progress=False)
+            evaluate(policy, spec, seeds=seeds, n_threads=n_threads, progress=False)
             .metrics["return"]
             .tolist()
-            for file in description.files
+            for policy in policies
         ]
         for name, seeds in blocks.items()
     }
@@ -35,4 +37,4 @@ def main(entry: Path, out: Path, n_episodes: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -2,7 +2,8 @@
 
 They act on the reserved episodes, which must end as the entry says, and on as many fresh ones,
 whose seeds follow from the policies' hashes, so that nobody can choose policies on them. A return
-on the reserved episodes that is far above that on the fresh ones was chosen on the former.
+on the reserved episodes that is far above that on the fresh ones was chosen on the former. Some
+reserved episodes are repeated, and must end as before.
 """
 
 import hashlib
@@ -31,6 +32,7 @@ from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.numerics.random import EVALUATION_BASE, block_seeds, derive
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe
+from swarmdata.runtime.extras import require_extra
 from swarmdata.types import Double, Seeds
 
 SECONDS = 600
@@ -41,6 +43,9 @@ GIGABYTES = 16
 
 LEAST_EQUAL = 0.95
 """Of the episodes: rounding differs between processors, and contacts amplify it."""
+
+N_REPEATED = 64
+"""Reserved episodes that are repeated, as many as run at the same time."""
 
 FARTHEST = 4.0
 """Standard errors by which the return may be higher on the reserved episodes."""
@@ -70,16 +75,20 @@ class Verdict(NamedTuple):
         return not self.reasons
 
 
-def verify(entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECONDS) -> Verdict:
+def verify(
+    entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECONDS, n_threads: int = 1
+) -> Verdict:
     """Verifies an entry.
 
     Args:
         entry: its folder.
         n_episodes: reserved episodes that it must have results of, and fresh ones.
         seconds: most time.
+        n_threads: threads that step the worlds; the verdict does not depend on it.
 
     Raises:
         FileNotFoundError: the folder has no description.
+        MissingExtraError: the policies are files of ONNX, and onnxruntime is not installed.
     """
     if links := sorted(path.name for path in entry.rglob("*") if path.is_symlink()):
         return Verdict((f"{links[0]} is a link, expected a file",))
@@ -91,9 +100,12 @@ def verify(entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECOND
         return Verdict((str(error),))
     if reasons:
         return Verdict(reasons)
+    if description.is_onnx:
+        require_extra("onnxruntime", "onnx", "verifying files of ONNX")
     with tempfile.TemporaryDirectory() as scratch:
         worker = f"{__package__}.act_again"
-        command = [sys.executable, "-m", worker, str(entry), scratch, str(n_episodes)]
+        numbers = map(str, (n_episodes, n_threads))
+        command = [sys.executable, "-m", worker, str(entry), scratch, *numbers]
         try:
             done = subprocess.run(command, capture_output=True, timeout=seconds, check=False)
         except subprocess.TimeoutExpired:
@@ -102,8 +114,10 @@ def verify(entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECOND
             last = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
             return Verdict((f"its policies could not act: {last}",))
         measured = json.loads((Path(scratch) / "returns.json").read_bytes())
-    reserved, fresh = (np.array(measured[name]) for name in ("reserved", "fresh"))
-    return _compared(claimed, reserved, fresh, is_onnx=description.is_onnx)
+    blocks = ("reserved", "fresh", "repeated")
+    reserved, fresh, repeated = (np.array(measured[name]) for name in blocks)
+    verdict = _compared(claimed, reserved, fresh, is_onnx=description.is_onnx)
+    return verdict._replace(reasons=(*_differing(reserved, repeated), *verdict.reasons))
 
 
 def fresh_seeds(description: Description, n_episodes: int) -> Seeds:
@@ -157,6 +171,16 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
                 f"on its first {n_episodes} reserved episodes"
             )
     return [by_content[content] for content in description.policies]
+
+
+def _differing(reserved: Double, repeated: Double) -> Iterator[str]:
+    """What is wrong with returns of episodes that were repeated, [K, <= E]."""
+    share = float((reserved[:, : repeated.shape[1]] != repeated).mean())
+    if share:
+        yield (
+            f"{share:.1%} of the episodes that its policies repeated ended with another return: "
+            "they act at random, expected the same actions each time"
+        )
 
 
 def _compared(

@@ -8,11 +8,11 @@ import pytest
 from tests.support.at_once import Forked
 
 
-def act_again(entry: str, out: str, n_episodes: str) -> None:
+def act_again(entry: str, out: str, n_episodes: str, n_threads: str) -> None:
     """What `verify` starts."""
     from swarmdata.evaluation.leaderboard.act_again import main
 
-    main(Path(entry), Path(out), int(n_episodes))
+    main(Path(entry), Path(out), int(n_episodes), int(n_threads))
 
 
 @pytest.fixture

@@ -11,10 +11,13 @@ pytest.importorskip("torch", reason="policies need torch")
 pytest.importorskip("onnx", reason="the extra 'onnx'")
 pytest.importorskip("onnxruntime", reason="the extra 'onnx'")
 
+from onnx import helper
+
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.leaderboard.entry import submit
 from swarmdata.evaluation.leaderboard.verify import verify
 from tests.learn.deployment.test_onnx_policy import write
+from tests.support.onnx_files import with_last_nodes
 
 DATASET, N_EPISODES = "coop_nav-random-mini", 3
 
@@ -43,6 +46,19 @@ def test_it_is_verified_and_an_altered_one_is_rejected(tmp_path: Path) -> None:
         document["metrics"]["return"] = [value + 50 for value in document["metrics"]["return"]]
         file.write_text(json.dumps(document))
     assert "of the reserved episodes" in verify(entry, n_episodes=N_EPISODES).reasons[0]
+
+
+@pytest.mark.usefixtures("forked")
+def test_policies_that_act_at_random_are_rejected(tmp_path: Path) -> None:
+    """Their noise is so small that the mean is as it says."""
+    files = [write(tmp_path / f"{seed}.onnx", seed=seed) for seed in range(5)]
+    noise = helper.make_node("RandomNormalLike", ["plain"], ["noise"], scale=0.01)
+    for file in files:
+        with_last_nodes(file, noise, helper.make_node("Add", ["plain", "noise"], ["action"]))
+    entry = tmp_path / "entry"
+    submit(files, entry, DATASET, n_episodes=N_EPISODES, progress=False, **ABOUT)
+    (reason,) = verify(entry, n_episodes=N_EPISODES).reasons
+    assert "they act at random" in reason
 
 
 def test_five_policies_are_needed(tmp_path: Path) -> None:
