@@ -22,7 +22,7 @@ from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.recipes import checkpoints, find_recipe
 from swarmdata.runtime.engines.crew import Crew
-from swarmdata.runtime.engines.jobs import Handler, Job, Report
+from swarmdata.runtime.engines.jobs import Handler, Job, Report, usable_cores
 from swarmdata.runtime.kernel_progress import PROGRESS
 from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder, digest_of
 from swarmdata.specs.model_choice import with_models
@@ -73,7 +73,7 @@ def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
     bar = tqdm(
         total=len(jobs), desc="compiling kernels", unit="use", disable=None if progress else True
     )
-    crew = Crew(f"{__name__}:kernel_user", workers or os.cpu_count() or 1)
+    crew = Crew(f"{__name__}:kernel_user", workers or usable_cores())
 
     def report(n_uses: int) -> None:
         bar.update(n_uses)
@@ -81,6 +81,14 @@ def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
     with bar, crew, PROGRESS.silent():
         crew.run(jobs, report)
     return len(kept_kernels() - before)
+
+
+def use_kernels() -> None:
+    """Uses every kernel in this process, which compiles or loads those that Python calls."""
+    handle = kernel_user()
+    with PROGRESS.silent():
+        for job in _jobs():
+            handle(job.payload, lambda amount: None)
 
 
 def kernel_folder() -> Path:

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from llvmlite import binding
 
+from swarmdata.building.kernel_pack import gather
 from swarmdata.runtime import kernel_cache
-from swarmdata.runtime.kernel_pack import gather
 
 SCRIPT = """
 from pathlib import Path
@@ -54,7 +54,7 @@ def pack(script: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
     assert run(script, folder / "none", folder / "kernels", **cpu) == 0
-    assert gather(folder / "kernels", folder / "pack") == 1
+    gather((folder / "kernels").rglob("*.nbc"), folder / "pack")
     return folder / "pack"
 
 
