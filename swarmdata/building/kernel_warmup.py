@@ -6,6 +6,7 @@ that calls them runs, for a few steps.
 """
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,9 +19,10 @@ from tqdm import tqdm
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy, make_task
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.recipes import checkpoints, find_recipe
+from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.jobs import Handler, Job, Report, usable_cores
 from swarmdata.runtime.kernel_progress import PROGRESS
@@ -169,7 +171,7 @@ def _play(
 
 
 def _make_dataset(name: str) -> None:
-    """Makes a small dataset with its card, and looks at it with another sensor and reward."""
+    """Makes a small dataset with its card, looks at it with other sensors, rewards and measures."""
     content = find_recipe(name).model_dump()
     small = {
         "n_steps": N_DATASET_STEPS,
@@ -177,8 +179,9 @@ def _make_dataset(name: str) -> None:
         "policies": content["policies"][:1],  # each would have to make an episode
     }
     recipe = Recipe.parse({**content, **small})
-    with TemporaryDirectory() as folder:
-        path = build(recipe, Path(folder) / recipe.id, workers=1, progress=False)
+    with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as this_process:
+        path = build(recipe, Path(folder) / recipe.id, engine=this_process, progress=False)
         dataset = Dataset.open(path)
         dataset.reobserve("lidar", "lossy-30", progress=False)
         dataset.with_rewards(team_share=0.5)
+        episode_metrics(dataset[0], make_task(recipe.spec))

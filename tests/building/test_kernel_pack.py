@@ -63,6 +63,22 @@ def test_a_kernel_of_the_pack_is_not_compiled(script: Path, pack: Path, tmp_path
     assert not list(tmp_path.rglob("*.nbc"))
 
 
+def test_a_pack_needs_no_kernel_that_only_kernels_call(script: Path, tmp_path: Path) -> None:
+    text = script.read_text().replace("return 0.5 * x", "return half() * x")
+    inner = "@kernels.kernel\ndef half() -> float:\n    return 0.5\n\n"
+    nested = tmp_path / "nested.py"
+    nested.write_text(text.replace("@kernels.kernel\ndef halve", f"{inner}@kernels.kernel\ndef halve"))
+    cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
+    run(nested, tmp_path / "none", tmp_path / "kernels", **cpu)
+    compiled = {file.name.split("-")[0]: file for file in (tmp_path / "kernels").rglob("*.nbc")}
+    assert {"nested.half", "nested.halve"} == compiled.keys()
+
+    gather([compiled["nested.halve"]], tmp_path / "pack")
+    assert len(list((tmp_path / "pack").rglob("*.nb[ci]"))) == 2
+    assert run(nested, tmp_path / "pack", tmp_path / "new") == 1
+    assert not list((tmp_path / "new").rglob("*.nbc"))
+
+
 @pytest.mark.slow
 def test_another_cpu_compiles(script: Path, pack: Path, tmp_path: Path) -> None:
     assert run(script, pack, tmp_path / "kernels", NUMBA_CPU_NAME="generic") == 0
