@@ -65,9 +65,9 @@ def test_a_kernel_of_the_pack_is_not_compiled(script: Path, pack: Path, tmp_path
 
 def test_a_pack_needs_no_kernel_that_only_kernels_call(script: Path, tmp_path: Path) -> None:
     text = script.read_text().replace("return 0.5 * x", "return half() * x")
-    inner = "@kernels.kernel\ndef half() -> float:\n    return 0.5\n\n"
+    mark = "@kernels.kernel\n"
     nested = tmp_path / "nested.py"
-    nested.write_text(text.replace("@kernels.kernel\ndef halve", f"{inner}@kernels.kernel\ndef halve"))
+    nested.write_text(text.replace(mark, f"{mark}def half() -> float:\n    return 0.5\n\n{mark}"))
     cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
     run(nested, tmp_path / "none", tmp_path / "kernels", **cpu)
     compiled = {file.name.split("-")[0]: file for file in (tmp_path / "kernels").rglob("*.nbc")}
