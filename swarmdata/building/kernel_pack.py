@@ -48,7 +48,7 @@ def make_pack(out: Path) -> None:
             f"{n_new} kernels were not compiled before the pack was made, expected 0. Run "
             "`swarmdata warm` first, with the same NUMBA_... variables."
         )
-    gather(opened, out)
+    gather(tuple(opened), out)  # which opens them again
 
 
 def gather(kernels: Iterable[Path], out: Path) -> None:
