@@ -144,12 +144,13 @@ bench: $(STAMPS)/test
 digests: $(STAMPS)/test
 	$(BIN)/python -m tests.benchmarks.bench_digests $(ARGS)
 
-# The wheel has compiled kernels inside, for x86-64 and this Python and numba: see runtime/kernel_pack.py.
+# The wheel has compiled kernels inside, for x86-64 and this Python and numba: see building/kernel_pack.py.
 # Elsewhere they are compiled at first use, as in a checkout.
 wheel: $(STAMPS)/test
 	rm -rf $(PACK) build
-	test "$$(uname -m)" != x86_64 || { NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/build/kernels \
-	  $(BIN)/swarmdata warm && $(BIN)/python -m swarmdata.runtime.kernel_pack build/kernels $(PACK); }
+	test "$$(uname -m)" != x86_64 || { \
+	  export NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=$(CURDIR)/build/kernels; \
+	  $(BIN)/swarmdata warm && $(BIN)/python -m swarmdata.building.kernel_pack $(PACK); }
 	$(BIN)/python -m hatchling build --target wheel --target sdist --directory dist
 	rm -rf $(PACK) build
 

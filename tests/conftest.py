@@ -126,7 +126,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def record() -> Callable[..., Path]:
     """Writes a small dataset of policies without checkpoints, in this process."""
-    from swarmdata.building.build import make_part
+    from swarmdata.building.part_maker import make_part
     from swarmdata.registry.components import make_env
     from swarmdata.specs.recipe import PolicySource, Recipe
     from swarmdata.store.assembly import assemble

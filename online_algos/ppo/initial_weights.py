@@ -13,8 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from swarmdata.behavior_policies.checkpoint_files import read_checkpoint
 from swarmdata.behavior_policies.exact_actor import load_actor
-from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import last_policy

@@ -22,7 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.learned import digest_of, own_actor
+from swarmdata.behavior_policies.checkpoint_files import digest_of
+from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError, OutputError
 from swarmdata.learn.training.run_files import (

@@ -6,33 +6,24 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
-from swarmdata.behavior_policies.learned import own_checkpoints
+from swarmdata.behavior_policies.checkpoint_files import own_checkpoints
 from swarmdata.building.parts_folder import Parts, build_folder
-from swarmdata.cards.side_files import finish
-from swarmdata.envs.world.task_env import TaskEnv
-from swarmdata.interfaces import VecEnv
-from swarmdata.registry.components import make_env
-from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, episode_seeds, make_source_policy
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import is_vacant
-from swarmdata.runtime.engines.jobs import Handler, Report
+from swarmdata.runtime.engines.crew import Crew
+from swarmdata.runtime.engines.jobs import Engine, Job, Report, usable_cores
 from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import Manifest, remove_leftovers
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.assembly import assemble
 from swarmdata.store.cache import note_build
 from swarmdata.store.manifest import is_finished
-from swarmdata.store.parts import write_part
-from swarmdata.types import Episode
 
-PART_MAKER = f"{__name__}:part_maker"
+PART_MAKER = "swarmdata.building.part_maker:part_maker"
 
 
 def build(
@@ -94,12 +85,14 @@ def build_under_lock(
         return  # another process built it while this one waited for the lock
     remove_leftovers(out.parent, out.name)
     remove_leftovers(out, MANIFEST, REFERENCES, CARD)
-    if is_vacant(out):
-        parts = Parts(recipe, build_folder(out))
-        parts.open(checkpoints)
-        note_build(_make(parts, out, workers or os.cpu_count() or 1, engine, progress))
-    remove_parts(recipe, out)
-    finish(out)  # a dataset with a card has passed the card's checks
+    n_workers = workers or usable_cores()
+    with open_engine(engine, PART_MAKER, n_workers=n_workers, folder=out) as makers:
+        if is_vacant(out):
+            parts = Parts(recipe, build_folder(out))
+            parts.open(checkpoints)
+            note_build(_make(parts, out, makers, progress))
+        remove_parts(recipe, out)
+        _finish(recipe, out, makers)  # a dataset with a card has passed the card's checks
 
 
 def _is_done(out: Path, recipe: Recipe) -> bool:
@@ -130,66 +123,9 @@ def remove_parts(recipe: Recipe, out: Path) -> None:
         parts.folder.rmdir()
 
 
-def make_part(
-    recipe: Recipe,
-    policy: int,
-    part: int,
-    env: VecEnv,
-    report: Report = lambda steps: None,
-    folder: Path | None = None,
-) -> list[Episode]:
-    """Simulates part number `part` of one policy's stream.
-
-    Args:
-        recipe: the recipe.
-        policy: index into `recipe.policies`.
-        part: k.
-        env: copies of the recipe's task; any number of them gives the same episodes.
-        report: called with the joint steps of each episode.
-        folder: with a folder `checkpoints` of the recipe's own networks, if it has any.
-    """
-    seeds = episode_seeds(recipe, policy, part * recipe.part_episodes, recipe.part_episodes)
-    actor = make_source_policy(recipe.policies[policy], recipe.spec, folder)
-    episodes = []
-    for episode in rollout(env, actor, seeds, policy_index=policy):
-        episodes.append(episode)
-        report(len(episode))
-    return episodes
-
-
-def make_copies(recipe: Recipe) -> TaskEnv:
-    """Returns the copies of the recipe's task that parts are simulated in."""
-    n_copies = min(SIMULATED_COPIES, recipe.part_episodes)  # more would have no episode to run
-    env = make_env(recipe.spec, n_copies)
-    assert isinstance(env, TaskEnv)
-    return env
-
-
-def part_maker() -> Handler:
-    """Returns what makes parts in a worker process."""
-    copies: dict[tuple[TaskSpec, int], TaskEnv] = {}  # kept from part to part
-
-    def handle(payload: dict[str, Any], report: Report) -> None:
-        recipe = Recipe.from_text(payload["recipe"])
-        kind = recipe.spec, recipe.part_episodes
-        if kind not in copies:
-            copies[kind] = make_copies(recipe)
-            if (payload["policy"] + payload["part"]) % 2:  # where two begin, they compile apart
-                copies[kind].compile_physics()
-        env = copies[kind]
-        out = Path(payload["folder"])
-        episodes = make_part(recipe, payload["policy"], payload["part"], env, report, out.parent)
-        write_part(out, episodes)
-
-    return handle
-
-
-def _make(
-    parts: Parts, out: Path, workers: int, engine: str | Executor, progress: bool
-) -> Manifest:
+def _make(parts: Parts, out: Path, makers: Engine, progress: bool) -> Manifest:
     recipe = parts.recipe
-    opened = open_engine(engine, PART_MAKER, n_workers=workers, folder=out)
-    with _bar(recipe, parts, progress) as report, opened as makers:
+    with _bar(recipe, parts, progress) as report:
         while (merge := parts.merge()).lacking is not None:
             parts.check_space()
             makers.run(parts.wave(merge), report)
@@ -202,6 +138,19 @@ def _make(
         checkpoints=networks,
         consume=not parts.has_room_for_copy(),
     )
+
+
+def _finish(recipe: Recipe, out: Path, makers: Engine) -> None:
+    """Writes the dataset's card.
+
+    Workers of this machine have loaded the compiled code that it needs, which takes seconds.
+    """
+    if isinstance(makers, Crew):
+        makers.run([Job(f"the card of {recipe.id}", {"finish": str(out.resolve())})])
+    else:
+        from swarmdata.cards.side_files import finish  # noqa: PLC0415
+
+        finish(out)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ that calls them runs, for a few steps.
 """
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,11 +19,12 @@ from tqdm import tqdm
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.components import make_env, make_policy, make_task
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.recipes import checkpoints, find_recipe
+from swarmdata.rollouts.metrics import episode_metrics
 from swarmdata.runtime.engines.crew import Crew
-from swarmdata.runtime.engines.jobs import Handler, Job, Report
+from swarmdata.runtime.engines.jobs import Handler, Job, Report, usable_cores
 from swarmdata.runtime.kernel_progress import PROGRESS
 from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder, digest_of
 from swarmdata.specs.model_choice import with_models
@@ -73,7 +75,7 @@ def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
     bar = tqdm(
         total=len(jobs), desc="compiling kernels", unit="use", disable=None if progress else True
     )
-    crew = Crew(f"{__name__}:kernel_user", workers or os.cpu_count() or 1)
+    crew = Crew(f"{__name__}:kernel_user", workers or usable_cores())
 
     def report(n_uses: int) -> None:
         bar.update(n_uses)
@@ -81,6 +83,14 @@ def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
     with bar, crew, PROGRESS.silent():
         crew.run(jobs, report)
     return len(kept_kernels() - before)
+
+
+def use_kernels() -> None:
+    """Uses every kernel in this process, which compiles or loads those that Python calls."""
+    handle = kernel_user()
+    with PROGRESS.silent():
+        for job in _jobs():
+            handle(job.payload, lambda amount: None)
 
 
 def kernel_folder() -> Path:
@@ -161,7 +171,7 @@ def _play(
 
 
 def _make_dataset(name: str) -> None:
-    """Makes a small dataset with its card, and looks at it with another sensor and reward."""
+    """Makes a small dataset with its card, looks at it with other sensors, rewards and measures."""
     content = find_recipe(name).model_dump()
     small = {
         "n_steps": N_DATASET_STEPS,
@@ -169,8 +179,9 @@ def _make_dataset(name: str) -> None:
         "policies": content["policies"][:1],  # each would have to make an episode
     }
     recipe = Recipe.parse({**content, **small})
-    with TemporaryDirectory() as folder:
-        path = build(recipe, Path(folder) / recipe.id, workers=1, progress=False)
+    with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as this_process:
+        path = build(recipe, Path(folder) / recipe.id, engine=this_process, progress=False)
         dataset = Dataset.open(path)
         dataset.reobserve("lidar", "lossy-30", progress=False)
         dataset.with_rewards(team_share=0.5)
+        episode_metrics(dataset[0], make_task(recipe.spec))

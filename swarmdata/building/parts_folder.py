@@ -9,7 +9,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmdata.behavior_policies.learned import own_checkpoints
+from swarmdata.behavior_policies.checkpoint_files import own_checkpoints
 from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.locking import beside

@@ -10,8 +10,9 @@ import shutil
 from itertools import count
 from pathlib import Path
 
-from swarmdata.building.build import build, make_copies, make_part
+from swarmdata.building.build import build
 from swarmdata.building.part_exchange import PartExchange
+from swarmdata.building.part_maker import make_copies, make_part
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.errors import BuildError, SpecError
 from swarmdata.hub.remotes.interface import Remote

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
@@ -206,21 +206,34 @@ def part_size(spec: TaskSpec, policies: Sequence[PolicySource], n_steps: int) ->
     return 1 << (min(256, max(4, wanted)).bit_length() - 1)
 
 
-@cache
-def shipped_recipes() -> Mapping[str, Recipe]:
-    """Returns the shipped recipes by id, with version; tiers without checkpoints are absent.
+class Outline(NamedTuple):
+    """What a shipped recipe is made of."""
 
-    A recipe is made when it is first looked at.
-    """
+    family: str  # the preset
+    tier: str
+    n_steps: int
+
+
+@cache
+def outlines() -> Mapping[str, Outline]:
+    """Returns what the shipped recipes are made of, by id; tiers without checkpoints are absent."""
     sizes = (("", N_STEPS), ("-mini", MINI_STEPS))
-    made_of = {
-        f"{family}-{name}{suffix}-v{NEWEST_VERSION}": (family, name, n_steps)
+    return {
+        f"{family}-{name}{suffix}-v{NEWEST_VERSION}": Outline(family, name, n_steps)
         for name, tier in TIERS.items()
         for family in tier.families
         if all(_has(family, each) for each in tier.ingredients)
         for suffix, n_steps in sizes
     }
-    return LazyTable(made_of, lambda key: _recipe(key, *made_of[key]))
+
+
+@cache
+def shipped_recipes() -> Mapping[str, Recipe]:
+    """Returns the shipped recipes by id, with version.
+
+    A recipe is made when it is first looked at.
+    """
+    return LazyTable(outlines(), lambda key: _recipe(key, outlines()[key]))
 
 
 def _has(family: str, ingredient: str) -> bool:
@@ -230,7 +243,8 @@ def _has(family: str, ingredient: str) -> bool:
     return is_scripted or bool(known.get(ingredient))
 
 
-def _recipe(dataset_id: str, family: str, name: str, n_steps: int) -> Recipe:
+def _recipe(dataset_id: str, outline: Outline) -> Recipe:
+    family, name, n_steps = outline
     tier, spec = TIERS[name], FAMILY_SPECS[family]
     groups = [sources(family, each, default=tier.noise) for each in tier.ingredients]
     policies = _mix([group[:1] for group in groups] if tier.first_only else groups)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmdata.building.build import make_part
+from swarmdata.building.part_maker import make_part
 from swarmdata.cards.card import write_card
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import build, make_part, part_maker
+from swarmdata.building.build import build
+from swarmdata.building.part_maker import make_part, part_maker
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.envs.world.task_env import TaskEnv

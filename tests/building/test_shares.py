@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.building.build import build, make_part
+from swarmdata.building.build import build
+from swarmdata.building.part_maker import make_part
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.building.shares import finish_parts, make_share
 from swarmdata.errors import BuildError, SpecError

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.learned import (
+from swarmdata.behavior_policies.checkpoint_files import (
     MAX_CHECKPOINT_BYTES,
-    Learned,
     digest_of,
     read_checkpoint,
 )
+from swarmdata.behavior_policies.learned import Learned
 from swarmdata.cards.card import card_of
 from swarmdata.drawing import markdown
 from swarmdata.errors import (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.behavior_policies.learned import read_checkpoint
+from swarmdata.behavior_policies.checkpoint_files import read_checkpoint
 from swarmdata.errors import BuildError, UnknownNameError
 from swarmdata.registry import recipes
 from swarmdata.registry.recipes import (

@@ -7,7 +7,7 @@ from typing import Any, Self
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.build import make_part
+from swarmdata.building.part_maker import make_part
 from swarmdata.registry.components import make_env
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.specs.recipe import Recipe

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swarmdata.building.build import build_under_lock, remove_parts
-from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import (
     DatasetError,
@@ -315,6 +314,8 @@ def _arrive(
     remote: Remote, release: Release, folder: Path, refuse: Refusal, progress: bool
 ) -> None:
     """Pulls a release beside its place, checks every byte and what it is, and renames it."""
+    from swarmdata.cards.side_files import finish  # noqa: PLC0415  (all of cards)
+
     arriving = scratch_folder(folder, "arriving")
     remove_scratch(arriving)  # of a process that was killed before it had checked it
     pull(remote, release, arriving, refuse=refuse, progress=progress)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmdata.behavior_policies.checkpoint_files import read_checkpoint
 from swarmdata.behavior_policies.exact_actor import round_to_grid
-from swarmdata.behavior_policies.learned import read_checkpoint
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.learn.policies.policy_file import parse_policy
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs

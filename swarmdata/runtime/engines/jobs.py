@@ -4,6 +4,7 @@ A job names what does it and what it is about. Its result is what it leaves in f
 rename, so doing it twice, or in two processes at once, is the same as doing it once.
 """
 
+import os
 import threading
 import traceback
 from collections.abc import Callable, Iterable
@@ -23,6 +24,14 @@ THREAD_VARIABLES = (
 
 MAX_ATTEMPTS = 3
 """How often a job is begun at most, when the processes that do it are lost."""
+
+
+def usable_cores() -> int:
+    """How many cores this process may use, such as `taskset` or a batch system allows it."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
 
 Report = Callable[[int], None]
 """Gets the progress since its last call; negative when a lost job starts again."""

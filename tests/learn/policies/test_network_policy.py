@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("torch", reason="policies of algorithms need the torch extra")
 
-from swarmdata.behavior_policies.learned import digest_of
+from swarmdata.behavior_policies.checkpoint_files import digest_of
 from swarmdata.errors import CheckpointError, SpecError
 from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.policies.network_policy import NetworkPolicy

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from llvmlite import binding
 
+from swarmdata.building.kernel_pack import gather
 from swarmdata.runtime import kernel_cache
-from swarmdata.runtime.kernel_pack import gather
 
 SCRIPT = """
 from pathlib import Path
@@ -54,13 +54,29 @@ def pack(script: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
     assert run(script, folder / "none", folder / "kernels", **cpu) == 0
-    assert gather(folder / "kernels", folder / "pack") == 1
+    gather((folder / "kernels").rglob("*.nbc"), folder / "pack")
     return folder / "pack"
 
 
 def test_a_kernel_of_the_pack_is_not_compiled(script: Path, pack: Path, tmp_path: Path) -> None:
     assert run(script, pack, tmp_path / "kernels") == 1
     assert not list(tmp_path.rglob("*.nbc"))
+
+
+def test_a_pack_needs_no_kernel_that_only_kernels_call(script: Path, tmp_path: Path) -> None:
+    text = script.read_text().replace("return 0.5 * x", "return half() * x")
+    mark = "@kernels.kernel\n"
+    nested = tmp_path / "nested.py"
+    nested.write_text(text.replace(mark, f"{mark}def half() -> float:\n    return 0.5\n\n{mark}"))
+    cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
+    run(nested, tmp_path / "none", tmp_path / "kernels", **cpu)
+    compiled = {file.name.split("-")[0]: file for file in (tmp_path / "kernels").rglob("*.nbc")}
+    assert {"nested.half", "nested.halve"} == compiled.keys()
+
+    gather([compiled["nested.halve"]], tmp_path / "pack")
+    assert len(list((tmp_path / "pack").rglob("*.nb[ci]"))) == 2
+    assert run(nested, tmp_path / "pack", tmp_path / "new") == 1
+    assert not list((tmp_path / "new").rglob("*.nbc"))
 
 
 @pytest.mark.slow

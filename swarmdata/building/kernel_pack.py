@@ -1,0 +1,71 @@
+"""Collects compiled kernels into the pack that a wheel has inside; `make wheel` runs it.
+
+A pack is a folder for each digest of source (`kernels.digest_of`), with numba's files of it. It was
+compiled for `kernel_cache.PACK_CPU`. Its files name the version of numba and of Python, the
+operating system, and the hash of what was compiled: where one of them is another, nothing is found,
+and kernels are compiled as without a pack. What only other kernels call is part of their compiled
+code, so that a pack holds only the kernels that Python calls: a fifth of all files.
+
+    export NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=kernels
+    swarmdata warm
+    python -m swarmdata.building.kernel_pack OUT
+"""
+
+import shutil
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from swarmdata.building.kernel_warmup import kept_kernels, use_kernels
+from swarmdata.errors import BuildError
+
+SUFFIX = ".nbc"
+"""Of numba's files of compiled code."""
+
+
+def make_pack(out: Path) -> None:
+    """Makes the pack of the kernels that Python calls when each world and policy is used.
+
+    The process that calls this notes the files that it opens until it ends.
+
+    Args:
+        out: folder of the pack; it is made, and must not be there.
+
+    Raises:
+        BuildError: a kernel was not compiled yet.
+    """
+    opened: set[Path] = set()
+
+    def note(event: str, arguments: tuple[object, ...]) -> None:
+        if event == "open" and str(arguments[0]).endswith(SUFFIX):
+            opened.add(Path(str(arguments[0])))
+
+    before = kept_kernels()
+    sys.addaudithook(note)
+    use_kernels()
+    if n_new := len(kept_kernels() - before):
+        raise BuildError(
+            f"{n_new} kernels were not compiled before the pack was made, expected 0. Run "
+            "`swarmdata warm` first, with the same NUMBA_... variables."
+        )
+    gather(tuple(opened), out)  # which opens them again
+
+
+def gather(kernels: Iterable[Path], out: Path) -> None:
+    """Copies compiled kernels of a cache, `DIGEST/PLACE/file`, and their indices to `out/DIGEST`.
+
+    Args:
+        kernels: files of a cache that was written for `PACK_CPU`.
+        out: folder of the pack; it is made, and must not be there.
+    """
+    out.mkdir(parents=True)
+    for kernel in kernels:
+        folder = out / kernel.parent.parent.name
+        folder.mkdir(exist_ok=True)
+        function = kernel.stem.rpartition(".")[0]  # numba numbers the types that it compiles for
+        for file in (kernel, kernel.with_name(f"{function}.nbi")):
+            shutil.copyfile(file, folder / file.name)
+
+
+if __name__ == "__main__":
+    make_pack(Path(sys.argv[1]))
