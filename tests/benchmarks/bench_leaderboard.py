@@ -238,7 +238,7 @@ def measured(entry: Path, name: str, n_episodes: int) -> dict[str, Any]:
     with patch.dict(os.environ, {"OMP_NUM_THREADS": str(n_threads), **environment}):
         verdict = verify(entry, n_episodes=n_episodes, seconds=LIMIT, n_threads=n_threads)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    seconds = (after.ru_utime - before.ru_utime) + (after.ru_stime - before.ru_stime)
     return {**verdict._asdict(), "seconds": seconds}
 
 
