@@ -9,6 +9,7 @@ forward, and the others.
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ SLOW = 0.3
 def forward(cells: Path, label: str, observations: Float) -> Float:
     """The forward commands of each seed's policy, [K, n, N]."""
     run = cells / label / "intersection-strict-expert" / label
-    policies = [swarmdata.make_policy(str(run), seed=seed) for seed in range(5)]
+    policies: list[Any] = [swarmdata.make_policy(str(run), seed=seed) for seed in range(5)]
     return np.stack([policy.actions(observations)[..., 0] for policy in policies])
 
 
