@@ -198,9 +198,10 @@ INTRODUCTION = """\
 [Entries](evaluation.md#leaderboard-entries) made of the package's trained policies, the last three
 honest ones as files of ONNX, and forged ones, verified with one thread, with two, and with code for
 an older processor (`python -m tests.benchmarks.bench_leaderboard --episodes {episodes}`): five
-policies each, on as many reserved and as many fresh episodes. {same} of {n} entries got the same
-verdict in all settings; a column says whether all numbers were the same to the last bit. Times are
-processor time of the whole command; with older code, they include compiling it.
+policies each, on as many reserved and as many fresh episodes. {same} of {n} entries got one verdict
+in all settings that were measured, {all} of them in all three. A column says whether all numbers
+were the same to the last bit. Times are processor time of the whole command; with older code, they
+include compiling it.
 
 """
 
@@ -242,11 +243,16 @@ def measured(entry: Path, name: str, n_episodes: int) -> dict[str, Any]:
     return {**verdict._asdict(), "seconds": seconds}
 
 
-def all_measured(folder: Path, n_episodes: int) -> dict[str, dict[str, dict[str, Any]]]:
-    """The verdicts on all entries by setting; what is missing in the folder is made."""
+def kept(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
+    """The verdicts in a folder, by entry and setting."""
     file = folder / "verdicts.json"
     found = json.loads(file.read_text()) if file.exists() else {}
-    makers_of = makers(folder)
+    return {name: found.get(name, {}) for name in makers(folder)}
+
+
+def all_measured(folder: Path, n_episodes: int) -> dict[str, dict[str, dict[str, Any]]]:
+    """The verdicts on all entries by setting; what is missing in the folder is made."""
+    found, makers_of = kept(folder), makers(folder)
     for setting, name in product(SETTINGS, makers_of):
         entry = folder / name.replace("/", "-").replace(" ", "-")
         if not entry.exists():
@@ -254,25 +260,30 @@ def all_measured(folder: Path, n_episodes: int) -> dict[str, dict[str, dict[str,
             rmtree(part, ignore_errors=True)
             makers_of[name](part, n_episodes)
             part.rename(entry)
-        if setting not in found.setdefault(name, {}):
+        if setting not in found[name]:
             found[name][setting] = measured(entry, setting, n_episodes)
-            write_file(file, json.dumps(found, indent=1).encode())
+            write_file(folder / "verdicts.json", json.dumps(found, indent=1).encode())
             print(name, setting, found[name][setting], flush=True)
-    return {name: found[name] for name in makers_of}
+    return found
 
 
 def text(found: dict[str, dict[str, dict[str, Any]]], n_episodes: int) -> str:
-    """The section: words, then a line for each entry."""
-    rows, n_verdicts = [], 0
-    for name, by_setting in found.items():
-        verdicts = [
-            Verdict(**{key: each[key] for key in Verdict._fields}) for each in by_setting.values()
-        ]
-        first = verdicts[0]
-        n_verdicts += len({each.is_verified for each in verdicts}) == 1
+    """The section: words, then a line for each entry; a setting that is not measured is a dash."""
+    rows, n_verdicts, n_measured = [], 0, 0
+    for name, measurements in found.items():
+        by_setting = {
+            setting: Verdict(**{key: each[key] for key in Verdict._fields})
+            for setting, each in measurements.items()
+        }
+        first, *_ = by_setting.values()
+        n_measured += len(by_setting) == len(SETTINGS)
+        n_verdicts += len({each.is_verified for each in by_setting.values()}) == 1
         means = (f"{each:.3f}" for each in (first.reserved, first.fresh))
-        is_same = len(set(map(str, verdicts))) == 1
-        seconds = (f"{each['seconds']:.0f}" for each in by_setting.values())
+        is_same = len(set(map(str, by_setting.values()))) == 1
+        seconds = (
+            f"{measurements[each]['seconds']:.0f}" if each in by_setting else "–"
+            for each in SETTINGS
+        )
         rows.append(
             (
                 name, "; ".join(first.reasons) or "verified", f"{100 * first.equal:.1f}", *means,
@@ -283,9 +294,9 @@ def text(found: dict[str, dict[str, dict[str, Any]]], n_episodes: int) -> str:
         "entry", "verdict", "equal, %", "return, reserved", "return, fresh",
         "same numbers in all", *(f"{name}, s" for name in SETTINGS),
     )  # fmt: skip
-    return INTRODUCTION.format(same=n_verdicts, n=len(rows), episodes=n_episodes) + table(
-        head, rows
-    )
+    return INTRODUCTION.format(
+        same=n_verdicts, all=n_measured, n=len(rows), episodes=n_episodes
+    ) + table(head, rows)
 
 
 def main() -> None:
@@ -293,8 +304,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("--episodes", type=int, default=N_EPISODES, help="reserved episodes")
     parser.add_argument("--out", type=Path, default=Path("build/leaderboard"))
+    parser.add_argument("--measured", action="store_true", help="write what is measured so far")
     arguments = parser.parse_args()
-    found = all_measured(arguments.out / str(arguments.episodes), arguments.episodes)
+    folder = arguments.out / str(arguments.episodes)
+    found = kept(folder) if arguments.measured else all_measured(folder, arguments.episodes)
     write_section("Leaderboard entries", text(found, arguments.episodes))
 
 
