@@ -233,7 +233,8 @@ def shipped_recipes() -> Mapping[str, Recipe]:
 
     A recipe is made when it is first looked at.
     """
-    return LazyTable(outlines(), lambda key: _recipe(key, outlines()[key]))
+    made_of = outlines()
+    return LazyTable(made_of, lambda key: _recipe(key, made_of[key]))
 
 
 def _has(family: str, ingredient: str) -> bool:

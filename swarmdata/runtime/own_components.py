@@ -142,7 +142,8 @@ def summary_of(component: Any) -> str:
 def _installed(group: str) -> Mapping[str, str]:
     """The entry points of installed distributions, "module:Name" by name."""
     found: dict[str, str] = {}
-    for point in entry_points(group=f"swarmdata.{group}"):
+    points = entry_points(group=f"swarmdata.{group}")  # in the order of the disk
+    for point in sorted(points, key=lambda each: getattr(each.dist, "name", "")):
         where = f"uninstall {getattr(point.dist, 'name', 'the distribution')}, or rename it there"
         _check_free(group, point.name, where)
         if found.setdefault(point.name, point.value) != point.value:

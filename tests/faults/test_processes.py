@@ -30,7 +30,7 @@ def kill_points(operation: str, folder: Path, stride: int) -> dict[str, int]:
 
 def test_a_kill_before_any_change_of_the_disk_is_survived(tmp_path: Path) -> None:
     """Row 02: a few of the moments of publishing; the slow test takes more, and of more."""
-    found = kill_points("publish", tmp_path, 90)
+    found = kill_points("publish", tmp_path, 50)
     assert found["kills"] >= 3
 
 

@@ -60,6 +60,7 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> Mapping[str, Recipe]:
 
     monkeypatch.setattr(recipes, "checkpoints", found)
     monkeypatch.setattr(recipes, "_index", lambda: table)
+    monkeypatch.setattr(recipes, "outlines", recipes.outlines.__wrapped__)
     return shipped_recipes.__wrapped__()
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError
+from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.remotes.outside_names import is_address, is_folder, is_id, looks_like_path
-from swarmdata.registry.recipes import find_recipe, is_dataset
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.origins import parse_origin
@@ -133,7 +133,10 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
 
 def shipped_recipe(name: str) -> Recipe | None:
     """The shipped recipe of an id, None if there is none."""
-    return find_recipe(name) if is_dataset(name) else None
+    try:
+        return find_recipe(name)
+    except UnknownNameError:
+        return None
 
 
 def request_of_recipe(recipe: Recipe, folder: Path | None = None) -> Request:
