@@ -8,7 +8,6 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.distance_field import (
     CLEARANCE_MARGIN,
     Ground,
-    Int8,
     Int32,
     fill_clearances,
     grid_shape,
@@ -38,7 +37,7 @@ class Maps(NamedTuple):
     clearances: Float  # [E, rows, columns] m, of the nodes
     half: Double  # [2] m, half width and half height of the arena
     costs: Int32  # [E, G, n] of the paths; see `waypoints.Paths`
-    moves: Int8  # [E, G, n] on the paths
+    next_nodes: Int32  # [E, G, n] on the paths
     goals: Double  # [E, G, 2] m, that the paths were planned to
     are_old: Bool  # [E, G] paths from before the last reset, for the same goals only
 
@@ -55,7 +54,7 @@ def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
         SpecError: the maps of one episode, or all of them, are too large.
     """
     rows, columns = grid_shape(spec.arena, NODE_SPACING)
-    one = rows * columns * (4 + 5 * n_goals)
+    one = rows * columns * (4 + 8 * n_goals)
     if one > MAX_MAP_BYTES or n_copies * one > MAX_MAPS_BYTES:
         raise SpecError(
             f"maps of the arena of {spec.arena.width:g} x {spec.arena.height:g} m take "
@@ -98,7 +97,7 @@ class EpisodeMaps:
             clearances=np.zeros((n_copies, rows, columns), dtype=np.float32),
             half=np.array([arena.width / 2.0, arena.height / 2.0]),
             costs=np.zeros(nodes, dtype=np.int32),
-            moves=np.zeros(nodes, dtype=np.int8),
+            next_nodes=np.zeros(nodes, dtype=np.int32),
             goals=np.zeros((n_copies, self._n_goals, 2)),
             are_old=np.ones((n_copies, self._n_goals), dtype=np.bool_),
         )

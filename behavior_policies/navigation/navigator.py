@@ -122,7 +122,7 @@ def navigate(all_robots: Double, drifts: Double, team: Team, maps: Maps, out: Do
         ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
         _forget_old_paths(robots[:, 4:6], maps.goals[b], maps.costs[b], maps.are_old[b])
         for i in range(n_robots):
-            paths = Paths(maps.costs[b, i], maps.moves[b, i])
+            paths = Paths(maps.costs[b, i], maps.next_nodes[b, i])
             write_aim(i, robots[i], drifts[b, i], team, ground, paths, aims[i])
         for i in range(n_robots):
             time, length = team.scales[i, TIME_SCALE], team.scales[i, LENGTH_SCALE]

@@ -178,8 +178,8 @@ def act_copies(
         payload = PayloadState(body, setup.shape)
         ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
         planned = maps.goals[b, ROBOTS_GOAL]
-        payload_paths = Paths(maps.costs[b, PAYLOAD_GOAL], maps.moves[b, PAYLOAD_GOAL])
-        robot_paths = Paths(maps.costs[b, ROBOTS_GOAL], maps.moves[b, ROBOTS_GOAL])
+        payload_paths = Paths(maps.costs[b, PAYLOAD_GOAL], maps.next_nodes[b, PAYLOAD_GOAL])
+        robot_paths = Paths(maps.costs[b, ROBOTS_GOAL], maps.next_nodes[b, ROBOTS_GOAL])
         if abs(body[0] - planned[0]) + abs(body[1] - planned[1]) > PAYLOAD_REPLAN_DISTANCE:
             robot_paths.costs[0] = UNPLANNED_COST
             planned[0], planned[1] = body[0], body[1]

@@ -19,7 +19,6 @@ from swarmdata.specs.task_spec import Arena
 from swarmdata.types import Double, Float
 
 Int32 = NDArray[np.int32]
-Int8 = NDArray[np.int8]
 
 PATH_GAP = 0.015
 """Metres of free gap that a path keeps where it can."""
@@ -34,9 +33,6 @@ GAP_LEVELS = (0.10, 0.04, PATH_GAP)
 GAP_WEIGHTS = (1, 2, 6, 40)
 """Gaps, m, and the factors on the cost of entering a node whose free gap is above each of them, and
 below all. The last factor lets robots that were pushed against a surface find a way out."""
-
-NO_MOVE = 5
-"""The move that leads nowhere: up 0, right 0."""
 
 N_BUCKETS = 512
 """A power of two above the largest cost of a step: a bucket holds nodes of one cost, and its number
@@ -88,16 +84,16 @@ def fill_clearances(layout: Float, cap: float, ground: Ground) -> None:
 
 @kernel
 def weights_of(grid: Float, radius: float) -> Int32:
-    """Returns the cost factor of entering each node, -1 where no robot fits, [rows * columns].
+    """Returns the cost factor of entering each node, 0 where no robot fits, [rows * columns].
 
-    The border is always -1, so every node that can be entered has eight neighbors.
+    The border is always 0, so every node that can be entered has eight neighbors.
 
     Args:
         grid: clearances, m, [rows, columns].
         radius: of the robot, m.
     """
     rows, columns = grid.shape
-    weights = np.full(rows * columns, -1, dtype=np.int32)
+    weights = np.zeros(rows * columns, dtype=np.int32)
     for row in range(1, rows - 1):
         for column in range(1, columns - 1):
             gap = grid[row, column] - radius
@@ -112,20 +108,20 @@ def weights_of(grid: Float, radius: float) -> Int32:
 
 
 @kernel
-def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, moves: Int8) -> None:
-    """Writes for every node the cost of the cheapest path to the goal and the first move on it.
+def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, next_nodes: Int32) -> None:
+    """Writes for every node the cost of the cheapest path to the goal and the next node on it.
 
     Args:
         goal: node, row * columns + column; it can be entered.
         columns: nodes in a row.
-        weights: cost factor of entering each node, -1 where it cannot be and on the border, [n].
+        weights: cost factor of entering each node, 0 where it cannot be and on the border, [n].
         costs: written, [n]; -1 where there is no path.
-        moves: written, [n], for `next_of`; the goal's next node is itself.
+        next_nodes: written, [n]; the goal's next node is itself.
     """
     heads = np.full(N_BUCKETS, -1, dtype=np.int32)  # first node of each bucket
     before, after = np.empty_like(weights), np.empty_like(weights)  # in the bucket, -1 at its ends
-    costs[:], moves[:] = -1, NO_MOVE
-    costs[goal] = 0
+    costs[:], next_nodes[:] = -1, -1
+    costs[goal], next_nodes[goal] = 0, goal
     heads[0], before[goal], after[goal] = goal, -1, -1
     cost, waiting = 0, 1
     while waiting > 0:
@@ -141,7 +137,7 @@ def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, moves: Int
         for up in range(-1, 2):
             for right in range(-1, 2):
                 near = np.uintp(node + up * columns + right)  # never counts from the end
-                if weights[near] < 0:
+                if weights[near] == 0:
                     continue
                 step = DIAGONAL_COST if up != 0 and right != 0 else STRAIGHT_COST
                 old, new = costs[near], cost + step * weights[near]
@@ -149,14 +145,7 @@ def fill_paths(goal: int, columns: int, weights: Int32, costs: Int32, moves: Int
                     continue
                 waiting += 1 if old < 0 else 0
                 _move(near, old, new, heads, before, after)
-                costs[near], moves[near] = new, 4 * (1 - up) + 1 - right  # back to the node
-
-
-@kernel(inline="always")
-def next_of(node: int, moves: Int8, columns: int) -> int:
-    """Returns the next node on a path; a move is 4 * (rows up + 1) + columns to the right + 1."""
-    move = int(moves[node])
-    return node + ((move >> 2) - 1) * columns + (move & 3) - 1
+                costs[near], next_nodes[near] = new, node
 
 
 @kernel(inline="always")
@@ -183,7 +172,7 @@ def nearest_node(x: float, y: float, costs: Int32, ground: Ground) -> int:
     Args:
         x: point, m.
         y: point, m.
-        costs: of the paths, or `weights_of` the nodes; -1 where there is none, [n].
+        costs: of the paths, -1 where there is none, [n].
         ground: whose nodes these are.
     """
     (rows, columns), half, spacing = ground.clearances.shape, ground.half, ground.spacing

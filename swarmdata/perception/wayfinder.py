@@ -27,11 +27,9 @@ from swarmdata.numerics.distance_field import (
     GAP_WEIGHTS,
     STRAIGHT_COST,
     Ground,
-    Int8,
     Int32,
     fill_clearances,
     grid_shape,
-    weights_of,
 )
 from swarmdata.numerics.waypoints import (
     LOOKAHEAD_NODES,
@@ -85,12 +83,11 @@ class Plans(NamedTuple):
 
     layouts: Float  # [E, M, 8] of the maps
     clearances: Float  # [E, rows, columns] m, of the nodes
-    weights: Int32  # [E, n] of the nodes, for the largest robot
     ends: Int32  # [E, G] nodes that the paths lead to, or `NO_NODE`
     uses: Int  # [E, G] when each was used last
     clocks: Int  # [E] uses so far
     costs: Int32  # [E, G, n] of the paths, with `UNPLANNED_COST`
-    moves: Int8  # [E, G, n] on the paths
+    next_nodes: Int32  # [E, G, n] on the paths
 
 
 class Wayfinder:
@@ -190,8 +187,8 @@ def _senders(names: Sequence[str]) -> Int:
 
 
 def paths_kept(n_agents: int) -> int:
-    """How many paths are kept for each copy of a team of that size: nearly all of an episode."""
-    return 6 * n_agents + 16
+    """How many paths are kept for each copy of a team of that size."""
+    return 4 * n_agents + 8
 
 
 def _no_plans(task: Task, n_copies: int) -> Plans:
@@ -202,12 +199,11 @@ def _no_plans(task: Task, n_copies: int) -> Plans:
     return Plans(
         layouts=np.full((n_copies, n_obstacles, 8), np.nan, dtype=np.float32),
         clearances=np.zeros((n_copies, rows, columns), dtype=np.float32),
-        weights=np.zeros((n_copies, rows * columns), dtype=np.int32),
         ends=np.full((n_copies, n_paths), NO_NODE, dtype=np.int32),
         uses=np.zeros((n_copies, n_paths), dtype=np.int64),
         clocks=np.zeros(n_copies, dtype=np.int64),
         costs=np.zeros(shape, dtype=np.int32),
-        moves=np.zeros(shape, dtype=np.int8),
+        next_nodes=np.zeros(shape, dtype=np.int32),
     )
 
 
@@ -219,7 +215,6 @@ def map_layout(layout: Float, b: int, guide: Guide, plans: Plans) -> None:
     plans.layouts[b] = layout
     ground = Ground(plans.clearances[b], guide.half, NODE_SPACING)
     fill_clearances(layout, guide.radius + CLEARANCE_MARGIN, ground)
-    plans.weights[b] = weights_of(ground.clearances, guide.radius)
     plans.ends[b] = NO_NODE
     plans.clocks[b] = 1
 
@@ -239,16 +234,16 @@ def paths_to(x: float, y: float, b: int, guide: Guide, plans: Plans) -> Paths:
     for g in range(plans.ends.shape[1]):
         if plans.ends[b, g] == end:
             plans.uses[b, g] = plans.clocks[b]
-            return Paths(plans.costs[b, g], plans.moves[b, g])
+            return Paths(plans.costs[b, g], plans.next_nodes[b, g])
         is_free = plans.ends[b, g] == NO_NODE
         if is_free or plans.uses[b, g] < plans.uses[b, oldest]:
             oldest = g
         if is_free:
             break
     plans.ends[b, oldest], plans.uses[b, oldest] = end, plans.clocks[b]
-    paths = Paths(plans.costs[b, oldest], plans.moves[b, oldest])
+    paths = Paths(plans.costs[b, oldest], plans.next_nodes[b, oldest])
     to_x, to_y = position_of(end, ground)
-    plan(to_x, to_y, plans.weights[b], ground, paths)
+    plan(to_x, to_y, guide.radius, ground, paths)
     return paths
 
 

@@ -19,7 +19,7 @@ POCKET_ROW = np.array([[POCKET, 0.0, 0.0, 0.0, 1.0, 0.4, 0.4, 0.05]], dtype=np.f
 
 
 def unplanned(n_nodes: int) -> Paths:
-    return Paths(np.full(n_nodes, UNPLANNED_COST, np.int32), np.zeros(n_nodes, np.int8))
+    return Paths(np.full(n_nodes, UNPLANNED_COST, np.int32), np.zeros(n_nodes, np.int32))
 
 
 def test_interpolated_clearance_is_close() -> None:
