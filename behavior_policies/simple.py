@@ -84,7 +84,7 @@ def _track(robots: Double, wishes: Double, limits: Double, dt: float, commands: 
     Args:
         robots: columns `state_layout.ROBOT`, [E, N, 8].
         wishes: velocities, m/s, [E, N, 2].
-        limits: `dynamics.limits_of`, [N, 8].
+        limits: `dynamics.limits_of`, [N, 9].
         dt: control step, s.
         commands: written, [E, N, 2].
     """

@@ -29,7 +29,7 @@ class Team(NamedTuple):
     """Constants of a team's robots, for kernels."""
 
     radii: Double  # [N] m
-    limits: Double  # [N, 8] `dynamics.limits_of`
+    limits: Double  # [N, 9] `dynamics.limits_of`
     scales: Double  # [N, 2] of time and length
     stopping_times: Double  # [N] s, from full speed; a command takes effect one step late
     control_dt: float  # s

@@ -8,7 +8,14 @@ velocities allow along that heading. The heading may lag behind: safety does not
 import math
 
 from swarmdata.behavior_policies.navigation.orca import PARALLEL_TOLERANCE
-from swarmdata.envs.physics.dynamics import ACCELERATION, BY_VELOCITY, SPEED, TURN_RATE, UNICYCLE
+from swarmdata.envs.physics.dynamics import (
+    ACCELERATION,
+    BY_VELOCITY,
+    DIFFERENTIAL,
+    SPEED,
+    TURN_RATE,
+    UNICYCLE,
+)
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
@@ -43,12 +50,16 @@ def command_of(
         out: written, in [-1, 1], [2].
     """
     if limit[UNICYCLE] == 1.0:
-        out[1] = turn_command(heading, wish, limit, dt)
+        out[1], top = turn_command(heading, wish, limit, dt), limit[SPEED]
+        if limit[DIFFERENTIAL] == 1.0:  # wheels share their speed between driving and turning
+            ahead = abs(heading[0] * wish[0] + heading[1] * wish[1]) / limit[SPEED]
+            out[1] /= max(ahead + abs(out[1]), 1.0)
+            top *= 1.0 - abs(out[1])
         half = 0.5 * limit[TURN_RATE] * out[1] * dt  # tangent of half the angle, nearly
         scale = 1.0 / (1.0 + half * half)
         cos, sin = (1.0 - half * half) * scale, 2.0 * half * scale
         ux, uy = heading[0] * cos - heading[1] * sin, heading[0] * sin + heading[1] * cos
-        speed = speed_along((ux, uy), wish, limit[SPEED], planes, n_planes)
+        speed = speed_along((ux, uy), wish, top, planes, n_planes)
         if limit[BY_VELOCITY] == 0.0:
             ahead = velocity[0] * heading[0] + velocity[1] * heading[1]
             out[0] = min(max((speed - ahead) / (dt * limit[ACCELERATION]), -1.0), 1.0)

@@ -92,12 +92,11 @@ COMMON_LIMITS = (
     "within a team.",
     "Bodies in contact overlap: by less than 2 mm in the median, robots and obstacles by less than "
     "3 mm and a payload by less than 5 mm at most, since a physics step ends where bodies begin to "
-    "overlap. Robots in contact may exceed `max_speed` by up to 17 % (`python -m "
-    "tests.benchmarks.bench_contacts`).",
+    "overlap. Robots in contact may exceed `max_speed` by up to 17 %.",
     "States are not exactly Markov: after a step with a contact they do not contain how the solver "
     "is separating the bodies. A world restarted from such a state differs from the recording by "
     "less than 4 mm after one step, and mostly by less than 0.001 mm. Without contacts the "
-    "difference is always below 0.001 mm (same command).",
+    "difference is always below 0.001 mm.",
 )
 """Known limits of every dataset of a task."""
 

@@ -61,8 +61,8 @@ class Backend(Protocol):
             layouts: obstacles of all copies, [E, M, 8].
             robots: of these copies, with their velocities, [C, N, 6].
             bodies: movable bodies of these copies, with their velocities, [C, K, 7].
-            limits: of the robots, `dynamics.limits_of`, [N, 8], or those of each of these
-                copies, [C, N, 8].
+            limits: of the robots, `dynamics.limits_of`, [N, 9], or those of each of these
+                copies, [C, N, 9].
             payloads: of the movable bodies, `episode_bodies.payload_rows`, [K, 4], or those of
                 each of these copies, [C, K, 4].
         """

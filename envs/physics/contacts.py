@@ -2,7 +2,7 @@
 
 Munk2D reports a contact exactly when bodies overlap after a step, and finding the overlap here is
 100 times cheaper than through its callbacks. Overlaps are at most a few millimetres deep
-(`impacts`; `python -m tests.benchmarks.bench_contacts`).
+(`impacts`; "Contacts" in docs/measurements.md).
 """
 
 import math

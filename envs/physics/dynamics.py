@@ -8,10 +8,11 @@ motors push harder, and the robot skids where it turns. The limit is that of bot
 wheels with the usual grip, of which each holds along and across apart (`USUAL_GRIP`).
 
 Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
-its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate.
+its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate; of a differential
+drive, both are scaled down where a wheel would be too fast (`Robot.command_norm`).
 
 The limits apply to commands only. A robot that is pushed may exceed `max_speed`, by up to 17 %
-(`python -m tests.benchmarks.bench_contacts`).
+("Contacts" in docs/measurements.md).
 """
 
 import math
@@ -22,8 +23,11 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE, GRIP, MASS, FRICTION = range(8)
+SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE, GRIP, MASS, FRICTION, DIFFERENTIAL = range(9)
 """Columns of the limits, `task_spec.Robot`."""
+
+N_LIMITS = 9
+"""Number of these columns."""
 
 USUAL_GRIP = float(Robot.model_fields["wheel_grip"].default)
 """m/s^2. Published worlds have wheels with this grip and keep their bits. With the usual motors of
@@ -31,7 +35,7 @@ USUAL_GRIP = float(Robot.model_fields["wheel_grip"].default)
 
 
 def limits_of(spec: TaskSpec) -> Double:
-    """Returns the robots' limits and bodies, in SI units, and flags, [N, 8]."""
+    """Returns the robots' limits and bodies, in SI units, and flags, [N, 9]."""
     return np.array(
         [
             (
@@ -43,6 +47,7 @@ def limits_of(spec: TaskSpec) -> Double:
                 robot.wheel_grip,
                 robot.mass,
                 robot.friction,
+                robot.drive == "differential",
             )
             for robot in spec.robots
         ],
@@ -67,7 +72,7 @@ def begin_step(
     """Finds the active copies, clips their commands, and begins their step.
 
     Args:
-        limits: [N, 8].
+        limits: [N, 9].
         active: written: the copies that have not ended, [E].
         commands: written, [E, N, 2].
         actions: the first two columns are commands, [E, N, A].
@@ -101,6 +106,10 @@ def begin_step(
             if limits[i, UNICYCLE] == 1.0:
                 commands[b, i, 0] = min(max(x, -1.0), 1.0)
                 commands[b, i, 1] = min(max(y, -1.0), 1.0)
+                if limits[i, DIFFERENTIAL] == 1.0:
+                    scale = max(abs(commands[b, i, 0]) + abs(commands[b, i, 1]), 1.0)
+                    commands[b, i, 0] /= scale
+                    commands[b, i, 1] /= scale
                 continue
             norm = math.sqrt(x * x + y * y)
             scale = norm if norm > 1.0 else 1.0
@@ -175,7 +184,7 @@ def drive(
     Args:
         robots: columns x, y, vx, vy, ux, uy; headings are turned, [N, 6].
         commands: clipped, [N, 2].
-        limits: [N, 8].
+        limits: [N, 9].
         n_substeps: physics steps in a control step.
         dt: length of a physics step, s.
         k: number of the physics step, from 0.

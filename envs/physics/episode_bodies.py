@@ -35,7 +35,7 @@ PAYLOAD_MASS, MOMENT, SLIDE_FRICTION, TURN_FRICTION = range(4)
 
 
 def episode_limits(spec: TaskSpec, seeds: Seeds) -> Double:
-    """Returns limits and bodies of the robots of some episodes, [E, N, 8].
+    """Returns limits and bodies of the robots of some episodes, [E, N, 9].
 
     Args:
         spec: of the episodes.

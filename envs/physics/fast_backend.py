@@ -19,7 +19,7 @@ import pymunk
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
-from swarmdata.envs.physics.dynamics import FRICTION, MASS, drive
+from swarmdata.envs.physics.dynamics import FRICTION, MASS, N_LIMITS, drive
 from swarmdata.envs.physics.episode_bodies import (
     MOMENT,
     PAYLOAD_MASS,
@@ -79,7 +79,7 @@ class Spaces(NamedTuple):
     payloads: Annotated[Double, 3]  # [E, K, 4] of `payload_rows`
     n_substeps: int  # physics steps in a control step
     dt: float  # s, of a physics step
-    limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
+    limits: Annotated[Double, 3]  # [E, N, 9] of `limits_of`
     radii: Annotated[Double, 1]  # [N] m
     half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
     body_shapes: Annotated[Double, 2]  # [K, 3] of `shapes_of`
@@ -297,7 +297,7 @@ class FastBackend:
             payloads=np.zeros((n_copies, k, 4)),
             n_substeps=spec.n_substeps,
             dt=spec.physics_dt,
-            limits=np.zeros((n_copies, n, 8)),
+            limits=np.zeros((n_copies, n, N_LIMITS)),
             radii=np.array([robot.radius for robot in spec.robots]),
             half=np.array(spec.half_size),
             body_shapes=shapes_of(plan),

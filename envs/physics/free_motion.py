@@ -51,7 +51,7 @@ def write_travel_bounds(robots: Double, limits: Double, time: float, out: Double
 
     Args:
         robots: [N, 6].
-        limits: `dynamics.limits_of`, [N, 8].
+        limits: `dynamics.limits_of`, [N, 9].
         time: s.
         out: written, m, [N].
     """

@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
-from swarmdata.envs.physics.dynamics import drive
+from swarmdata.envs.physics.dynamics import N_LIMITS, drive
 from swarmdata.envs.physics.free_motion import move
 from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
@@ -19,7 +19,7 @@ from swarmdata.types import Bool, Counts, Double, Float, Int
 class Motion(NamedTuple):
     """What moves in E copies, and what is the same in all of their steps."""
 
-    limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
+    limits: Annotated[Double, 3]  # [E, N, 9] of `limits_of`
     n_substeps: int  # physics steps in a control step
     dt: float  # s, of a physics step
     robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
@@ -49,7 +49,7 @@ class KinematicBackend:
     def __init__(self, plan: Plan, n_copies: int) -> None:
         spec = plan.spec
         self.motion = Motion(
-            limits=np.zeros((n_copies, spec.n_agents, 8)),
+            limits=np.zeros((n_copies, spec.n_agents, N_LIMITS)),
             n_substeps=spec.n_substeps,
             dt=spec.physics_dt,
             robots=np.zeros((n_copies, spec.n_agents, 6)),

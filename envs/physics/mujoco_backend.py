@@ -18,7 +18,7 @@ import numpy as np
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
-from swarmdata.envs.physics.dynamics import MASS, drive
+from swarmdata.envs.physics.dynamics import MASS, N_LIMITS, drive
 from swarmdata.envs.physics.free_motion import is_free
 from swarmdata.envs.physics.mujoco_model import WorldModel, steps_in
 from swarmdata.envs.physics.mujoco_wheels import N_POSITIONS, N_VELOCITIES, wheel_speeds
@@ -61,14 +61,14 @@ class _Copy(NamedTuple):
     option: Any  # of the model
     coordinates: Coordinates
     warnings: Int  # how many of each kind; memory of MuJoCo
-    limits: Double  # [N, 8] as written in the model
+    limits: Double  # [N, 9] as written in the model
     payloads: Double  # [K, 4] as written in the model
 
 
 class Worlds(NamedTuple):
     """What kernels read and write of E copies in every step."""
 
-    limits: Annotated[Double, 3]  # [E, N, 8] of `limits_of`
+    limits: Annotated[Double, 3]  # [E, N, 9] of `limits_of`
     n_substeps: int  # physics steps in a control step
     dt: float  # s, of a physics step
     n_short: int  # MuJoCo's steps in one near contacts
@@ -180,7 +180,7 @@ class MujocoBackend:
         joints = _joints(plan)
         self._has_wheels = bool(joints[:, WHEELS].any())
         self.worlds = Worlds(
-            limits=np.zeros((n_copies, n, 8)),
+            limits=np.zeros((n_copies, n, N_LIMITS)),
             n_substeps=spec.n_substeps,
             dt=spec.physics_dt,
             n_short=steps_in(spec.physics_dt),
@@ -242,7 +242,7 @@ class MujocoBackend:
         found = Coordinates(data.ctrl, data.qpos, data.qvel)
         ours.coordinates[b] = ArgumentBlock(found, COORDINATES).packed
         unwritten = (
-            np.full((len(ours.radii), 8), np.nan),
+            np.full((len(ours.radii), N_LIMITS), np.nan),
             np.full((ours.bodies.shape[1], 4), np.nan),
         )
         copy = _Copy(model, data, model.opt, found, data.warning.number, *unwritten)

@@ -115,7 +115,7 @@ class _Planar(NamedTuple):
     hull: Any  # a geom
 
     def write(self, model: Any, row: list[float]) -> None:
-        """Gives the robot the body of an episode, `dynamics.limits_of`, [8]."""
+        """Gives the robot the body of an episode, `dynamics.limits_of`, [9]."""
         model.body_mass[self.body.id] = row[MASS]
         model.geom_friction[self.hull.id, 0] = SURFACE_FRICTION * row[FRICTION]
 
@@ -195,7 +195,7 @@ class WorldModel:
         Args:
             model: written.
             data: of this model, left at the start of an episode.
-            limits: of its robots, `dynamics.limits_of`, [N, 8].
+            limits: of its robots, `dynamics.limits_of`, [N, 9].
             payloads: `episode_bodies.payload_rows`, [K, 4].
         """
         for robot, row in zip(self._robots, limits.tolist(), strict=True):

@@ -77,7 +77,7 @@ class Wheeled(NamedTuple):
     tyres: tuple[Any, ...]  # geoms
 
     def write(self, model: Any, row: list[float]) -> None:
-        """Gives the robot the body of an episode, `dynamics.limits_of`, [8]."""
+        """Gives the robot the body of an episode, `dynamics.limits_of`, [9]."""
         mass = row[MASS]
         rest, area = mass * (1.0 - ROTOR_SHARE - 2.0 * WHEEL_MASS), self.radius**2
         masses, inertias, frictions = model.body_mass, model.body_inertia, model.geom_friction
@@ -167,7 +167,7 @@ def wheel_speeds(
     Args:
         robot: x, y, vx, vy, ux, uy, [6].
         command: clipped, [2].
-        limit: row of the limits, [8].
+        limit: row of the limits, [9].
         radius: of the robot, m.
     """
     ahead = robot[2] * robot[4] + robot[3] * robot[5]

@@ -15,7 +15,7 @@ import pymunk
 
 from swarmdata.envs.physics.backend import Contacts, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
-from swarmdata.envs.physics.dynamics import FRICTION, MASS, drive
+from swarmdata.envs.physics.dynamics import FRICTION, MASS, N_LIMITS, drive
 from swarmdata.envs.physics.episode_bodies import (
     MOMENT,
     PAYLOAD_MASS,
@@ -140,7 +140,7 @@ def build_space(
         layout: obstacles, [M, 8].
         robots: [N, 6].
         movables: [K, 7].
-        limits: `dynamics.limits_of`, [N, 8].
+        limits: `dynamics.limits_of`, [N, 9].
         payloads: `episode_bodies.payload_rows`, [K, 4].
 
     Returns:
@@ -178,7 +178,7 @@ class PublicBackend:
     def __init__(self, plan: Plan, n_copies: int) -> None:
         self._plan, spec = plan, plan.spec
         n = spec.n_agents
-        self._limits: Double = np.zeros((n_copies, n, 8))
+        self._limits: Double = np.zeros((n_copies, n, N_LIMITS))
         self._payloads: Double = np.zeros((n_copies, len(plan.movables), 4))
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array(spec.half_size)

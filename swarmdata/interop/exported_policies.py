@@ -106,22 +106,21 @@ def _columns(space: Space, name: str) -> list[str]:
 def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
     """What actions in [-1, 1] mean: middle + half * action, for each robot, in SI units.
 
+    An action is first scaled down to the p-norm 1 if it is longer, with p = `norm`, unless None.
     `stop` is the command that stops a robot, None where this is not known: zero stops none that is
     commanded by accelerations.
     """
     if isinstance(spec, TaskSpec):
-        halves, stops = [], []
+        commands = []
         for robot in spec.robots:
             is_speed = robot.command == "velocity"
             most = robot.max_speed if is_speed else robot.max_acceleration
             is_turning = robot.dynamics == "unicycle"
-            halves.append([most, robot.max_turn_rate if is_turning else most])
-            stops.append([0.0, 0.0] if is_speed else None)
-        return {
-            "time_step": spec.control_dt,
-            "commands": [{"middle": [0.0, 0.0], "half": half, "stop": stop}
-                         for half, stop in zip(halves, stops, strict=True)],
-        }  # fmt: skip
+            half = [most, robot.max_turn_rate if is_turning else most]
+            stop = [0.0, 0.0] if is_speed else None
+            command = {"middle": [0.0, 0.0], "half": half, "norm": robot.command_norm, "stop": stop}
+            commands.append(command)
+        return {"time_step": spec.control_dt, "commands": commands}
     if spec.action_kind == "choices":
         raise PolicyFitError(
             f"policies for {spec.task} choose among whole numbers, expected continuous commands"
@@ -139,7 +138,7 @@ def _recorded(
         columns = named.get(agent.name, [""])
         is_motion = all(column in get_args(Motion) for column in columns)
         found.append(
-            {"middle": middle[:n].tolist(), "half": half[:n].tolist(),
+            {"middle": middle[:n].tolist(), "half": half[:n].tolist(), "norm": None,
              "stop": [0.0] * n if is_motion else None}
         )  # fmt: skip
     return found

@@ -104,7 +104,7 @@ class Robot(Extended):
     """
 
     later_fields: ClassVar[tuple[str, ...]] = (
-        "command_delay", "actuator_lag", "mass", "friction", "wheel_grip", "base",
+        "command_delay", "actuator_lag", "mass", "friction", "wheel_grip", "base", "drive",
     )  # fmt: skip
 
     radius: Length = 0.12  # m
@@ -120,6 +120,7 @@ class Robot(Extended):
     friction: Friction = SURFACE_FRICTION  # of its hull; engines multiply those of two bodies
     wheel_grip: Acceleration = 10.0  # m/s^2 up to which wheels do not slip, unicycle only
     base: Literal["planar", "wheels"] = "planar"  # wheels: two and a caster, in MuJoCo, unicycle
+    drive: Literal["independent", "differential"] = "independent"  # see `command_norm`
 
     @model_validator(mode="after")
     def _check_wheels(self) -> Self:
@@ -134,7 +135,28 @@ class Robot(Extended):
                 "base wheels is two driven wheels and a caster, which cannot move in any direction "
                 "as dynamics holonomic does. Use dynamics unicycle"
             )
+        if self.drive == "differential" and (self.dynamics, self.command) != (
+            "unicycle",
+            "velocity",
+        ):
+            raise ValueError(
+                "drive differential limits the speeds of two wheels, got dynamics "
+                f"{self.dynamics} and command {self.command}. Use unicycle and velocity"
+            )
         return self
+
+    @property
+    def command_norm(self) -> int | None:
+        """The p-norm of a command in units of its limits that is at most 1; None: each number.
+
+        A longer command is scaled down to norm 1. Holonomic: p = 2, the length of a vector. With
+        drive differential: p = 1. A wheel at a distance of L / 2 from the centre has the speed
+        v +- w L / 2, so both keep to `max_speed` if |v| + |w| L / 2 does, and `max_turn_rate` is
+        that of a turn in place, 2 `max_speed` / L.
+        """
+        if self.dynamics == "holonomic":
+            return 2
+        return 1 if self.drive == "differential" else None
 
     @property
     def acceleration(self) -> float:

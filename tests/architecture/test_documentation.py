@@ -11,6 +11,7 @@ import typer
 
 from swarmdata.cli.main import app
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from tests.support.package_sources import sources
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
@@ -20,6 +21,9 @@ README_BYTES = 8_000
 
 UNLISTED = ("fault-tests.md", "measurements.md")
 """Pages of `docs` for maintainers."""
+
+MEASUREMENT = re.compile(r"tests\.benchmarks\.(\w+)[^`]*`(?!\s+of\s+revision)")
+"""A command of the present revision that measures something."""
 
 LINK = re.compile(r"\]\(([^)\s]+)\)|(?:src|href)=\"([^\"]+)\"")
 
@@ -115,3 +119,13 @@ def test_documented_settings_exist() -> None:
     for page in DOCUMENTS:
         used = set(re.findall(r"--set ([a-z][\w.]*)=", page.read_text(encoding="utf-8")))
         assert used <= known, f"{page.name}: unknown {used - known}"
+
+
+def test_commands_that_measure_exist() -> None:
+    texts = {name_of(page): page.read_text(encoding="utf-8") for page in DOCUMENTS}
+    texts |= {path.as_posix(): text for path, text in sources().items()}
+    cited = {name: set(MEASUREMENT.findall(text)) for name, text in texts.items()}
+    known = {file.stem for file in (ROOT / "tests/benchmarks").glob("*.py")}
+    missing = {name: found - known for name, found in cited.items() if found - known}
+    assert not missing
+    assert set().union(*cited.values())

@@ -87,14 +87,3 @@ def test_other_tasks_and_noise_that_is_none_are_refused() -> None:
         CoopNavController(TaskSpec(rules=WarehouseRules()))
     with pytest.raises(SpecError, match="noise"):
         CoopNavController(TaskSpec(), noise=-1.0)
-
-
-def test_the_robotarium_preset_has_the_testbeds_constants() -> None:
-    spec = preset("robotarium")
-    robot = spec.robots[0]
-    wheel_radius, base = 0.016, 0.11
-    wheel_rate = robot.max_speed / wheel_radius
-    assert robot.max_turn_rate == pytest.approx(2 * wheel_radius * wheel_rate / base, abs=5e-3)
-    assert 2 * robot.radius == pytest.approx(0.11)
-    assert (spec.arena.width, spec.arena.height) == (3.2, 2.0)
-    assert (spec.control_dt, robot.max_speed, robot.dynamics) == (0.033, 0.2, "unicycle")

@@ -68,11 +68,14 @@ class Runner:
         return action
 
     def command(self, action: np.ndarray) -> tuple[float, ...]:
-        """Returns what the action means, in SI units.
+        """Returns what the action means, in SI units, limited as in the training.
 
         That is (vx, vy) in the world or (v, omega); accelerations where robots are commanded by
         them; of policies that learned from logs, what was logged.
         """
+        norm = self._command["norm"]
+        if norm is not None:
+            action = action / max(1.0, float(np.linalg.norm(action[:2], norm)))
         columns = zip(self._command["middle"], self._command["half"], action, strict=False)
         return tuple(middle + half * float(x) for middle, half, x in columns)
 

@@ -51,7 +51,7 @@ def test_a_team_of_runners(memory: list[str], name: str, tmp_path: Path) -> None
 STOP = (0.0, 0.0)
 ABOUT = {
     "robots": ["robot_0"], "features": {"robot_0": ["x", "y"]}, "memory": 1, "time_step": 0.1,
-    "commands": [{"middle": [0.0, 0.0], "half": [0.6, 0.6], "stop": [0.0, 0.0]}],
+    "commands": [{"middle": [0.0, 0.0], "half": [0.6, 0.6], "norm": None, "stop": [0.0, 0.0]}],
 }  # fmt: skip
 POLICY = """
 import numpy as np
@@ -192,3 +192,14 @@ def test_robots_commanded_by_accelerations_need_their_own_stop(
     rehearsal.drive(stop=lambda: stops.append(rehearsal.now))
     assert len(rehearsal.sent) == 10
     assert len(stops) == 1
+
+
+@pytest.mark.parametrize(
+    ("norm", "expected"), [(None, (0.6, 0.48)), (2, (0.46852, 0.37481)), (1, (0.33333, 0.26667))]
+)
+def test_commands_are_limited_as_in_training(
+    rehearsal: Rehearsal, norm: int | None, expected: tuple[float, float]
+) -> None:
+    rehearsal.runner._command = {**rehearsal.runner._command, "norm": norm}
+    found = rehearsal.runner.command(np.array([1.0, 0.8], np.float32))
+    np.testing.assert_allclose(found, expected, rtol=1e-4)

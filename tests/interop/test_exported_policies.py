@@ -79,12 +79,14 @@ def test_commands_of_tasks() -> None:
     robots = [
         {"dynamics": "unicycle", "max_speed": 0.5, "max_turn_rate": 2.0},
         {"command": "acceleration", "max_acceleration": 1.5},
+        {"dynamics": "unicycle", "drive": "differential"},
     ]
     team = [{"count": 1, "name": f"kind{k}", "robot": robot} for k, robot in enumerate(robots)]
     found = _commands(TaskSpec.parse({"team": team}))
     assert found["time_step"] == 0.1
-    assert [each["half"] for each in found["commands"]] == [[0.5, 2.0], [1.5, 1.5]]
-    assert [each["stop"] for each in found["commands"]] == [[0.0, 0.0], None]
+    assert [each["half"] for each in found["commands"]] == [[0.5, 2.0], [1.5, 1.5], [0.6, 3.0]]
+    assert [each["stop"] for each in found["commands"]] == [[0.0, 0.0], None, [0.0, 0.0]]
+    assert [each["norm"] for each in found["commands"]] == [None, 2, 1]
 
 
 def test_choices_are_refused() -> None:

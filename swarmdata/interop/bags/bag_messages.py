@@ -149,7 +149,7 @@ def _robots(
         if scans is not None:
             yield _scan(world, name, scans[i], time)
         if row < len(episode):
-            command = command_of(world, i, episode.actions[row, i].astype(np.float64))
+            command = command_of(world, i, episode.actions[row, i, :2].astype(np.float64))
             yield from _commands(world, i, command.tolist(), time)
 
 
@@ -168,8 +168,12 @@ def command_of(world: TaskSpec, robot: int, action: Double) -> Double:
     body = world.robots[robot]
     most = body.max_speed if body.command == "velocity" else body.acceleration
     if body.dynamics == "unicycle":
-        return np.clip(action, -1.0, 1.0) * (most, body.max_turn_rate)
-    return action / max(1.0, float(np.sqrt(action @ action))) * most
+        action, scale = np.clip(action, -1.0, 1.0), np.array([most, body.max_turn_rate])
+    else:
+        scale = np.array([most, most])
+    if body.command_norm is not None:
+        action = action / max(1.0, float(np.linalg.norm(action, body.command_norm)))
+    return action * scale
 
 
 def _commands(world: TaskSpec, i: int, command: list[float], time: int) -> Iterator[Message]:

@@ -141,6 +141,8 @@ def _command_columns(robot: Robot) -> tuple[Column, ...]:
         return pair(f"{what}_", f"commanded {what}", "", (1.0, 1.0), more)
     ahead = f"commanded {what} along the heading, as a fraction of {scale}, {limit}"
     turn = f"turn rate, counter-clockwise, as a fraction of {robot.max_turn_rate:g} rad/s"
+    if robot.drive == "differential":
+        turn += "; where the sizes of both fractions have a sum above 1, both are divided by it"
     return (
         Column(f"{what}_ahead", ahead, "", -1.0, 1.0, "body"),
         Column("turn_rate", turn, "", -1.0, 1.0),

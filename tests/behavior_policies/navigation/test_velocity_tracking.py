@@ -48,6 +48,19 @@ def driven(spec: TaskSpec, wish: tuple[float, float], n_steps: int) -> Double:
     return robots_of(step.states, 1)[0, 0].astype(np.float64)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.9, 2.0, -2.9])
+def test_a_differential_drive_turns_and_drives_within_its_wheels_speed(angle: float) -> None:
+    spec = spec_of(dynamics="unicycle", drive="differential")
+    ux, uy = unit(angle)
+    limit, command = limits_of(spec)[0], np.empty(2)
+    for share in (0.2, 0.7, 1.0):
+        wish = (share * 0.6 * ux, share * 0.6 * uy)
+        command_of((0.0, 0.0), (1.0, 0.0), wish, limit, NOTHING, 0, spec.control_dt, command)
+        assert np.abs(command).sum() <= 1.0 + 1e-12
+    robot = driven(spec, (0.5 * ux, 0.5 * uy), 30)
+    np.testing.assert_allclose(robot[[VX, VY]], [0.5 * ux, 0.5 * uy], atol=2e-3)
+
+
 @pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
 @pytest.mark.parametrize("command", ["velocity", "acceleration"])
 @pytest.mark.parametrize("angle", [0.0, 0.9, 2.0, -2.9])

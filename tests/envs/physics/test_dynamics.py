@@ -1,6 +1,7 @@
 """Bodies: what mass, friction and grip change, in every simulator that has them."""
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
+from swarmdata.specs.state_layout import UX, UY, VX, VY
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
 from tests.envs.physics.scenes import Numbers, Scene
@@ -113,6 +115,28 @@ def test_grip_limits_the_forces_along_and_across_together(backend: str) -> None:
     np.testing.assert_allclose(changes[2], (0.15, 0.6), rtol=1e-4)  # as in published worlds
 
 
+@pytest.mark.parametrize("backend", ["pymunk", "mujoco", "kinematic"])
+@pytest.mark.parametrize("command", [(1.0, 1.0), (-1.0, 0.5), (0.3, -1.5), (0.4, 0.6)])
+def test_the_wheels_of_a_differential_drive_share_their_speed(
+    backend: str, command: tuple[float, float]
+) -> None:
+    robot = Robot(dynamics="unicycle", drive="differential", max_acceleration=6.0)
+    team = [{"count": 1, "robot": robot.model_dump()}]
+    arena = {
+        "team": team,
+        "obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0),
+    }
+    env = make_env(TaskSpec.parse({**arena, "backend": backend}))
+    env.reset(np.array([3], np.uint64))
+    steps = [env.step(np.array([[command]], np.float32)) for _ in range(3)]
+    (x0, y0), (x1, y1) = (each.states[0, [UX, UY]].astype(float) for each in steps[-2:])
+    speed = float(steps[-1].states[0, [VX, VY]] @ (x1, y1))
+    turn = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1) / 0.1
+    share = (speed / robot.max_speed, turn / robot.max_turn_rate)
+    clipped = np.clip(command, -1, 1)
+    np.testing.assert_allclose(share, clipped / max(np.abs(clipped).sum(), 1.0), atol=0.01)
+
+
 def test_a_used_space_has_the_bodies_of_the_next_episode() -> None:
     """Both backends of Pymunk have the same bits with heavy, rough robots, episode by episode."""
     body = {"mass": 2.5, "friction": 0.7}
@@ -137,6 +161,10 @@ def test_a_used_space_has_the_bodies_of_the_next_episode() -> None:
 def test_what_a_robot_or_a_simulator_has_not_is_refused() -> None:
     with pytest.raises(SpecError, match=r"wheel_grip is 3 m/s\^2, but a holonomic robot has no wh"):
         Robot.parse({"wheel_grip": 3.0})
+    with pytest.raises(SpecError, match="of two wheels, got dynamics holonomic and command vel"):
+        Robot.parse({"drive": "differential"})
+    with pytest.raises(SpecError, match="got dynamics unicycle and command acceleration"):
+        Robot.parse({"drive": "differential", "dynamics": "unicycle", "command": "acceleration"})
     rough = [{"robot": {"friction": 0.5}}]
     with pytest.raises(SpecError, match=r"kinematic has no contacts\. Leave friction out"):
         TaskSpec.parse({"team": rough, "backend": "kinematic"})

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -151,11 +152,16 @@ def test_a_bag_says_where_it_comes_from(tiny: Dataset, tmp_path: Path) -> None:
     assert facts["custom_data"] == {"swarmdata_id": tiny.id, "swarmdata_digest": tiny.digest}
 
 
-@pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
-@pytest.mark.parametrize("command", ["velocity", "acceleration"])
-def test_commands_are_those_of_the_world(dynamics: str, command: str) -> None:
+@pytest.mark.parametrize(
+    ("dynamics", "command", "drive"),
+    [
+        *product(["holonomic", "unicycle"], ["velocity", "acceleration"], ["independent"]),
+        ("unicycle", "velocity", "differential"),
+    ],
+)
+def test_commands_are_those_of_the_world(dynamics: str, command: str, drive: str) -> None:
     """Clipped as the world clips them, in SI units, as velocities or accelerations."""
-    body = {"dynamics": dynamics, "command": command}
+    body = {"dynamics": dynamics, "command": command, "drive": drive}
     team = [{"name": "robot", "count": 4, "robot": body}]
     world = TaskSpec.model_validate({**TINY.spec.model_dump(), "team": team})
     n, flags = world.n_agents, np.zeros(1, dtype=np.bool_)
