@@ -55,6 +55,11 @@ REFERENCE_METRICS = (
 )
 """Columns of the table of reference policies."""
 
+FOREIGN_REWARDS = (
+    "\n## Reward\n\nThe rewards are not those of the task, which are its terms (`reward_terms`) "
+    "times the weights of the spec.\n"
+)
+
 
 def write_card(folder: Path) -> None:
     """Writes the `side_files` of a finished dataset, the card last."""
@@ -117,7 +122,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         splits_section(data.table, data.origin),
         bullets("Known limits", (*limits_of(spec, data.origin.tier), *violated)),
         task_section(task),
-        reward_section(task),
+        reward_section(task) if data.has_task_rewards else FOREIGN_REWARDS,
         senses_section(spec),
         arrays_section(task, data.manifest),
         definitions_section(task),
@@ -137,7 +142,9 @@ def _references(data: CardData) -> str:
     ]
     score = known.score(float(data.table.team_return.mean()))
     anchors = "There is no score yet, because no expert was measured.\n"
-    if score is not None:
+    if not data.has_task_rewards:
+        anchors = "This dataset has no score: its rewards are not those of the task.\n"
+    elif score is not None:
         anchors = (
             f"Score = 100 (R - R0) / (R1 - R0) with R0 = {known.no_skill:.3f}, the better of the "
             f"idle and the random team, and R1 = {known.expert:.3f}, the expert. The mean return "

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarmdata.analysis.coverage import N_ROWS, Coverage, coverage, sample_steps
+from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.registry.published import TaskReferences, references_of
 from swarmdata.runtime.mapped_pages import take_rows
 from swarmdata.specs.origins import Origin, task_of
@@ -71,6 +72,7 @@ class CardData:
     table: EpisodeTable
     measured: MeasuredContent
     references: TaskReferences | None
+    has_task_rewards: bool
 
 
 def card_data_of(stored: StoredDataset) -> CardData:
@@ -82,4 +84,11 @@ def card_data_of(stored: StoredDataset) -> CardData:
     """
     spec = task_of(stored.recipe, "a card of a task")
     known = references_of(spec.hash())
-    return CardData(stored.manifest, stored.recipe, stored.table, measure(stored), known)
+    return CardData(
+        stored.manifest,
+        stored.recipe,
+        stored.table,
+        measure(stored),
+        known,
+        has_task_rewards(stored),
+    )

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Literal
 
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.errors import MissingFileError, SpecError
-from swarmdata.hub.catalog.catalog import known_references, list_datasets, load
+from swarmdata.hub.catalog.catalog import list_datasets, load
 from swarmdata.registry.published import (
     Interval,
     license_of,
@@ -25,6 +26,7 @@ from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.batches import Failures
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.plain_names import without_version
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
@@ -87,6 +89,12 @@ class Entry:
         """Points of clean success that robots lose who ignore each other; None: not measured."""
         alone = self.gaps.get("scripted-alone")
         return None if alone is None else 100 * alone["clean_success"].value
+
+    @property
+    def reward_spec(self) -> TaskSpec | None:
+        """The task whose terms and weights make the rewards; None if others do."""
+        is_own = self.dataset is None or has_task_rewards(self.dataset.stored)
+        return self.spec.world if is_own else None
 
     @property
     def has_messages(self) -> bool:
@@ -158,7 +166,7 @@ def _cached() -> list[Path]:
 def _of_dataset(dataset: Dataset) -> Entry:
     manifest, spec = dataset.stored.manifest, dataset.recipe.spec
     figures = figures_of(dataset.episodes)
-    references = known_references(spec)
+    references = dataset.references
     score = None
     if references is not None:
         score = float(normalized_score(figures.mean_return, references))

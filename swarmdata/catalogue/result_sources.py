@@ -23,8 +23,10 @@ from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import group_results, read_results
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
+from swarmdata.evaluation.study.pages.csv_tables import weights_text
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, zoo
+from swarmdata.numerics.random import VALIDATION_BASE
 from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.batches import Failures
@@ -34,6 +36,9 @@ from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
 
 Rows = Sequence[Mapping[str, str]]
+
+VALIDATED = " (validation seeds)"
+"""In the titles of sources on whose episodes settings may have been chosen."""
 
 
 class ZooDifference(NamedTuple):
@@ -249,11 +254,15 @@ def _of_place(place: Path) -> ResultSource:
             names = tuple(sorted({run.run_name for run in runs if run.run_name is not None}))
             updates = "" if origin.updates is None else str(origin.updates)
             family = family_name(origin.algorithm or "policy without training")
+            rewards = weights_text(case.rewards.get(label, {}))
             outcomes.append(
-                Outcome(label, family, case.name, found, len(runs), updates, "", names, runs)
+                Outcome(label, family, case.name, found, len(runs), updates, rewards, names, runs)
             )
     name = place.resolve().name  # who reads the pages need not know the rest
-    return ResultSource(name, name, tuple(outcomes), data)
+    measured = [run.evaluation for outcome in outcomes for run in outcome.results]
+    is_chosen_by = any(each.seeds[0] >= VALIDATION_BASE for each in measured)
+    title = f"{name}{VALIDATED}" if is_chosen_by else name
+    return ResultSource(title, name, tuple(outcomes), data)
 
 
 def _is_shown(folder: Path) -> bool:
@@ -287,7 +296,7 @@ def _of_study(folder: Path, place: str, shown: Container[str] | None = None) -> 
     }
     title = str(_plan(folder).get("title") or folder.resolve().name)
     if not _is_shown(folder) and "validation" not in title:
-        title = f"{title} (validation seeds)"
+        title = f"{title}{VALIDATED}"
     charts = (*_curves(folder), *_sweeps(folder))
     return ResultSource(title, place, outcomes, data, charts)
 

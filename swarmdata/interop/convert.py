@@ -1,6 +1,7 @@
 """Converts a foreign file or folder to a dataset."""
 
 import hashlib
+import logging
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
@@ -10,6 +11,7 @@ import numpy as np
 from swarmdata.audit import contradictions
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.foreign_file import check_plain
@@ -27,6 +29,8 @@ from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import write_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Counts, Episode
+
+_LOG = logging.getLogger("swarmdata")
 
 _LARGE_ARRAYS = ("observations", "states", "actions", "rewards", "sent", "delivered")
 
@@ -95,7 +99,14 @@ def import_dataset(
         with locked(out):
             codes = incoming.splits if keeps else None
             store_imported(str(source), out, recording, incoming.episodes, codes)
-    return Dataset.open(out)
+    made = Dataset.open(out)
+    if not has_task_rewards(made.stored):
+        _LOG.warning(
+            "the rewards of %s are not the terms of its task times their weights: its returns have "
+            "no score, and policies that learn from it are scored by the task's rewards",
+            made.id,
+        )
+    return made
 
 
 def _reader_of(format: str) -> Reader:

@@ -50,8 +50,9 @@ def score_in(dataset_id: str, returns: object, references: Reference | None) -> 
     """
     if references is None:
         raise SchemaError(
-            f"{dataset_id} was opened without references, so no score can be computed. Pass "
-            "Dataset.open(path, references=swarmdata.Reference(no_skill=..., expert=...))."
+            f"{dataset_id} was opened without references, or has other rewards than its task, so "
+            "no score can be computed. Pass Dataset.open(path, "
+            "references=swarmdata.Reference(no_skill=..., expert=...))."
         )
     return normalized_score(np.asarray(returns, dtype=np.float64), references)
 

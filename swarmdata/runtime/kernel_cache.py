@@ -7,6 +7,7 @@ need one kernel, such as the workers of a build, one compiles it and the others 
 """
 
 import contextlib
+import gc
 import hashlib
 import logging
 import os
@@ -33,6 +34,9 @@ PACK_FEATURES = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "
 
 MAX_WAIT = 120.0
 """Seconds to wait for another process that compiles the same kernel; it may have been stopped."""
+
+COLLECTED_TOGETHER = 100_000
+"""Objects between two collections of garbage while numba compiles; Python's default is 700."""
 
 _LOG = logging.getLogger("swarmdata")
 
@@ -229,12 +233,25 @@ def _end_turn(turn: str) -> None:
 
 
 class _Compilations(event.Listener):  # type: ignore[misc]  # numba is untyped
-    """Follows what numba compiles."""
+    """Follows what numba compiles; meanwhile, garbage is collected more rarely.
+
+    A compilation makes millions of objects that live to its end, so collecting finds little.
+    """
+
+    def __init__(self) -> None:
+        self._depth, self._threshold = 0, gc.get_threshold()
 
     def on_start(self, event: Any) -> None:
+        if self._depth == 0:
+            self._threshold = gc.get_threshold()
+            gc.set_threshold(COLLECTED_TOGETHER if self._threshold[0] else 0, *self._threshold[1:])
+        self._depth += 1
         PROGRESS.begin()
 
     def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            gc.set_threshold(*self._threshold)
         dispatcher, types = event.data["dispatcher"], event.data["args"]
         PROGRESS.end(dispatcher.py_func.__module__)
         # what has failed is not saved; `event.is_failed` is true of what has not (numba 0.68)

@@ -46,7 +46,8 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     if function is None:
         return lambda decorated: kernel(decorated, **options)
-    dispatcher = numba.njit(function, nogil=True, **options)
+    # nothing calls kernels from C
+    dispatcher = numba.njit(function, nogil=True, no_cfunc_wrapper=True, **options)
     if "inline" not in options:
         PROGRESS.kernels.append(dispatcher)
     before = config.CACHE_DIR  # read by numba when it makes a cache

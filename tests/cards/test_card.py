@@ -101,7 +101,7 @@ def make_card_data(
         ),
         provenance={"numpy": "2.4.6", "platform": "Linux"},
     )
-    return CardData(manifest, recipe, table, make_measured(), make_references())
+    return CardData(manifest, recipe, table, make_measured(), make_references(), True)
 
 
 def make_measured() -> MeasuredContent:

@@ -22,6 +22,7 @@ from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.learn.training.run_files import find_run, run_hash
+from swarmdata.numerics.random import validation_seeds
 from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.runtime.batches import Failures
 from tests.support.measured import EXPERT, MEDIUM, result
@@ -160,6 +161,19 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
     assert "results (yours)" in page
     assert "runs bc" in page
     assert str(tmp_path) not in page
+
+
+def test_own_results_say_their_seeds_and_other_rewards(tmp_path: Path) -> None:
+    view = '{"rewards":{"time":0.5}}'
+    for index in (0, 1):
+        made = result(index=index, run=str(tmp_path / "runs" / "bc"), algorithm="bc", view=view)
+        made.evaluation.seeds[:] = validation_seeds(len(made.evaluation.seeds))
+        save_result(made, tmp_path / "results")
+
+    (found,) = own_sources([tmp_path / "results"], Failures(1))
+
+    assert found.title == "results (validation seeds)"
+    assert found.outcomes[0].rewards == '{"time": 0.5}'
 
 
 def test_results_beside_a_mini_have_no_pages(tmp_path: Path) -> None:

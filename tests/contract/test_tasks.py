@@ -35,6 +35,7 @@ ROBOTS: dict[str, dict[str, Any]] = {
     "late": {"command_delay": 2, "actuator_lag": 0.2},
     "heavy": {"mass": 3.0},
     "slippery": {"dynamics": "unicycle", "wheel_grip": 1.0},
+    "differential": {"dynamics": "unicycle", "drive": "differential"},
 }
 BACKENDS = ("mujoco", "kinematic", "pymunk")
 RANGES: dict[str, tuple[float, float]] = {

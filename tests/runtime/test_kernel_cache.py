@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import gc
 import hashlib
 import logging
 import os
@@ -15,6 +16,7 @@ from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 
 from swarmdata.runtime import kernel_cache
+from swarmdata.runtime.kernel_progress import PROGRESS
 from swarmdata.runtime.kernels import kernel
 
 
@@ -147,7 +149,7 @@ def test_a_cache_that_cannot_be_written_is_said_once(
     assert "SWARMDATA_CACHE" in said
 
 
-def test_a_kernel_that_fails_lets_others_compile_it(
+def test_a_kernel_that_fails_lets_others_compile_it_and_leaves_the_collector_as_it_was(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ended: list[str] = []
@@ -157,9 +159,14 @@ def test_a_kernel_that_fails_lets_others_compile_it(
     def fail(x: float) -> float:
         return x.no_such_attribute  # type: ignore[attr-defined]
 
+    usual, meanwhile = gc.get_threshold(), list[int]()
+    monkeypatch.setattr(PROGRESS, "begin", lambda: meanwhile.append(gc.get_threshold()[0]))
+    monkeypatch.setattr(PROGRESS, "end", lambda module: None)
     with pytest.raises(Exception, match="no_such_attribute"):
         fail(1.0)
     assert any("fail" in turn for turn in ended)
+    assert min(meanwhile) > usual[0]
+    assert gc.get_threshold() == usual
 
 
 def test_where_no_lock_can_be_made_every_process_compiles(

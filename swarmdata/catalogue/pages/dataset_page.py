@@ -71,7 +71,7 @@ def dataset_page(
         element("div", viewer, get_part(entry, spec), _baselines(entry, results), class_="dataset"),
         element(
             "div",
-            *([] if entry.spec.world is None else [reward_part(entry.spec.world)]),
+            *([] if entry.reward_spec is None else [reward_part(entry.reward_spec)]),
             arrays_part(entry),
             class_="halves",
         ),

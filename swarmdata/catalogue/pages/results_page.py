@@ -36,8 +36,9 @@ def results_page(
         element(
             "p",
             "What offline algorithms learned from each dataset, measured on reserved evaluation "
-            "episodes. Score 0 is the better of an idle and a random team, 100 the expert. Lines "
-            "are 95 % intervals, the upright line is the mean score of the dataset's own episodes.",
+            "episodes, except where the source says validation seeds. Score 0 is the better of an "
+            "idle and a random team, 100 the expert. Lines are 95 % intervals, the upright line is "
+            "the mean score of the dataset's own episodes.",
             class_="lead",
         ),
         *(_leaderboards(found, known) if found else [_nothing()]),

@@ -63,7 +63,7 @@ def about(board: Board) -> str:
         return f"{text}No committed study has compared algorithms on it."
     seeds = " or ".join(sorted({str(outcome.n_runs) for outcome in rows}))
     updates = f"{int(rows[0].updates):,} updates, " if rows[0].updates else ""
-    return f"{text}{board.study.title}: {updates}{seeds} training seeds each."
+    return f"{text}Rows of the study {board.study.title}: {updates}{seeds} training seeds each."
 
 
 def zoo_differences(board: Board) -> list[Html]:

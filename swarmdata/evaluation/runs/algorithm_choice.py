@@ -15,7 +15,7 @@ on both sides are the widest. docs/measurements.md has what the choice loses, da
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +34,9 @@ CANDIDATES = ("bc", "filtered_bc", "iql")
 
 BEST_SHARE = 0.1
 """Of the episodes: those that `filtered_bc` keeps."""
+
+FEWEST_EPISODES = 300
+"""Of a train split, below which chance moves the statistics far: its best tenth is 30 episodes."""
 
 
 class Threshold(NamedTuple):
@@ -65,7 +68,7 @@ class EpisodeStatistics:
 
     common_reward: float  # correlation of the returns of two robots of an episode
     best_success: float  # share of its episodes that the best behavior policy solves
-    best_shift: float  # share of the best episodes by other policies than all, beyond chance
+    best_shift: float  # distance of the policies of the best episodes to those of all
 
     @classmethod
     def of(cls, dataset: Dataset) -> "EpisodeStatistics":
@@ -148,8 +151,8 @@ def choose_algorithm(
     reasons = [f"{solved} {limits['best_success']}"]
     if has_expert:
         asked["best_shift"] = "bc", "filtered_bc"
-        others = f"{100 * found.best_shift:.0f} % of the best episodes"
-        reasons.append(f"{others} are by other policies than the rest {limits['best_shift']}")
+        shift = f"{100 * found.best_shift:.0f} %, beyond chance, {limits['best_shift']}"
+        reasons.append(f"the policies of the best episodes differ from those of all by {shift}")
     else:
         asked["common_reward"] = "iql", "filtered_bc"
         share = f"robots' returns correlate by {100 * found.common_reward:.0f} %"
@@ -192,6 +195,13 @@ def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:
             f"{AUTO} chooses for one dataset, got a mixture, {data.id}. Name one of "
             f"{', '.join(CANDIDATES)}."
         )
-    choice = choose_algorithm(EpisodeStatistics.of(data.split("train")))
+    train = data.split("train")
+    choice = choose_algorithm(EpisodeStatistics.of(train))
+    if np.ptp(train.episodes.team_return) == 0:
+        reason = "all episodes have the same return, so that none is better than another"
+        choice = AlgorithmChoice("bc", (reason,), ())
+    elif len(train.episodes) < FEWEST_EPISODES:
+        few = f"{len(train.episodes)} episodes are few, the rule was measured on hundreds"
+        choice = replace(choice, doubts=(*choice.doubts, few))
     _LOG.info("%s", choice.line)
     return choice

@@ -308,7 +308,12 @@ def _open(
         found = obtain(request, remotes, Rebuild(remotes, workers, progress))
     stored = open_store(found.folder, verify, recipe=request.recipe)
     whole = np.arange(stored.manifest.n_episodes)
-    dataset = Dataset(stored, whole, known_references(stored.recipe.spec), found.source)
+    references = known_references(stored.recipe.spec)
+    if references is not None and stored.recipe.recipe is None:
+        from swarmdata.datasets.task_rewards import has_task_rewards  # noqa: PLC0415  (rarely needed)
+
+        references = references if has_task_rewards(stored) else None
+    dataset = Dataset(stored, whole, references, found.source)
     identity = judge(stored.manifest)
     if identity.kind != "published":
         check_spec(stored.path, stored.manifest, stored.recipe, widths=True)

@@ -64,7 +64,7 @@ def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
         "family": found.family(cell.label),
         "algorithm": cell.algorithm,
         "dataset": case.dataset or "",
-        "rewards": _weights(cell.rewards),
+        "rewards": weights_text(cell.rewards),
         "task": result.evaluation.task,
         "digest": origin.digest or "",
         "n_steps": facts.figures.n_steps if facts else "",
@@ -78,7 +78,7 @@ def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
     }
 
 
-def _weights(rewards: Mapping[str, float]) -> str:
+def weights_text(rewards: Mapping[str, float]) -> str:
     """Weights of rewards that a row learned from, as JSON; empty: those of its data."""
     return json.dumps(rewards, sort_keys=True) if rewards else ""
 
@@ -96,7 +96,7 @@ def estimate_rows(found: Findings) -> list[Row]:
                         "label": label,
                         "family": found.family(label),
                         "dataset": case.dataset or "",
-                        "rewards": _weights(case.rewards.get(label, {})),
+                        "rewards": weights_text(case.rewards.get(label, {})),
                         "digest": origin.digest or "",
                         "seeds": len(runs),
                         "updates": origin.updates,

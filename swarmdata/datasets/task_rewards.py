@@ -1,0 +1,27 @@
+"""Whether the rewards of a dataset are those of its task; only then its returns have a score.
+
+Data that were converted, or recorded behind a wrapper, may have rewards of somebody else.
+"""
+
+import numpy as np
+
+from swarmdata.registry.components import make_task, reward_terms
+from swarmdata.store import StoredDataset
+
+N_ROWS = 1000
+"""Joint steps that are compared; `swarmdata audit` compares all, bit for bit."""
+
+
+def has_task_rewards(stored: StoredDataset) -> bool:
+    """Whether the first rewards are their terms times the weights of the spec.
+
+    Those of a recipe are. Without recorded terms nothing can be compared, and the answer is yes.
+    """
+    task = stored.recipe.spec.world
+    if stored.recipe.recipe is not None or task is None or "reward_terms" not in stored.arrays:
+        return True
+    weights = np.array([term.signed_weight for term in reward_terms(make_task(task))])
+    share = task.rules.rewards.team_share
+    own = stored.arrays["reward_terms"][:N_ROWS].astype(np.float64) @ weights
+    expected = (1.0 - share) * own + share * own.mean(axis=1, keepdims=True)
+    return bool(np.allclose(stored.arrays["rewards"][:N_ROWS], expected, rtol=1e-4, atol=1e-5))
