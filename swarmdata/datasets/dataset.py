@@ -255,8 +255,9 @@ class Dataset(View[Sampler]):
 
         Returns:
             observations, next_observations [n, N, O]; states, next_states [n, S]; actions
-            [n, N, A]; log_probs, rewards [n, N]; costs [n, N, C], if events were recorded;
-            terminations, truncations, episodes [n].
+            [n, N, A]; log_probs, rewards [n, N]; costs [n, N, C], if events were recorded; alive,
+            agent_terminations, agent_truncations [n, N], if agents can leave; terminations,
+            truncations, episodes [n]. Actions and rewards of agents that are not alive are 0.
         """
         lengths = self.stored.table.lengths[self.selection]
         copied = copy_transitions(self.stored.arrays, self.stored.table, self.selection)

@@ -24,6 +24,9 @@ COPIED_FIELDS = (
 )  # fmt: skip
 """Arrays whose rows are in `copy_transitions` as they are."""
 
+AGENT_FIELDS = ("alive", "agent_terminations", "agent_truncations")
+"""Likewise, where agents can leave."""
+
 N_DRAWN_AHEAD = 1 << 14
 """Random numbers made at once; NumPy calls on single batches would cost as much as the gather."""
 
@@ -112,6 +115,8 @@ def copy_transitions(
         for name in COPIED_FIELDS
     }
     later = {f"next_{name}": take_rows(arrays[name], states + 1) for name in of_states}
+    recorded = [name for name in AGENT_FIELDS if name in arrays]
+    copied |= {n: take_rows(arrays[n], states if n == "alive" else steps) for n in recorded}
     costs = costs_of(take_rows(arrays["events"], steps))
     return copied | later | ({} if costs is None else {"costs": costs})
 

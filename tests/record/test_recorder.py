@@ -152,6 +152,10 @@ def test_agents_that_leave_are_masked(tmp_path: Path) -> None:
     assert not episode.actions[2:, 0].any()
     assert episode.rewards[:, 0].tolist() == [1, 2, 0, 0]
     assert reason(dataset) == "horizon"
+    rows = dataset.transitions()
+    np.testing.assert_array_equal(rows["alive"][:4], episode.alive[:4])
+    np.testing.assert_array_equal(rows["agent_truncations"][:4], episode.agent_truncations)
+    assert not rows["actions"][~rows["alive"]].any()
 
 
 def test_agents_may_come_later_if_they_are_known(tmp_path: Path) -> None:
