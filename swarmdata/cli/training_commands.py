@@ -54,7 +54,7 @@ def train(
         str, typer.Argument(metavar="ID", help="dataset id or folder; ID=0.8,ID=0.2 mixes")
     ],
     out: Out = None,
-    seeds: Seeds = 4,
+    seeds: Seeds = 5,
     updates: Annotated[int | None, typer.Option(min=1, help="number of gradient updates")] = None,
     regulariser: Annotated[
         str | None, typer.Option(help="of vdn and qmix: none, bc, bcq or cql")
