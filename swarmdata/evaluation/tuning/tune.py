@@ -116,10 +116,7 @@ def tune(
     options: dict[str, Any] = {"engine": engine, "workers": workers, "progress": progress}
     every = [cell for of_trial in cells for cell in of_trial]
     if not every[0].n_episodes:
-        _require_estimates(why_without_data(cells[0]))
-        run_cells(cells[0], work, again=again, **options)
-        trained = [cell for cell in cells[0] if is_done(cell, cell_folder(work, cell))]
-        _require_estimates(why_without(trained, work) if trained else None)
+        _try_first(cells[0], work, again=again, **options)
     failures = run_cells(every, work, again=again, **options)
     done = [cell for cell in every if cell.name not in failures]
     silent = why_without(done, work) if done else None
@@ -130,8 +127,13 @@ def tune(
     return made
 
 
-def _require_estimates(why_not: str | None) -> None:
-    """Refuses data without a simulator if policies cannot be estimated from them either."""
+def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
+    """Trains the first trial on data without a simulator; raises where estimates cannot choose."""
+    why_not = why_without_data(cells)
+    if why_not is None:
+        run_cells(cells, work, **options)
+        trained = [cell for cell in cells if is_done(cell, cell_folder(work, cell))]
+        why_not = why_without(trained, work) if trained else None
     if why_not is not None:
         raise ResultsError(
             "without a simulator, trials are chosen by offline estimates, and there are none: "
