@@ -85,7 +85,7 @@ class SwarmdataError(Exception):
 INSTALL_HINT = "If another package defines it, install that package."
 """What to do about an unknown name of something that users can define."""
 
-MOST_NAMES = 5
+MOST_NAMES = 12
 """Known names that a message lists."""
 
 

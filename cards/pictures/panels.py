@@ -43,7 +43,7 @@ def draw_returns(axes: Any, table: EpisodeTable, recipe: Origin) -> None:
     groups = [table.team_return[table.policy == k] for k in range(len(labels))]
     shown = [(label, group) for label, group in zip(labels, groups, strict=True) if len(group)]
     low, high = float(table.team_return.min()), float(table.team_return.max())
-    margin = max(0.02 * (high - low), 1e-3)
+    margin = max(0.02 * (high - low), 1e-3) if high > low else 0.5  # short labels of a constant
     edges = np.linspace(low - margin, high + margin, N_RETURN_BINS + 1)
     shares = [np.histogram(group, edges)[0] / len(group) for _, group in shown]
     if len(shown) > MAX_RIDGES:

@@ -13,12 +13,14 @@ from swarmdata.cli.shared_options import (
     Processes,
     Randomize,
     Task,
+    Validation,
     parse_ranges,
 )
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.robustness.sweep import Sweep
     from swarmdata.evaluation.robustness.sweep_axes import Axis
+    from swarmdata.numerics.random import SeedBlock
 
 _AXIS = "NAME=A..B|A,B,..."
 
@@ -68,6 +70,7 @@ def sweep(
     simulator: Simulator = None,
     values: Values = 5,
     episodes: Episodes = 200,
+    validation: Validation = False,
     task: Task = None,
     backend: Backend = None,
     randomize: Randomize = None,
@@ -85,9 +88,10 @@ def sweep(
     sweep resumes: run the same command again.
     """
     refuse_workers(context, engine)
+    block: SeedBlock = "validation" if validation else "evaluation"
     if simulator is not None:
         refuse_all_but(context, COMPARED, "with --simulator")
-        _compare(targets, out, simulator, task, episodes, engine, workers)
+        _compare(targets, out, simulator, task, episodes, block, engine, workers)
         return
     if not any(
         ".." in text for text in [*(communication or ()), *(observation or ()), *(body or ())]
@@ -101,7 +105,7 @@ def sweep(
     axes += [parse_axis(text, "body", values) for text in body or []]
     options: dict[str, Any] = {
         "n_episodes": episodes, "task": task, "backend": backend,
-        "randomization": parse_ranges(randomize),
+        "randomization": parse_ranges(randomize), "block": block,
     }  # fmt: skip
     if points or point is not None or collect:
         planned = sweeps.plan_sweep(targets, axes, out, **options)
@@ -112,7 +116,7 @@ def sweep(
     _print(axes, out)
 
 
-COMPARED = ("out", "simulator", "task", "episodes", "engine", "workers")
+COMPARED = ("out", "simulator", "task", "episodes", "validation", "engine", "workers")
 """Options of a comparison of two simulators."""
 
 
@@ -122,14 +126,15 @@ def _compare(
     simulator: str,
     task: str | None,
     episodes: int,
+    block: "SeedBlock",
     engine: str,
     workers: int,
 ) -> None:
     from swarmdata.evaluation.robustness import simulator_transfer
 
     simulator_transfer.compare_simulators(
-        targets, out, backend=simulator, task=task, n_episodes=episodes, engine=engine,
-        workers=workers,
+        targets, out, backend=simulator, task=task, n_episodes=episodes, block=block,
+        engine=engine, workers=workers,
     )  # fmt: skip
     typer.echo(out / simulator_transfer.TABLE_FILE)
 

@@ -54,7 +54,7 @@ def train(
         str, typer.Argument(metavar="ID", help="dataset id or folder; ID=0.8,ID=0.2 mixes")
     ],
     out: Out = None,
-    seeds: Seeds = 4,
+    seeds: Seeds = 5,
     updates: Annotated[int | None, typer.Option(min=1, help="number of gradient updates")] = None,
     regulariser: Annotated[
         str | None, typer.Option(help="of vdn and qmix: none, bc, bcq or cql")
@@ -130,9 +130,10 @@ def tune(
     """Tune an offline algorithm by random search.
 
     Every trial has the same updates, seeds and data; the first is the default. One trial is chosen
-    by validation episodes and one by the data alone; `train --config` takes OUT/validation.yaml and
-    OUT/offline.yaml. The number of updates in --config is not used: it is --updates. An interrupted
-    tuning resumes: run the same command again, also with more trials.
+    by validation episodes, if the data have a simulator, and one by the data alone; `train
+    --config` takes OUT/validation.yaml and OUT/offline.yaml. The number of updates in --config is
+    not used: it is --updates. An interrupted tuning resumes: run the same command again, also with
+    more trials.
     """
     from swarmdata.runtime.extras import require_extra
 

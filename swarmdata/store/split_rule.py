@@ -30,6 +30,14 @@ def assign_splits(origin: Origin, order: Sequence[tuple[int, int]]) -> Counts:
     return np.array([codes[p, e // rule.block][e % rule.block] for p, e in order], dtype=np.uint8)
 
 
+def empty_validation(n_episodes: int) -> str:
+    """Returns what to say of a dataset without validation episodes, and what to do about it."""
+    return (
+        f"the validation split is empty: none of {n_episodes:,} episodes fell into it. Make more "
+        "episodes, of logs shorter ones (`episodes: length` in the map)."
+    )
+
+
 def _block_codes(seed: int, rule: Splits, policy: int, block: int) -> Counts:
     """Splits of one block: the held-out positions are the head of a Fisher-Yates shuffle."""
     held_out = rule.validation + rule.test

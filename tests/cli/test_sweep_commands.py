@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
 from swarmdata.cli.main import app
+from swarmdata.evaluation.results.result_files import load_result
+from swarmdata.numerics.random import block_seeds
 from tests.support.drawn import save_empty_figures
 
 
@@ -25,7 +27,11 @@ def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_tier_is_swept(tmp_path: Path) -> None:
     axes = ("--observation", "dropout=0..0.5", "--values", "2", "--episodes", "1")
-    output = run("coop_nav-narrow", *axes, "--out", tmp_path / "out")
+    output = run("coop_nav-narrow", *axes, "--validation", "--out", tmp_path / "out")
+    (file, *_) = (tmp_path / "out" / "results" / "trained").glob("*.json")
+    seeds = load_result(file).evaluation.seeds
+    assert seeds.tolist() == block_seeds("validation", 1).tolist()
+    assert "the same 1 validation seeds" in output
     assert "| coop_nav-narrow, dropout 0 (as trained) |" in output
     assert output.endswith(f"{tmp_path}/out/observation-dropout.png\n")
     assert (tmp_path / "out" / "sweep.md").read_text() in output

@@ -1,13 +1,17 @@
 """`swarmdata import`, `fetch`, `fit`: logs of robots; `record`: unfinished recordings."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import IdOrPath, Notes, parse_settings
+
+if TYPE_CHECKING:
+    from swarmdata.datasets.dataset import Dataset
 
 Logs = Annotated[
     list[Path],
@@ -77,6 +81,21 @@ def import_command(
         )
     counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
     typer.echo(f"{made.path}\n{counts}, digest {made.digest}")
+    for line in _remarks(made):
+        typer.echo(line)
+
+
+def _remarks(made: "Dataset") -> Iterator[str]:
+    """What else to know of a new dataset: what is absent or left out, and whether a split is."""
+    from swarmdata.store.split_rule import empty_validation
+
+    notes = made.recipe.metadata or {}
+    if n_steps := notes.get("absent_robot_steps"):
+        yield f"Robots are absent in {n_steps} steps: their pose or command is unknown (`max_gap`)."
+    if n_steps := notes.get("steps_of_short_episodes"):
+        yield f"{n_steps} steps are left out: their episodes are too short (`min_steps`)."
+    if not len(made.split("validation")):
+        yield f"Note that {empty_validation(len(made))}"
 
 
 def fetch(
@@ -176,6 +195,8 @@ def recover(path: Recorded) -> None:
         f"{dataset.path}\n{dataset.n_episodes:,} episodes, {dataset.n_steps:,} joint steps, "
         f"digest {dataset.digest}"
     )
+    for line in _remarks(dataset):
+        typer.echo(line)
 
 
 @record_app.command()

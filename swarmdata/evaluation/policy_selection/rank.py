@@ -58,6 +58,7 @@ from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
 from swarmdata.runtime.native_libraries import ThreadLimit
+from swarmdata.store.split_rule import empty_validation
 from swarmdata.types import Double, EvalResult
 
 RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
@@ -130,6 +131,8 @@ def rank(
     check_device(device)
     dataset = _dataset(folders, dataset_id, progress=progress)
     parts = dataset.split("train"), dataset.split("validation")
+    if not len(parts[1]):
+        raise SchemaError(f"{dataset.id}: {empty_validation(len(dataset))}")
     with ThreadLimit():
         found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
         values, held_out = _values(found, parts, config, device, progress=progress)

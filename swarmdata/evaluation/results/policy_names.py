@@ -232,7 +232,10 @@ def _recorded_target(
 
 def _run_target(folder: Path, task: str | None, choose: Choose) -> Target:
     found = open_run(folder)
-    advice = "Evaluate it with swarmdata.evaluate_parallel and the environment."
+    advice = (
+        "Evaluate it with swarmdata.evaluate_parallel and the environment, or compare runs by the "
+        "data alone with `swarmdata rank`."
+    )
     trained = found.task(advice)
     world = trained
     if task is not None:

@@ -27,6 +27,7 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 from swarmdata.evaluation.results.result_set import Case, reference_of
 from swarmdata.evaluation.robustness.sweep import RESULTS_FOLDER
 from swarmdata.evaluation.runs.job_options import JobOptions
+from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.rollouts.score_statistics import Estimate
@@ -60,6 +61,7 @@ def compare_simulators(
     backend: str = "mujoco",
     task: str | None = None,
     n_episodes: int = 200,
+    block: SeedBlock = "evaluation",
     **options: Unpack[JobOptions],
 ) -> list[TeamTransfer]:
     """Evaluates teams in their own simulator and in another one, and writes the table.
@@ -71,7 +73,8 @@ def compare_simulators(
         out: folder; an interrupted comparison resumes in it.
         backend: the other simulator.
         task: preset or spec file in which they act, as `find_target` takes it.
-        n_episodes: number of reserved seeds, the same for all.
+        n_episodes: number of seeds, the same for all.
+        block: the reserved `evaluation` seeds, or the `validation` seeds.
         options: where policies are evaluated.
 
     Raises:
@@ -83,7 +86,8 @@ def compare_simulators(
         MissingExtraError: a simulator is not installed.
     """
     check_output(out, COMPARISON, RESULTS_FOLDER)
-    planned = [_plan(name, task, backend, n_episodes, out / RESULTS_FOLDER) for name in names]
+    seeds = n_episodes, out / RESULTS_FOLDER, block
+    planned = [_plan(name, task, backend, *seeds) for name in names]
     every = [each for pair in planned for found in pair for each in found]
     run_evaluations(every, **options)
     teams = [_team(*each) for each in planned]
@@ -93,13 +97,15 @@ def compare_simulators(
 
 
 def _plan(
-    name: str, task: str | None, backend: str, n_episodes: int, results: Path
+    name: str, task: str | None, backend: str, n_episodes: int, results: Path, block: SeedBlock
 ) -> tuple[list[Evaluation], list[Evaluation]]:
     """The evaluations of a team in its own simulator, and in the other."""
     sources = [
         TargetName.parse({"name": name, "task": task, "backend": each}) for each in (None, backend)
     ]
-    known, new = (evaluations_of(each, each.find(), n_episodes, results) for each in sources)
+    known, new = (
+        evaluations_of(each, each.find(), n_episodes, results, block=block) for each in sources
+    )
     spec = known[0].spec
     if spec.backend == new[0].spec.backend:
         raise SpecError(

@@ -40,6 +40,7 @@ from swarmdata.evaluation.robustness.sweep_tables import (
     write_csv,
 )
 from swarmdata.evaluation.runs.job_options import JobOptions
+from swarmdata.numerics.random import SeedBlock
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import OutputKind, check_output, filled
@@ -81,7 +82,8 @@ class Sweep:
 
     axes: tuple[Axis, ...]  # parameters and their values
     out: Path  # folder of results, tables and figures
-    n_episodes: int  # number of reserved seeds, the same at every point
+    n_episodes: int  # number of seeds, the same at every point
+    block: SeedBlock  # of these seeds
     teams: tuple[_Team, ...]  # in the order of the tables
 
     def points(self) -> dict[str, list[Evaluation]]:
@@ -97,7 +99,10 @@ class Sweep:
         specs = {TRAINED_FOLDER: team.target.spec}
         specs |= {point.folder: point.spec for points in team.points for point in points}
         found, folder = (team.source, team.target, self.n_episodes), self.out / RESULTS_FOLDER
-        return {name: evaluations_of(*found, folder / name, spec=s) for name, s in specs.items()}
+        return {
+            name: evaluations_of(*found, folder / name, spec=spec, block=self.block)
+            for name, spec in specs.items()
+        }
 
 
 def plan_sweep(
@@ -109,6 +114,7 @@ def plan_sweep(
     task: str | None = None,
     backend: str | None = None,
     randomization: Ranges | None = None,
+    block: SeedBlock = "evaluation",
 ) -> Sweep:
     """Finds the teams and checks them, before anything is evaluated; takes what `sweep` takes.
 
@@ -124,7 +130,7 @@ def plan_sweep(
     check_output(out, SWEEP, RESULTS_FOLDER)
     shared = {"task": task, "backend": backend, "randomization": randomization}
     sources = [TargetName.parse({"name": name, **shared}) for name in names]
-    return Sweep(tuple(axes), out, n_episodes, tuple(_teams(names, axes, sources)))
+    return Sweep(tuple(axes), out, n_episodes, block, tuple(_teams(names, axes, sources)))
 
 
 def run_point(planned: Sweep, name: str) -> bool:
@@ -154,6 +160,7 @@ def sweep(
     task: str | None = None,
     backend: str | None = None,
     randomization: Ranges | None = None,
+    block: SeedBlock = "evaluation",
     **options: Unpack[JobOptions],
 ) -> list[Degradation]:
     """Evaluates teams along axes, one parameter at a time, and writes tables and figures.
@@ -163,10 +170,11 @@ def sweep(
             of trained policies.
         axes: parameters and their values.
         out: folder; an interrupted sweep of the same teams resumes in it.
-        n_episodes: number of reserved seeds, the same at every point.
+        n_episodes: number of seeds, the same at every point.
         task: of tiers and runs, as `find_target` takes it.
         backend: simulator of all points; None: that of the training.
         randomization: ranges from which episodes draw at all points; None: those of the training.
+        block: the reserved `evaluation` seeds, or the `validation` seeds.
         options: where policies are evaluated.
 
     Raises:
@@ -176,7 +184,7 @@ def sweep(
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
     planned = plan_sweep(
         names, axes, out, n_episodes=n_episodes, task=task, backend=backend,
-        randomization=randomization,
+        randomization=randomization, block=block,
     )  # fmt: skip
     every = [each for found in planned.points().values() for each in found]
     with locked(out, options.get("progress", True)):
@@ -285,8 +293,9 @@ def _degradation(k: int, planned: Sweep, results: Sequence[ResultsByFolder]) -> 
         lines.append(TeamLine(team.label, len(team.target.policies), tuple(points)))
     as_trained = not any(team.source.changes_the_world for team in planned.teams)
     return Degradation(
-        axis.part, axis.name, columns, tuple(lines), planned.n_episodes, axis.falls, as_trained
-    )
+        axis.part, axis.name, columns, tuple(lines), planned.n_episodes, axis.falls, as_trained,
+        planned.block,
+    )  # fmt: skip
 
 
 def _points(axis: Axis, policy: str, trained: TaskSpec) -> tuple[_SweepPoint, ...]:

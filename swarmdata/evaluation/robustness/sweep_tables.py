@@ -13,6 +13,7 @@ from swarmdata.evaluation.results.estimate_table import Column, Row, Table, to_c
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, reference_of
 from swarmdata.evaluation.results.result_tables import QUANTITIES, case_table
+from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.published import Reference, normalized_score
 from swarmdata.rollouts.score_intervals import mean_interval, target_of
 from swarmdata.rollouts.score_statistics import Estimate
@@ -60,6 +61,7 @@ class Degradation:
     n_episodes: int
     falls: bool  # whether the values of the axis fall from left to right
     as_trained: bool = True  # whether the teams' worlds are those of their training
+    block: SeedBlock = "evaluation"  # of the episodes' seeds
 
     @property
     def base(self) -> str:
@@ -92,10 +94,10 @@ class Degradation:
         rest = "the training of each policy" if self.as_trained else "the world that was asked for"
         return (
             f"Only {self.part} {self.name} changes; everything else is as in {rest}. All points "
-            f"have the same {self.n_episodes} evaluation seeds; mean [95 % interval for {target}]. "
-            "Collisions are new contacts per episode. Time to goal counts an unsolved episode as "
-            f"the horizon. The change is from the same policies {self.base}, paired by training "
-            "seed and episode."
+            f"have the same {self.n_episodes} {self.block} seeds; mean [95 % interval for "
+            f"{target}]. Collisions are new contacts per episode. Time to goal counts an unsolved "
+            f"episode as the horizon. The change is from the same policies {self.base}, paired by "
+            "training seed and episode."
         )
 
     def _describe_value(self, point: Point) -> str:
@@ -139,7 +141,7 @@ def change_of(
 
     Args:
         runs: one result per policy.
-        before: results of the same policies on the same evaluation seeds.
+        before: results of the same policies on the same seeds.
         scale: of the score.
     """
     sides = (

@@ -42,8 +42,11 @@ from swarmdata.specs.task_spec import TaskSpec
 CURVE_EPISODES = 64
 """Validation episodes of each point of a learning curve."""
 
-DEFAULT_SEEDS = 4
-"""Seeds of a training unless others are asked for."""
+DEFAULT_SEEDS = 5
+"""Seeds of a training on data, as many as the leaderboard asks for."""
+
+DEFAULT_ONLINE_SEEDS = 4
+"""Seeds of a training in a task."""
 
 TRAINER = f"{__name__}:seed_trainer"
 
@@ -277,7 +280,7 @@ def train_online(
     task: str | Path | TaskSpec,
     out: Path | str,
     *,
-    seeds: Sequence[int] = range(DEFAULT_SEEDS),
+    seeds: Sequence[int] = range(DEFAULT_ONLINE_SEEDS),
     changes: Mapping[str, Any] | None = None,
     observation: Source | None = None,
     communication: Source | None = None,

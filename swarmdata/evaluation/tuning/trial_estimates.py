@@ -16,6 +16,7 @@ from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.evaluation.transitions import Actor
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
+from swarmdata.store.split_rule import empty_validation
 
 ESTIMATOR = f"{__name__}:estimator"
 
@@ -34,10 +35,15 @@ def why_without(cells: Sequence[Cell], work: Path) -> str | None:
             f"the policies of {cells[0].algorithm} draw their actions or remember, so that what "
             "they would have done in recorded states is not known."
         )
+    return why_without_data(cells)
+
+
+def why_without_data(cells: Sequence[Cell]) -> str | None:
+    """Why no policy can be estimated from the cells' data; None where that is possible."""
     for source, n_steps in {(cell.source, cell.n_steps) for cell in cells}:
         dataset = open_dataset(source, n_steps)
         if not len(dataset.split("validation")):
-            return f"{dataset.id} has no validation episodes."
+            return f"{dataset.id}: {empty_validation(len(dataset))}"
     return None
 
 

@@ -3,8 +3,8 @@
 Trial 0 is the configuration as it is, the others change what is drawn from the algorithm's search
 space (`learn.training.settings`). Each is trained as a cell of a study, with the same seeds and
 updates, on the first episodes of each dataset. Rule A chooses by the mean score over validation
-episodes; rule B by the data alone: fitted Q evaluation, of which the least of several fits is
-trusted, at the lower end of its interval (`policy_selection`).
+episodes, where the data have a simulator; rule B by the data alone: fitted Q evaluation, of which
+the least of several fits is trusted, at the lower end of its interval (`policy_selection`).
 
 Random search is that of Bergstra & Bengio, "Random Search for Hyper-Parameter Optimization", JMLR
 2012; equal numbers of trials for every algorithm are what makes a comparison of them fair (Dodge et
@@ -25,12 +25,17 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ResultsError, SpecError
 from swarmdata.evaluation.results.result_set import group_results, reference_of
 from swarmdata.evaluation.runs.portable_names import portable_name
-from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
+from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, is_done, offline_cell
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import results_of
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.tuning.trial_estimates import read_estimates, run_estimates, why_without
+from swarmdata.evaluation.tuning.trial_estimates import (
+    read_estimates,
+    run_estimates,
+    why_without,
+    why_without_data,
+)
 from swarmdata.evaluation.tuning.tuning_record import CELLS, TUNING, Trial, Tuning
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.training.settings import drawn_settings, space_of
@@ -71,7 +76,8 @@ def tune(
 
     Args:
         algorithm: registered offline algorithm that declares a search space.
-        dataset_ids: ids or folders of datasets of our tasks; scores are means over them.
+        dataset_ids: ids or folders of datasets; scores are means over them. A recording of another
+            environment has no scores, and is tuned on alone.
         out: folder of the result.
         n_trials: configurations, the unchanged one included.
         n_updates: of each training.
@@ -94,7 +100,8 @@ def tune(
         SpecError: a number is out of its range, or a setting has the wrong type.
         OutputError: `out` has files that no tuning wrote.
         StaleCellError: `out` has trainings of another configuration, and `again` is false.
-        ResultsError: all trials failed, or scores in several tasks have no common unit.
+        ResultsError: all trials failed, scores in several tasks have no common unit, or neither
+            rule could choose.
         BatchError: estimates failed; the same call goes on.
     """
     require_extra("matplotlib", "plots", "drawing the curve of a tuning")
@@ -108,6 +115,8 @@ def tune(
     cells, unit = _cells(study, n_steps, progress=progress)
     options: dict[str, Any] = {"engine": engine, "workers": workers, "progress": progress}
     every = [cell for of_trial in cells for cell in of_trial]
+    if not every[0].n_episodes:
+        _try_first(cells[0], work, again=again, **options)
     failures = run_cells(every, work, again=again, **options)
     done = [cell for cell in every if cell.name not in failures]
     silent = why_without(done, work) if done else None
@@ -116,6 +125,20 @@ def tune(
     made = _Trained(work, failures, silent).tuning(drawn, cells, unit)
     made.write(work)
     return made
+
+
+def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
+    """Trains the first trial on data without a simulator; raises where estimates cannot choose."""
+    why_not = why_without_data(cells)
+    if why_not is None:
+        run_cells(cells, work, **options)
+        trained = [cell for cell in cells if is_done(cell, cell_folder(work, cell))]
+        why_not = why_without(trained, work) if trained else None
+    if why_not is not None:
+        raise ResultsError(
+            "without a simulator, trials are chosen by offline estimates, and there are none: "
+            + why_not
+        )
 
 
 def _drawn(algorithm: str, n_trials: int, seed: int) -> list[dict[str, Any]]:
@@ -162,7 +185,10 @@ def _cells(
         ]
         for label in study.algorithms
     ]
-    return cells, unit
+    if all(each.spec.world for each in opened.values()):
+        return cells, unit
+    unscored = {"n_episodes": 0}
+    return [[cell.model_copy(update=unscored) for cell in trial] for trial in cells], unit
 
 
 def _unit(datasets: Iterable[Dataset]) -> Literal["score", "return"]:
@@ -220,7 +246,7 @@ class _Trained:
         return Trial(
             settings=settings,
             config=changed_settings(kind.Config, cells[0].config),
-            scores={cell.data: self._score(cell) for cell in known},
+            scores={cell.data: self._score(cell) for cell in known if cell.n_episodes},
             estimates={cell.data: read_estimates(cell, self.work) for cell in estimated},
             failure=failed[0] if failed else None,
         )

@@ -41,7 +41,7 @@ class Trial(Frozen):
 
     settings: dict[str, Any]  # drawn; none of the first trial, which is the configuration as it is
     config: dict[str, Any]  # all settings that differ from the algorithm's defaults
-    scores: dict[str, float]  # by dataset: mean over seeds and validation episodes
+    scores: dict[str, float]  # by dataset: mean over seeds and validation episodes; {}: none
     estimates: dict[str, dict[str, float]]  # by dataset and criterion; {}: none
     failure: str | None = None  # why it has no scores
 
@@ -56,7 +56,7 @@ class Tuning(Frozen):
     datasets: dict[str, str]  # digests of what was trained on, by the short name
     n_updates: int
     seeds: tuple[int, ...]
-    n_episodes: int  # validation episodes of each seed
+    n_episodes: int  # validation episodes of each seed; 0: the data have no simulator
     unit: Literal["score", "return"]
     without_estimates: str | None = None  # why rule B could not choose
     trials: Annotated[tuple[Trial, ...], Field(min_length=2)]
@@ -64,11 +64,12 @@ class Tuning(Frozen):
     @property
     def rules(self) -> tuple[Rule, ...]:
         """The rules that could choose."""
-        return ("validation",) if self.without_estimates else ("validation", "offline")
+        can_choose = {"validation": self.n_episodes > 0, "offline": not self.without_estimates}
+        return tuple(rule for rule in RULES if can_choose[rule])
 
     @property
     def scores(self) -> Double:
-        """The score of each trial, a mean over datasets; of one that failed -infinity, [n]."""
+        """The score of each trial, a mean over datasets; of one without -infinity, [n]."""
         means = [np.mean([*each.scores.values()] or [-np.inf]) for each in self.trials]
         return np.array(means, dtype=np.float64)
 
@@ -118,8 +119,9 @@ class Tuning(Frozen):
             (written / "tuning.json").write_text(f"{self.to_json()}\n", encoding="utf-8")
             (written / "tuning.md").write_text(self.to_markdown(), encoding="utf-8")
             (written / "trials.csv").write_text(self.to_csv(), encoding="utf-8")
-            (written / "curve.csv").write_text(self._curve_csv(), encoding="utf-8")
-            self._draw(written / "curve.png")
+            if self.n_episodes:
+                (written / "curve.csv").write_text(self._curve_csv(), encoding="utf-8")
+                self._draw(written / "curve.png")
             for rule in self.rules:
                 chosen = self.trials[self.choice(rule)].config
                 text = yaml.safe_dump(chosen, sort_keys=False) if chosen else "{}\n"
@@ -152,26 +154,38 @@ class Tuning(Frozen):
             f"# Tuning of {self.algorithm}\n",
             markdown.table(head, rows),
             self.caption,
-            "\n![expected score of what k trials end with](curve.png)\n",
         ]
+        if self.n_episodes:
+            parts.append("\n![expected score of what k trials end with](curve.png)\n")
         return "\n".join(parts)
 
     def _choices(self) -> tuple[list[str], list[list[str]]]:
         """Head and rows of a table of the default and of both choices."""
         numbers = {"the configuration as it is": 0}
         numbers |= {f"chosen by {RULES[rule]}": self.choice(rule) for rule in self.rules}
-        head = ["", "trial", self.unit, *self.datasets, "settings"]
+        shown = (self.unit, *self.datasets) if self.n_episodes else self._estimate_heads()
+        head = ["", "trial", *shown, "settings"]
         rows = [
             [
                 words,
                 str(k),
-                f"{self.scores[k]:.1f}",
-                *(f"{self.trials[k].scores.get(name, math.nan):.1f}" for name in self.datasets),
+                *self._numbers(self.trials[k]),
                 ", ".join(f"{key}={value}" for key, value in self.trials[k].settings.items()),
             ]
             for words, k in numbers.items()
         ]
         return head, rows
+
+    def _estimate_heads(self) -> tuple[str, ...]:
+        return tuple(f"{ESTIMATES[0]} of {name}" for name in self.datasets)
+
+    def _numbers(self, trial: Trial) -> list[str]:
+        """What the trial reached: its scores; of data without a simulator, what decides rule B."""
+        if self.n_episodes:
+            every = [trial.scores.get(name, math.nan) for name in self.datasets]
+            return [f"{value:.1f}" for value in (np.mean(every), *every)]
+        found = (trial.estimates.get(name, {}) for name in self.datasets)
+        return [f"{each.get(ESTIMATES[0], math.nan):.3g}" for each in found]
 
     @property
     def caption(self) -> str:
@@ -180,7 +194,15 @@ class Tuning(Frozen):
         seeds = f"{len(self.seeds)} seed{'s' * (len(self.seeds) > 1)}"
         text = (
             f"{len(self.trials)} trials, {failed} of them failed; {self.n_updates:,} updates and "
-            f"{seeds} each. The {self.unit} is the mean over {self.n_episodes} "
+            f"{seeds} each. "
+        )
+        if not self.n_episodes:
+            return text + (
+                "The data have no simulator, so that nothing was chosen by validation episodes. "
+                "Offline estimates overrate policies that leave the data."
+            )
+        text += (
+            f"The {self.unit} is the mean over {self.n_episodes} "
             "validation episodes of each seed. That of the trial chosen by it is too high, as the "
             "largest of several measurements is: evaluate what was chosen on the reserved episodes."
         )

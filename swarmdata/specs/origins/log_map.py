@@ -339,12 +339,13 @@ class LogMap(Extended):
         if not isinstance(shared, Mapping):
             raise ValueError("each: expected a mapping, which holds for every robot")
         robots = [{"name": each} if isinstance(each, str) else each for each in content["robots"]]
-        rest["robots"] = [
-            _named({**shared, **each}, str(each.get("name", "")))
-            if isinstance(each, Mapping)
-            else each
-            for each in robots
-        ]
+        for each in robots:
+            if not isinstance(each, Mapping):
+                raise ValueError(
+                    f"robots: got {each!r:.100}, expected a name, in quotes where it is a number "
+                    '("1"), or a mapping with a name'
+                )
+        rest["robots"] = [_named({**shared, **each}, str(each.get("name", ""))) for each in robots]
         return rest
 
     @model_validator(mode="after")

@@ -22,6 +22,7 @@ from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.training.compact import compact
 from swarmdata.learn.training.run_folder import load_algorithm, load_run
 from swarmdata.learn.training.trainer import Schedule, train_seeds
+from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.specs.recipe import Splits
 from tests.support.tiny import make_tiny
@@ -180,3 +181,14 @@ def test_the_command_prints_and_writes(made: Made, tmp_path: Path) -> None:
     wrong = CliRunner().invoke(app, [*command, "--by", "fqa"])
     assert wrong.exit_code == 1
     assert "Did you mean 'fqe'" in wrong.output
+
+
+def test_an_empty_validation_split_is_named(tmp_path: Path) -> None:
+    data = make_tiny(tmp_path / "data", n_steps=80)
+    config = BCConfig(n_updates=1, batch_size=8, hidden=(8,))
+    dataset = Dataset.open(data)
+    train_seeds("bc", dataset.split("train"), tmp_path / "bc", seeds=(0,), config=config,
+                progress=False)  # fmt: skip
+    expected = f"the validation split is empty: none of {len(dataset)} episodes fell into it"
+    with pytest.raises(SchemaError, match=expected):
+        rank([tmp_path / "bc"], dataset_id=str(data), progress=False)

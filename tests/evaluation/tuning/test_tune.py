@@ -22,12 +22,14 @@ from swarmdata.evaluation.tuning import trial_estimates
 from swarmdata.evaluation.tuning import tune as tune_module
 from swarmdata.evaluation.tuning.tune import tune
 from swarmdata.evaluation.tuning.tuning_record import Tuning
+from swarmdata.interop.logs import import_logs
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.training.settings import override
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.registry.published import Reference
 from tests.evaluation.study.conftest import Here
+from tests.interop.logs.logged_team import log_map, write_team
 from tests.support.drawn import save_empty_figures
 from tests.support.tiny import make_tiny
 
@@ -163,7 +165,43 @@ def test_data_without_validation_episodes_are_chosen_on_by_validation_only(
 ) -> None:
     data = make_tiny(tmp_path / "coop_nav-short-v0", id="coop_nav-short-v0", n_steps=80)
     made = small_tune(tmp_path / "out", datasets=[data], n_trials=2)
-    assert made.without_estimates == "coop_nav-short-v0 has no validation episodes."
+    assert "coop_nav-short-v0: the validation split is empty" in str(made.without_estimates)
+
+
+def import_team(folder: Path, seconds: float) -> Path:
+    """A recording without a simulator, in episodes of two seconds."""
+    cuts = log_map(episodes={"length": 2.0})
+    logs = write_team(folder, seconds)
+    return import_logs(logs, folder / "hall-logs-v0", log_map=cuts, id="hall-logs-v0").path
+
+
+def test_logs_without_a_simulator_are_chosen_on_by_estimates_only(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    made = small_tune(
+        tmp_path / "out", datasets=[import_team(tmp_path, 60.0)], n_trials=2, n_updates=4
+    )
+    assert made.rules == ("offline",)
+    assert all(each.failure is None and not each.scores for each in made.trials)
+    assert "The data have no simulator" in made.caption
+    assert "fqe_pessimistic of hall-logs-v0" in made.to_text()
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert "offline.yaml" in names
+    assert not names & {"validation.yaml", "curve.csv", "curve.png"}
+
+
+def test_logs_that_no_rule_can_choose_on_are_refused_before_the_second_trial(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    few = import_team(tmp_path, 9.0)
+    with pytest.raises(ResultsError, match="the validation split is empty: none of 5 episodes"):
+        small_tune(tmp_path / "out", datasets=[few])
+    assert not (tmp_path / "out" / "cells").exists()
+    (tmp_path / "long").mkdir()
+    many = import_team(tmp_path / "long", 60.0)
+    with pytest.raises(ResultsError, match="policies of bc_latent draw their actions"):
+        small_tune(tmp_path / "latent", algorithm="bc_latent", datasets=[many], n_updates=2)
+    assert [path.name for path in (tmp_path / "latent" / "cells").iterdir()] == ["trial-00"]
 
 
 @pytest.mark.slow

@@ -319,6 +319,7 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert result.exit_code == 0, result.output
     made = tmp_path / "cache" / "datasets" / ID
     assert "29 episodes, 571 joint steps" in result.output
+    assert "validation" not in result.output
     assert Dataset.open(made).recipe.license == "mit"
     recipe, again = made / "recipe.json", tmp_path / "again"
     result = run(app, ["import", *logs, "--map", str(recipe), "--out", str(again)])
@@ -328,6 +329,30 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert "--seed" in result.output
     result = run(app, ["import", *logs, "--map", str(note)])
     assert "--id" in result.output
+
+
+def test_the_command_line_names_gaps_and_an_empty_split(tmp_path: Path) -> None:
+    logs = write_team(tmp_path, 9.0)
+    write_csv(logs[1], without(drive(9.0, 1.0), 3.0, 4.0))
+    note = tmp_path / "robots.yaml"
+    note.write_text(log_map(episodes={"length": 2.0}).to_yaml())
+    line = ["import", *map(str, logs), "--map", str(note), "--id", ID, "--out", str(tmp_path / ID)]
+    output = CliRunner().invoke(app, line).output
+    assert "Robots are absent in 12 steps: their pose or command is unknown" in output
+    assert "the validation split is empty: none of 5 episodes fell into it" in output
+
+
+def test_one_table_of_several_robots(tmp_path: Path) -> None:
+    drives = [{"id": np.full(200, k), **drive(10.0, float(k))} for k in (1, 2)]
+    table = {name: np.concatenate([each[name] for each in drives]) for name in drives[0]}
+    log = write_csv(tmp_path / "arena.csv", table)
+    shared = {key: value for key, value in MAP["each"].items() if key != "log"}
+    named = make(tmp_path, log, each={**shared, "rows": {"id": "{robot}"}}, robots=["1", "2"])
+    assert named.spec.agent_names == ("1", "2")
+    robots = [{"name": name, "rows": {"id": k}} for k, name in ((1, "anna"), (2, "bert"))]
+    assert make(tmp_path, log, each=shared, robots=robots).spec.agent_names == ("anna", "bert")
+    with pytest.raises(SpecError, match=r"robots: got 1, expected a name, in quotes"):
+        log_map(robots=[1, 2])
 
 
 def test_bags_need_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -115,12 +115,13 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
         parents = whole.recipe.parents
         is_part = cell.n_steps is not None and parents
         _check_digest(cell, parents[0].digest if is_part else whole.digest)
-    spec = dataset.task
+    if cell.n_episodes:
+        _ = dataset.task  # raises now, not after the training, where there is no simulator
     write_file(run.parent / DATA_FILE, DatasetFacts.of(dataset).to_json().encode())
 
     def measure(policy: Policy) -> dict[str, float]:
         with meter.stage("curve"):
-            return measure_curve_point(policy, spec, cell.curve_episodes)
+            return measure_curve_point(policy, dataset.task, cell.curve_episodes)
 
     train_seeds(
         cell.algorithm,
@@ -194,6 +195,8 @@ _TRAIN = {"offline": _train_offline, "online": _train_online, "run": _copy_run}
 
 def _evaluate(cell: Cell, run: Path, out: Path, report: Report) -> list[Path]:
     """Evaluates the last policy of each seed on the cell's seeds; existing results are kept."""
+    if not cell.n_episodes:
+        return []
     target = find_target(str(run)).labelled(cell.label)
     seeds = tuple(each.seed for each in target.provenances)
     if seeds != cell.seeds:

@@ -78,7 +78,7 @@ class Cell(Frozen):
     frame: str = "auto"  # of offline cells
     rewards: dict[str, float] = Field(default_factory=dict)  # other weights to learn from
     seeds: tuple[int, ...]
-    n_episodes: int
+    n_episodes: int  # of the evaluation; 0: none, as where the data have no simulator
     block: SeedBlock = "evaluation"
     curve_every: int | None = None  # updates between points; None: no learning curve
     curve_episodes: int = 64
