@@ -143,7 +143,7 @@ def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None
     for step in steps:
         robots = robots_of(step.states, spec.n_agents).astype(np.float64)
         speeds = np.hypot(robots[..., VX], robots[..., VY])
-        touched = step.events[..., :2].any(-1) | has_movables
+        touched = np.logical_or(step.events[..., :2].any(-1), has_movables)
         allowed = top + SPEED_TOLERANCE + push * (touched | touched_before)
         excess = (speeds - allowed).max()
         assert excess <= 0, f"a robot drives {excess:.4f} m/s faster than its limits allow"

@@ -119,13 +119,14 @@ def test_measured_datasets_leave_no_doubt_but_that_nothing_is_solved() -> None:
 
 @pytest.mark.slow
 def test_left_out_datasets_lose_little() -> None:
-    """The goal, a mean regret of at most 2 and at most 10 on any, holds with all in the fit."""
+    """The goal: a mean regret of at most 2, and of at most 10 on any dataset."""
     rows = read_rows()
     picked = choices(rows)
     found = {way: regrets(rows, names) for way, names in picked.items()}
     auto = found["auto, leave one dataset out"]
-    assert len(rows) == 25
-    assert np.mean(auto) <= 2.5
+    assert len(rows) == 29
+    assert np.mean(auto) <= 2
+    assert max(auto) <= 10
     fitted = found["auto, fitted to all"]
     assert np.mean(fitted) <= 2
     assert max(fitted) <= 10
