@@ -31,7 +31,7 @@ from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import open_store, read_manifest
+from swarmdata.store import StoredDataset, open_store, read_manifest
 from swarmdata.store.arrays.layout import RECIPE
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.stored_dataset import Verify, check_listing, check_spec, read_origin
@@ -308,12 +308,7 @@ def _open(
         found = obtain(request, remotes, Rebuild(remotes, workers, progress))
     stored = open_store(found.folder, verify, recipe=request.recipe)
     whole = np.arange(stored.manifest.n_episodes)
-    references = known_references(stored.recipe.spec)
-    if references is not None and stored.recipe.recipe is None:
-        from swarmdata.datasets.task_rewards import has_task_rewards  # noqa: PLC0415  (rarely needed)
-
-        references = references if has_task_rewards(stored) else None
-    dataset = Dataset(stored, whole, references, found.source)
+    dataset = Dataset(stored, whole, _references_of(stored), found.source)
     identity = judge(stored.manifest)
     if identity.kind != "published":
         check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
@@ -379,3 +374,13 @@ def known_references(spec: Spec) -> Reference | None:
     """The anchors of the normalized score measured on exactly this spec, if there are any."""
     found = None if spec.world is None else references_of(spec.world.hash())
     return None if found is None else found.reference
+
+
+def _references_of(stored: StoredDataset) -> Reference | None:
+    """Those of its spec; none if its rewards are not those of its task."""
+    known = known_references(stored.recipe.spec)
+    if known is None or stored.recipe.recipe is not None:
+        return known
+    from swarmdata.datasets.task_rewards import has_task_rewards  # noqa: PLC0415  (rarely needed)
+
+    return known if has_task_rewards(stored) else None
