@@ -1,16 +1,15 @@
 """The floor plan: where modules go, which deserve a file, and one meaning for each name."""
 
-import ast
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Container
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import swarmdata
-from tests.support.package_sources import FOLDERS, ROOT, sources, trees
+from tests.support.package_sources import FOLDERS, ROOT, sources
 
 LOOSE = {"__init__.py", "__main__.py", "errors.py", "interfaces.py", "types.py"}
 LINES_OF_A_THOUGHT = 80
@@ -28,6 +27,9 @@ SMALL_AND_ALONE = [
     "swarmdata.rollouts.spec_check",
 ]
 """Modules that should be merged into their only importer; the list only becomes shorter."""
+
+FROM = re.compile(r"^[ \t]*from (swarmdata[\w.]*) import (\([^)]*\)|[^\n#]*)", re.MULTILINE)
+IMPORT = re.compile(r"^[ \t]*import (swarmdata[\w.]*)", re.MULTILINE)
 
 SUITES = {
     "architecture", "benchmarks", "contract", "docs", "examples", "faults", "golden", "support",
@@ -51,35 +53,31 @@ def dotted(path: Path) -> str:
     return ".".join(parts if parts[0] == "swarmdata" else ("swarmdata", *parts))
 
 
-def imported(tree: ast.Module, exported: dict[str, str], known: Container[str]) -> set[str]:
-    """Modules that one imports; of a name that a package exports, the one that defines it."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
-            found |= {exported.get(each, each) for each in names} | {node.module}
-        elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return {each for each in found if each in known}
+def imports(text: str) -> Iterator[tuple[str, dict[str, str]]]:
+    """Modules of the package that a module imports, and its names for what it takes from each."""
+    for module, names in FROM.findall(text):
+        pairs = (each.split() for each in names.strip("()").split(",") if each.strip())
+        yield module, {pair[-1]: pair[0] for pair in pairs}
+    for module in IMPORT.findall(text):
+        yield module, {}
 
 
 def small_and_alone() -> list[str]:
     """Modules of few lines that a single other module imports, and no table names."""
-    parsed = {dotted(path): tree for path, tree in trees().items()}
+    texts = {dotted(path): text for path, text in sources().items()}
     packages = {dotted(path) for path in sources() if path.name == "__init__.py"}
     exported = {
-        f"{package}.{alias.asname or alias.name}": node.module
+        f"{package}.{name}": module
         for package in packages
-        for node in parsed[package].body
-        if isinstance(node, ast.ImportFrom) and node.module
-        for alias in node.names
+        for module, names in imports(texts[package])
+        for name in names
     }
-    importers = Counter(
-        each
-        for name, tree in parsed.items()
-        for each in imported(tree, exported, parsed)
-        if name not in packages and each != name
-    )
+    importers: Counter[str] = Counter()
+    for name, text in texts.items():
+        if name not in packages:
+            taken = {m: [f"{m}.{each}" for each in names.values()] for m, names in imports(text)}
+            found = {exported.get(each, each) for names in taken.values() for each in names}
+            importers.update((found | taken.keys()) - {name})
     named = {
         name
         for text in sources().values()

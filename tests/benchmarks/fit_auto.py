@@ -51,6 +51,7 @@ TOLERANCE = 5.0
 """Points of the score: candidates that are no further behind the best one count as good as it."""
 
 Thresholds = dict[str, Threshold]
+Errors = dict[Threshold, int]
 
 
 @dataclass(frozen=True)
@@ -134,16 +135,22 @@ def fit(rows: Iterable[Row]) -> Thresholds:
     def is_above(row: Row, threshold: Threshold, name: str) -> bool:
         return bool(getattr(row.statistics, name) >= threshold.middle)
 
+    def errors(asked: Sequence[Row], name: str, answers: tuple[str, str]) -> Errors:
+        """How many of the rows get a clearly worse algorithm, by threshold."""
+        return {
+            threshold: sum(row.is_worse(answers[is_above(row, threshold, name)]) for row in asked)
+            for threshold in gaps(asked, name)
+        }
+
     def candidates() -> Iterator[tuple[int, float, tuple[Threshold, ...]]]:
         for success in gaps(every, "best_success"):
             cloned = [row for row in every if is_above(row, success, "best_success")]
-            poor = [row for row in every if row not in cloned]
-            for shift, common in product(gaps(cloned, "best_shift"), gaps(poor, "common_reward")):
-                names = [CLONES[is_above(row, shift, "best_shift")] for row in cloned]
-                names += [POOR[is_above(row, common, "common_reward")] for row in poor]
-                errors = sum(map(Row.is_worse, [*cloned, *poor], names))
+            poor = [row for row in every if not is_above(row, success, "best_success")]
+            shifts = errors(cloned, "best_shift", CLONES)
+            commons = errors(poor, "common_reward", POOR)
+            for shift, common in product(shifts, commons):
                 found = success, shift, common
-                yield errors, -sum(map(width, found)), found
+                yield shifts[shift] + commons[common], -sum(map(width, found)), found
 
     return dict(zip(STATISTICS, min(candidates())[2], strict=True))
 
