@@ -212,7 +212,7 @@ def test_the_build_says_which_studies_have_no_pages_of_episodes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     module = "swarmdata.catalogue.build_catalogue"
-    monkeypatch.setattr(f"{module}.committed_sources", list)
+    monkeypatch.setattr(f"{module}.committed_sources", lambda shown: [])
     monkeypatch.setattr(f"{module}.studies_without_episodes", lambda: ["goals"])
     monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "cache"))
     notes: list[str] = []
