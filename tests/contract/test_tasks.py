@@ -117,3 +117,9 @@ def test_every_preset_keeps_the_contract(name: str) -> None:
 @pytest.mark.parametrize(("task", "horizon"), once_each(tuple(TASKS), (1, 20)))
 def test_the_horizon_truncates(task: str, horizon: int) -> None:
     check_task(make_env, preset(task).with_updates(horizon=horizon), n_steps=25)
+
+
+def test_a_robot_that_was_pushed_brakes_once_it_is_free() -> None:
+    spec = {"team": [{"count": 3}], "arena": {"width": 3.4, "height": 3.4}, "horizon": 120}
+    nothing = dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)
+    check_task(make_env, TaskSpec.parse({**spec, "obstacles": nothing}))
