@@ -43,9 +43,12 @@ COMPILE = $(BIN)/uv pip compile --quiet --python-version $(VERSION) pyproject.to
 comma := ,
 TEST_EXTRAS := $(if $(TORCH),torch$(comma))plots
 
-INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINT_OF_$(PACKAGES))
+# uv takes half a minute, pip two and a half. Only torch comes with pip, whose settings may name an index or a
+# folder of builds for the CPU; uv does not read them.
+UV = $(BIN)/uv pip install --quiet --python $(BIN)/python
+INSTALL = $(UV) $(CONSTRAINT_OF_$(PACKAGES))
 # With one version on all Pythons, so that findings do not change by the day.
-TOOLS = $(BIN)/python -m pip install --quiet --constraint constraints.txt
+TOOLS = $(UV) --constraint constraints.txt
 
 QUICK_DATA = coop_nav-medium-replay-mini
 
@@ -54,20 +57,23 @@ QUICK_DATA = coop_nav-medium-replay-mini
 
 $(STAMPS)/venv:
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'  # the first pip with --group
+	$(BIN)/python -m pip install --quiet uv
 	mkdir -p $(STAMPS) && touch $@
 
 # The lowest versions that the package and its extras accept, then the newest test tools that go with them.
 $(VENV)/lowest.txt: pyproject.toml | $(STAMPS)/venv
-	$(BIN)/python -m pip install --quiet uv
 	echo '$(TORCH)' | $(COMPILE) --resolution lowest-direct --output-file $@.bounds -
 	echo '$(TORCH)' | $(COMPILE) --group test --constraint $@.bounds --output-file $@ -
 
-$(STAMPS)/package: pyproject.toml constraints.txt | $(STAMPS)/venv
+$(STAMPS)/torch: constraints.txt $(LOWEST) | $(STAMPS)/venv
+	$(BIN)/python -m pip install --quiet $(CONSTRAINT_OF_$(PACKAGES)) $(or $(TORCH),torch)
+	touch $@
+
+$(STAMPS)/package: pyproject.toml constraints.txt $(STAMPS)/torch
 	$(INSTALL) --editable '.[torch,plots]'
 	touch $@
 
-$(STAMPS)/test: pyproject.toml constraints.txt $(LOWEST) | $(STAMPS)/venv
+$(STAMPS)/test: pyproject.toml constraints.txt $(LOWEST) $(if $(TORCH),$(STAMPS)/torch) | $(STAMPS)/venv
 	$(INSTALL) --editable '.[$(TEST_EXTRAS)]' --group test $(TORCH)
 	touch $@
 

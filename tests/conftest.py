@@ -1,5 +1,6 @@
 """Settings that every test shares."""
 
+import gc
 import os
 import re
 import shutil
@@ -58,6 +59,15 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
         return None
     mark = WHOLE_FILE.search(collection_path.read_text("utf-8"))
     return (mark is not None and f"not {mark[1]}" in config.option.markexpr) or None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What collecting makes stays to the end: the garbage collector need not look at it again."""
+    gc.disable()
+    yield
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture

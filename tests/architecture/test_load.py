@@ -10,6 +10,7 @@ import pytest
 from swarmdata.store import open_store
 from swarmdata.store.publication import publication
 from swarmdata.testing.synthetic import write_release
+from tests.support.pairs import slow
 
 MOST_MODULES = 61
 """Modules of ours for a dataset of one task; those of the command line come on top."""
@@ -38,7 +39,7 @@ USES = {
 }
 
 
-@pytest.mark.parametrize("use", USES)
+@pytest.mark.parametrize("use", ["load", "list command", *slow("list", "info")])
 def test_what_is_read_imports_little(use: str, tmp_path: Path, cache_folder: Path) -> None:
     folder = cache_folder / "datasets" / "coop_nav-own-v0"
     write_release(folder, [30, 70], "coop_nav-own-v0")

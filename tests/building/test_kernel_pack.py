@@ -63,6 +63,7 @@ def test_a_kernel_of_the_pack_is_not_compiled(script: Path, pack: Path, tmp_path
     assert not list(tmp_path.rglob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_a_pack_needs_no_kernel_that_only_kernels_call(script: Path, tmp_path: Path) -> None:
     text = script.read_text().replace("return 0.5 * x", "return half() * x")
     mark = "@kernels.kernel\n"

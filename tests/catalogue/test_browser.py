@@ -137,6 +137,7 @@ def test_a_range_is_dragged_over_a_histogram(visit: Visit) -> None:
     assert 0 < len(kept) < len(values)
 
 
+@pytest.mark.slow
 def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=2&t=1")
     page = visit.page
@@ -161,6 +162,7 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     assert visit.run("swarmdata.views.map((view) => view.replay.position)") == [2, 5]
 
 
+@pytest.mark.slow
 def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
     visit.page.set_viewport_size({"width": 1360, "height": 768})
     for name in (TINY.id, "formation-small-v0", "painting_v1-mine-v0"):
@@ -260,6 +262,7 @@ def test_events_lead_to_their_time(visit: Visit) -> None:
     assert f"{visit.run('swarmdata.player.time'):.1f} s" == times[-1]
 
 
+@pytest.mark.slow
 def test_a_recording_shows_lines_and_images(visit: Visit) -> None:
     visit.open("datasets/painting_v1-mine-v0.html#episode=1&t=5")
     assert [text.lower() for text in visit.texts(".lines h3")] == ["reward", "action"]
@@ -395,6 +398,7 @@ def test_a_result_leads_to_its_episodes_and_replays(visit_results: Visit) -> Non
     visit.wait("notice.textContent.includes('swarmdata render')")
 
 
+@pytest.mark.slow
 def test_episodes_of_a_committed_study_are_listed(visit: Visit) -> None:
     visit.open("results/result-goals-bc-coop_nav-medium-v1.html")
     assert visit.texts(".count") == ["5000 of 5000 episodes"]

@@ -1,5 +1,7 @@
 """The index page in a real Chromium, from `file://`: facets, table, address, sizes on a phone."""
 
+import pytest
+
 from tests.support.browser import Visit
 from tests.support.tiny import TINY
 
@@ -29,6 +31,7 @@ def test_the_index_is_filtered_sorted_and_restored_from_its_address(visit: Visit
     assert visit.texts(".card h2") == names
 
 
+@pytest.mark.slow
 def test_the_table_has_what_the_cards_have(visit: Visit) -> None:
     visit.open("index.html#task=transport&view=table")
     rows = visit.page.locator("#table tbody tr:visible")
@@ -60,6 +63,7 @@ def test_facets_are_what_the_datasets_are(visit: Visit) -> None:
             assert expected in visit.texts(".card h2")
 
 
+@pytest.mark.slow
 def test_filters_that_leave_nothing_say_how_to_widen(visit: Visit) -> None:
     visit.open("index.html#task=transport&team=4&kind=other+environment&search=medium-expert")
     assert visit.texts(".card") == []
@@ -77,6 +81,7 @@ def test_filters_that_leave_nothing_say_how_to_widen(visit: Visit) -> None:
     visit.wait("document.querySelectorAll('.card').length > 3")
 
 
+@pytest.mark.slow
 def test_a_link_to_a_place_in_the_page_keeps_what_is_chosen(visit: Visit) -> None:
     visit.open("index.html#task=transport")
     names = visit.texts(".card h2")

@@ -76,6 +76,7 @@ def test_s3(backoff: Backoff, here: Path, monkeypatch: pytest.MonkeyPatch) -> No
     s3fs.S3FileSystem.clear_instance_cache()
 
 
+@pytest.mark.slow
 def test_the_hub(remote: HubRemote, here: Path) -> None:
     check_remote(remote, here)
 

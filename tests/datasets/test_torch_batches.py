@@ -9,6 +9,7 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import mix
 from swarmdata.errors import SchemaError
+from tests.support.pairs import slow
 
 data = pytest.importorskip("torch.utils.data", reason="a DataLoader is torch's")
 
@@ -44,7 +45,7 @@ def test_mistakes_are_refused_before_any_worker(dataset: Dataset) -> None:
     assert len(repr(dataset.to_torch())) <= 300
 
 
-@pytest.mark.parametrize("n_workers", [0, 1])
+@pytest.mark.parametrize("n_workers", [0, *slow(1)])
 def test_episodes_are_not_stacked(dataset: Dataset, n_workers: int) -> None:
     with pytest.raises(SchemaError, match=r"dataset\.to_torch\(256\)"):
         next(iter(data.DataLoader(dataset, batch_size=2, num_workers=n_workers)))

@@ -35,6 +35,7 @@ def test_own_terms_are_computed_again_from_states_and_attributes(
     assert stored.arrays["reward_terms"][..., :n_own].any(axis=(0, 1)).all(), "a term is always 0"
 
 
+@pytest.mark.slow
 def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> None:
     rewards: Any = zarr.open_array(folder / "data.zarr" / "rewards", mode="r+")
     rewards[7, 2] += np.float32(1e-3)

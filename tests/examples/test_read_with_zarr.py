@@ -69,6 +69,7 @@ def test_rewards_are_computed_again_from_the_folder_alone(folder: Path, tmp_path
     assert stored.arrays["events"].any(axis=(0, 1)).all(), "the data lack an event"
 
 
+@pytest.mark.slow
 def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> None:
     rewards: Any = zarr.open_array(folder / "data.zarr" / "rewards", mode="r+")
     rewards[7, 2] += np.float32(1e-3)

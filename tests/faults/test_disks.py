@@ -39,6 +39,7 @@ def seen(trouble: Callable[..., None], folder: Path, *names: str) -> dict[str, A
     return result
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: str) -> None:
     """Row 07: in a part, and while the dataset is put together."""
     found = seen(disk_trouble.full, tmp_path)
@@ -56,7 +57,7 @@ def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: st
 
 @pytest.mark.parametrize(
     "formats",
-    [["d4rl"], *slow(list(disk_trouble.FORMATS))],
+    slow(["d4rl"], list(disk_trouble.FORMATS)),
     ids=["one format", "all formats"],
 )
 def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(

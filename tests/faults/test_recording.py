@@ -99,6 +99,7 @@ def interrupted(path: Path, n_episodes: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_kill_while_finishing(tmp_path: Path) -> None:
     """Row 02: the recording is finished by whoever comes next, the same bytes."""
     whole = recover(interrupted(tmp_path / "whole", 60))
@@ -134,6 +135,7 @@ def test_a_process_killed_while_tidying_up_is_forgiven(tmp_path: Path) -> None:
         recover(other)
 
 
+@pytest.mark.slow
 def test_a_script_that_ends_without_closing_loses_nothing(tmp_path: Path) -> None:
     """Row 01: finished episodes are written when the interpreter ends."""
     code = f"""

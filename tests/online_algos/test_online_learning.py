@@ -45,12 +45,13 @@ def values_of(run: Any) -> tuple[Any, Any]:
             },
             marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             MADDPG,
             {
                 "actor_hidden": (16,), "critic_hidden": (32,), "critic_learning_rate": 1e-2,
                 "policy_delay": 1, "max_grad_norm": None,
             },
+            marks=pytest.mark.slow,
         ),
     ],
 )  # fmt: skip

@@ -105,6 +105,7 @@ def test_an_honest_entry_is_verified(honest: Path) -> None:
 
 
 @pytest.mark.usefixtures("forked")
+@pytest.mark.usefixtures("forked")
 def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
     for file in (forged / "results").iterdir():
         document = json.loads(file.read_text())

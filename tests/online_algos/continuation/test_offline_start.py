@@ -111,7 +111,10 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
     )
 
 
-@pytest.mark.parametrize(("algorithm", "offline"), PAIRS[1:4])
+@pytest.mark.parametrize(
+    ("algorithm", "offline"),
+    [PAIRS[1], *(pytest.param(*pair, marks=pytest.mark.slow) for pair in PAIRS[2:4])],
+)
 def test_the_first_policies_are_those_of_the_offline_run(
     algorithm: str, offline: str, runs: dict[str, Path], task: str, tmp_path: Path
 ) -> None:
