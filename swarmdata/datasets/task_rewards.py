@@ -3,25 +3,39 @@
 Data that were converted, or recorded behind a wrapper, may have rewards of somebody else.
 """
 
+from collections.abc import Callable, Container
+
 import numpy as np
 
 from swarmdata.registry.components import make_task, reward_terms
+from swarmdata.specs.origins.origin_kinds import Origin
 from swarmdata.store import StoredDataset
+from swarmdata.types import Float
 
 N_ROWS = 1000
 """Joint steps that are compared; `swarmdata audit` compares all, bit for bit."""
 
 
 def has_task_rewards(stored: StoredDataset) -> bool:
+    """Whether the first rewards are their terms times the weights of the spec."""
+    return are_of_task(stored.recipe, stored.arrays, lambda name: stored.arrays[name][:N_ROWS])
+
+
+def are_of_task(origin: Origin, names: Container[str], rows: Callable[[str], Float]) -> bool:
     """Whether the first rewards are their terms times the weights of the spec.
 
     Those of a recipe are. Without recorded terms nothing can be compared, and the answer is yes.
+
+    Args:
+        origin: what the dataset was made from.
+        names: of its arrays.
+        rows: the first joint steps of an array.
     """
-    task = stored.recipe.spec.world
-    if stored.recipe.recipe is not None or task is None or "reward_terms" not in stored.arrays:
+    task = origin.spec.world
+    if origin.recipe is not None or task is None or "reward_terms" not in names:
         return True
     weights = np.array([term.signed_weight for term in reward_terms(make_task(task))])
     share = task.rules.rewards.team_share
-    own = stored.arrays["reward_terms"][:N_ROWS].astype(np.float64) @ weights
+    own = rows("reward_terms").astype(np.float64) @ weights
     expected = (1.0 - share) * own + share * own.mean(axis=1, keepdims=True)
-    return bool(np.allclose(stored.arrays["rewards"][:N_ROWS], expected, rtol=1e-4, atol=1e-5))
+    return bool(np.allclose(rows("rewards"), expected, rtol=1e-4, atol=1e-5))

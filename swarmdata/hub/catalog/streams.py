@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from swarmdata.errors import AbsentFileError, HubError, SwarmdataError
@@ -12,7 +13,9 @@ from swarmdata.hub.catalog.sources import Remotes, refusal, skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset, open_stream
+from swarmdata.registry.published import Reference
 from swarmdata.specs.model_choice import Source
 from swarmdata.store import read_manifest
 
@@ -48,10 +51,22 @@ def open_streamed(
         warnings.warn(
             f"{dataset.source}: {identity.sentence}.", AnotherDatasetWarning, stacklevel=3
         )
-    dataset = replace(dataset, references=known_references(dataset.recipe.spec))
+    dataset = replace(dataset, references=_references_of(dataset.blocks))
     if observation is None and communication is None:
         return dataset
     return dataset.reobserve(observation, communication)
+
+
+def _references_of(blocks: EpisodeBlocks) -> Reference | None:
+    """Those of its spec; none if its rewards are not those of its task."""
+    known = known_references(blocks.recipe.spec)
+    if known is None or blocks.recipe.recipe is not None:
+        return known
+    from swarmdata.datasets.task_rewards import N_ROWS, are_of_task  # noqa: PLC0415  (rarely needed)
+
+    last = min(N_ROWS, blocks.manifest.n_steps)
+    first_rows = partial(blocks.source.rows, first=0, last=last)
+    return known if are_of_task(blocks.recipe, blocks.manifest.arrays, first_rows) else None
 
 
 def stream_request(request: Request, remotes: Remotes, stream: Stream) -> StreamedDataset:

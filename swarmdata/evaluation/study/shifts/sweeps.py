@@ -24,6 +24,7 @@ from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan, View
 from swarmdata.evaluation.study.shifts.sweep_sections import SWEEPS_FOLDER
+from swarmdata.numerics.random import SeedBlock
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,13 @@ class PlannedSweep:
     plan: SweepPlan
     cells: tuple[Cell, ...]
     n_episodes: int  # seeds of each value
+    block: SeedBlock  # of these seeds
 
     @property
     def key(self) -> str:
         """Hash of everything that decides the sweep's results."""
         plan = {**self.plan.model_dump(mode="json"), "episodes": self.n_episodes}
-        content = [plan, [cell.key for cell in self.cells]]
+        content = [plan, self.block, [cell.key for cell in self.cells]]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def folder(self, work: Path) -> Path:
@@ -83,7 +85,7 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
                 for family in plan.families or found.study.families
                 if family in best
             )
-            planned.append(PlannedSweep(label, plan, cells, n_episodes))
+            planned.append(PlannedSweep(label, plan, cells, n_episodes, found.study.block))
     return planned
 
 
@@ -103,7 +105,7 @@ def run_sweeps(
         folder = each.folder(work)
         names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
-        sweep(names, [axis], folder, n_episodes=each.n_episodes, **options)
+        sweep(names, [axis], folder, n_episodes=each.n_episodes, block=each.block, **options)
         page_folder = out / SWEEPS_FOLDER / each.label
         page_folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cells import cell_folder, is_done
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import (
@@ -16,6 +17,7 @@ from swarmdata.evaluation.study.run_study import (
     run_one_cell,
     run_study,
 )
+from swarmdata.numerics.random import VALIDATION_BASE
 from tests.evaluation.study.conftest import BC, MADDPG
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here", "empty_figures")]
@@ -28,6 +30,7 @@ def test_the_best_of_each_family_is_swept(
     study = make_study(
         algorithms={"bc": BC, "clipped": {**BC, "updates": 1}, "maddpg": MADDPG},
         seeds=[0],
+        block="validation",
         sweeps={
             "loss": {**shared, "vary": "communication", "axis": "drop=0,0.5",
                      "communication": "perfect"},
@@ -48,6 +51,8 @@ def test_the_best_of_each_family_is_swept(
     assert len(swept) == 2
     assert all(is_done(cell, cell_folder(options.work_of(study), cell)) for cell in listed.cells)
     assert not run_one_cell(study, swept[0].name, options)
+    results = [load_result(each) for each in tmp_path.glob("work/sweeps/*/results/**/*.json")]
+    assert min(each.evaluation.seeds.min() for each in results) >= VALIDATION_BASE
     page = files[0].read_text()
     loss, noise = (
         page.partition(f"## Robustness: {axis}")[2].partition("\n## ")[0]
