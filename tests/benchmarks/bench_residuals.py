@@ -11,7 +11,7 @@ robots observe, fitted to other episodes, and a mean action m(o),
 
 and robots act by m(o) + k g(o), with g scaled to a root mean square of 1. The mean is that of the
 behavior policy itself, or of a clone. If g is an advantage, +k is better than -k. Prints scores on
-200 validation episodes.
+300 validation episodes, and the difference, paired by episode.
 """
 
 import argparse
@@ -31,6 +31,7 @@ from tests.benchmarks.measuring import table
 
 DATASET, DISCOUNT = "transport-medium", 0.97
 STEPS = (0.0, 0.15, -0.15)
+N_EPISODES = 300
 CLONES = {"clone, 2 x 64, 9,000 updates": (64, 9_000), "clone, 2 x 256, 36,000": (256, 36_000)}
 BEHAVIOR = "behavior policy"
 
@@ -190,19 +191,24 @@ def scores(label: str, seed: int) -> Iterator[tuple[str, ...]]:
     }
     for name, means in kinds.items():
         direction, deviation = advantage(dataset, data, features, rest, means, rng)
-        cells = []
+        played = []
         for step in STEPS:
 
             def act(observations: Float, step: float = step) -> Float:
                 return np.clip(means(observations) + step * direction(observations), -1, 1)  # noqa: B023
 
             found = swarmdata.evaluate(
-                swarmdata.FunctionPolicy(act), dataset.task, n_episodes=200, block="validation",
-                progress=False,
+                swarmdata.FunctionPolicy(act), dataset.task, n_episodes=N_EPISODES,
+                block="validation", progress=False,
             )  # fmt: skip
-            score = dataset.normalized_score(found.metrics["return"])
-            cells.append(f"{score.mean():.1f} ± {1.96 * score.std() / len(score) ** 0.5:.1f}")
+            played.append(dataset.normalized_score(found.metrics["return"]))
+        cells = [shown(each) for each in (*played, played[1] - played[2])]
         yield f"`{label}`, seed {seed}", name, f"{deviation:.3f}", *cells
+
+
+def shown(values: Double) -> str:
+    """A mean and half of its 95 % interval."""
+    return f"{values.mean():.1f} ± {1.96 * values.std() / len(values) ** 0.5:.1f}"
 
 
 def main() -> None:
@@ -217,7 +223,13 @@ def main() -> None:
             for row in scores(label, seed):
                 print(*row, sep=" | ", flush=True)
                 rows.append(row)
-    head = ("data", "mean action", "deviation from it", *(f"k = {step}" for step in STEPS))
+    head = (
+        "data",
+        "mean action",
+        "deviation from it",
+        *(f"k = {step}" for step in STEPS),
+        "with - against",
+    )
     print(table(head, rows))
 
 
