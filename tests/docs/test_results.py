@@ -49,6 +49,24 @@ def test_the_cost_of_all_studies_is_the_sum_of_their_costs() -> None:
     assert f"took {hours:.0f} hours of processor time for {len(rows)} combinations" in text
 
 
+def test_the_table_of_the_readme_is_that_of_the_study() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    head, _, *rows = text[text.index("| score on") :].partition("\n\n")[0].splitlines()
+    tiers = head.strip("| ").split(" | ")[1:]
+    halves = []
+    for row in rows:
+        label, *values = row.replace("*", "").strip("| ").split(" | ")
+        for tier, value in zip(tiers, values, strict=True):
+            place = f"coop_nav-{tier}:score"
+            is_data = label == "mean of the data"
+            mark = f"regimes/data:{place}" if is_data else f"regimes:{label.strip('`')}:{place}"
+            found, half = cell(mark, STUDIES)
+            assert f"{found:.1f}" == value, mark
+            halves.append(0.0 if is_data else half)
+    assert len(rows) == 5
+    assert f"at most\n± {max(halves):.1f}." in text
+
+
 def test_a_changed_number_is_found_in_a_page_and_in_a_file(tmp_path: Path) -> None:
     mark = "safe:maddpg_bc:coop_nav-medium-replay:score"
     value, half = cell(mark, STUDIES)
