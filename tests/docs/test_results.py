@@ -1,5 +1,6 @@
 """Numbers of the pages of results are those of the results' files."""
 
+import csv
 import re
 import shutil
 from pathlib import Path
@@ -35,6 +36,35 @@ def test_a_page_has_a_claim_one_short_table_a_limit_and_a_command(page: Path) ->
     assert text.count("\n![") == (page.stem != "simulators")
     assert "\n## What this does not show\n" in text
     assert re.search(r"swarmdata (study|sweep) ", text.partition("\nRun it again")[2])
+
+
+def test_the_cost_of_all_studies_is_the_sum_of_their_costs() -> None:
+    rows = [
+        row
+        for file in STUDIES.glob("*/costs.csv")
+        for row in csv.DictReader(file.read_text(encoding="utf-8").splitlines())
+    ]
+    hours = sum(float(row["cpu_seconds"]) for row in rows) / 3600
+    text = (ROOT / "docs/results/README.md").read_text(encoding="utf-8")
+    assert f"took {hours:.0f} hours of processor time for {len(rows)} combinations" in text
+
+
+def test_the_table_of_the_readme_is_that_of_the_study() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    head, _, *rows = text[text.index("| score on") :].partition("\n\n")[0].splitlines()
+    tiers = head.strip("| ").split(" | ")[1:]
+    halves = []
+    for row in rows:
+        label, *values = row.replace("*", "").strip("| ").split(" | ")
+        for tier, value in zip(tiers, values, strict=True):
+            place = f"coop_nav-{tier}:score"
+            is_data = label == "mean of the data"
+            mark = f"regimes/data:{place}" if is_data else f"regimes:{label.strip('`')}:{place}"
+            found, half = cell(mark, STUDIES)
+            assert f"{found:.1f}" == value, mark
+            halves.append(0.0 if is_data else half)
+    assert len(rows) == 5
+    assert f"at most\n± {max(halves):.1f}." in text
 
 
 def test_a_changed_number_is_found_in_a_page_and_in_a_file(tmp_path: Path) -> None:

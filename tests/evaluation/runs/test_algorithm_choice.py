@@ -150,6 +150,26 @@ def test_the_page_of_measurements_has_these_tables(
     assert file.read_bytes() == committed[file.name]
 
 
+def test_pages_quote_these_regrets() -> None:
+    rows = read_rows()
+    lost = {way: regrets(rows, picked) for way, picked in choices(rows).items()}
+    dataset, task = lost["auto, leave one dataset out"], lost["auto, leave one task out"]
+    clones = lost["always `filtered_bc`"]
+    learning, claims = (
+        " ".join((measuring.PAGE.parent / name).read_text(encoding="utf-8").split())
+        for name in ("learning.md", "results/claims.md")
+    )
+    assert (
+        f"the choice loses {np.mean(dataset):.1f} points on average against the best of all "
+        f"algorithms, and {max(dataset):.1f} at most"
+    ) in learning
+    assert f"it loses {np.mean(task):.1f} and {max(task):.1f}:" in learning
+    assert f"`swarmdata train auto` is {np.mean(dataset):.0f} point below the best" in claims
+    assert f"at worst {max(dataset):.0f}, on" in claims
+    assert f"alone is {np.mean(clones):.0f} below, at worst {max(clones):.0f}." in claims
+    assert f"`auto` is {np.mean(task):.0f} below, at worst {max(task):.0f}, on" in claims
+
+
 def test_thresholds_are_in_the_widest_gaps_that_lose_nothing() -> None:
     def row(common: float, success: float, shift: float, best: str) -> Row:
         scores = {name: 50.0 + 40 * (name == best) for name in CANDIDATES}
