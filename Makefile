@@ -43,7 +43,7 @@ COMPILE = $(BIN)/uv pip compile --quiet --python-version $(VERSION) pyproject.to
 comma := ,
 TEST_EXTRAS := $(if $(TORCH),torch$(comma))plots
 
-# uv takes half a minute, pip two and a half. Only torch comes with pip, whose settings may name an index or a
+# uv installs several times as fast as pip. Only torch comes with pip, whose settings may name an index or a
 # folder of builds for the CPU; uv does not read them.
 UV = $(BIN)/uv pip install --quiet --python $(BIN)/python
 INSTALL = $(UV) $(CONSTRAINT_OF_$(PACKAGES))

@@ -32,14 +32,14 @@ PUBLISH = (
 
 USES = {
     "load": PUBLISH + "import swarmdata; next(swarmdata.load('coop_nav-own-v0').sampler())",
-    "list": "import swarmdata; assert len(swarmdata.list_datasets()) > 100",
     "list command": "from swarmdata.cli.main import app; app(['list'], standalone_mode=False)",
+    "list": "import swarmdata; assert len(swarmdata.list_datasets()) > 100",
     "info": "from swarmdata.cli.main import app;"
     "app(['info', 'coop_nav-medium-mini'], standalone_mode=False)",
 }
 
 
-@pytest.mark.parametrize("use", ["load", "list command", *slow("list", "info")])
+@pytest.mark.parametrize("use", [*list(USES)[:2], *slow(*list(USES)[2:])])
 def test_what_is_read_imports_little(use: str, tmp_path: Path, cache_folder: Path) -> None:
     folder = cache_folder / "datasets" / "coop_nav-own-v0"
     write_release(folder, [30, 70], "coop_nav-own-v0")

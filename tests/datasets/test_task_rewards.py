@@ -9,7 +9,7 @@ from swarmdata.cards.card import card_of
 from swarmdata.catalogue.entries import find_entries
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.hub.catalog import catalog, streams
+from swarmdata.hub.catalog import catalog
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
@@ -43,7 +43,6 @@ def test_only_rewards_of_the_task_have_a_score(
     assert ("have no score" in caplog.text) != is_own
     dataset = load(out)
     assert (dataset.references is not None) == is_own
-    monkeypatch.setattr(streams, "known_references", lambda spec: Reference(-1.0, 1.0))
     streamed = load(out, stream=True)
     assert (streamed.references is not None) == is_own
     if not is_own:

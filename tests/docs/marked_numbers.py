@@ -31,6 +31,16 @@ HIDDEN = re.compile(r"```.*?```|^ {4}[^\n]*|`[^`]*`|\]\([^)]*\)|<[^>]*>", re.DOT
 """Code, addresses of links, and tags: they have no results."""
 
 
+def readme_scores(readme: str) -> Iterator[tuple[str, str, str]]:
+    """The label, dataset and text of each cell of the README's table of scores."""
+    head, _, *rows = readme[readme.index("| score on") :].partition("\n\n")[0].splitlines()
+    tiers = head.strip("| ").split(" | ")[1:]
+    for row in rows:
+        label, *cells = row.strip("| ").split(" | ")
+        for tier, text in zip(tiers, cells, strict=True):
+            yield label.strip("`"), f"coop_nav-{tier}", text
+
+
 def _key(value: str) -> str:
     """How a mark writes a value: without version and spaces."""
     return value.removesuffix("-v1").replace(" ", "_")

@@ -1,6 +1,5 @@
 """Bold numbers of the README and of the page of regimes are the best ones, and no others."""
 
-import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from swarmdata.evaluation.study.pages.cell_archive import read_archive
 from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard
 from swarmdata.evaluation.study.plan import Study
-from tests.docs.marked_numbers import MARK
+from tests.docs.marked_numbers import MARK, readme_scores
 
 pytestmark = pytest.mark.slow
 
@@ -44,11 +43,7 @@ def test_those_of_the_page_of_regimes(leaders: Leaders) -> None:
 
 def test_those_of_the_readme(leaders: Leaders) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    table = text.partition("| score on `coop_nav` |")[2].partition("\n\n")[0].splitlines()
-    tiers = re.findall(r"[\w-]+", table[0])
-    rows = [re.split(r" \| ", line.strip("| ")) for line in table[3:]]
-    for label, *cells in rows:
-        for tier, cell in zip(tiers, cells, strict=True):
-            best = leaders[f"coop_nav-{tier}"]
-            assert ("**" in cell) == (label.strip("`") in best), (label, tier)
-    assert len(rows) == 4
+    cells = [each for each in readme_scores(text) if each[0] != "mean of the data"]
+    assert len(cells) == 16
+    for label, dataset, cell in cells:
+        assert ("**" in cell) == (label in leaders[dataset]), (label, dataset)

@@ -228,7 +228,7 @@ def group_results(
     for result in results:
         key = result.provenance.dataset_key, result.evaluation.spec_hash
         groups.setdefault(key, []).append(result)
-    cases = sorted((_case(group, data) for group in groups.values()), key=order)
+    cases = sorted((_case(group, data) for group in groups.values()), key=case_order)
     return ResultSet(
         cases=tuple(case for case in cases if case.dataset is not None),
         baselines=tuple(case for case in cases if case.dataset is None),
@@ -264,7 +264,7 @@ def _case(group: Sequence[Result], data: Sequence[Path | str]) -> Case:
     )
 
 
-def order(case: Case) -> tuple[str, int, float, str]:
+def case_order(case: Case) -> tuple[str, int, float, str]:
     """Sorts by task and team size, then by the mean return of the data; unknown ones come last."""
     mean = case.data.mean_return if case.data is not None else float("inf")
     return case.spec.task, case.spec.n_agents, mean, case.name

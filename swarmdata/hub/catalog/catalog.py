@@ -5,7 +5,7 @@ the package if neither has it, so that everything works without a network.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,11 +27,11 @@ from swarmdata.registry.recipes import FAMILY_SPECS, Outline, outlines, shipped_
 from swarmdata.runtime.documents import MAX_JSON_BYTES
 from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.model_choice import Source, check_messages, with_models
-from swarmdata.specs.origins import Spec
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import StoredDataset, open_store, read_manifest
+from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays.layout import RECIPE
 from swarmdata.store.cache import cache_folder
 from swarmdata.store.stored_dataset import Verify, check_listing, check_spec, read_origin
@@ -307,8 +307,9 @@ def _open(
         remotes = Remotes(offline=is_offline(offline), progress=progress)
         found = obtain(request, remotes, Rebuild(remotes, workers, progress))
     stored = open_store(found.folder, verify, recipe=request.recipe)
-    whole = np.arange(stored.manifest.n_episodes)
-    dataset = Dataset(stored, whole, _references_of(stored), found.source)
+    whole, arrays = np.arange(stored.manifest.n_episodes), stored.arrays
+    references = references_for(stored.recipe, arrays, arrays.__getitem__)
+    dataset = Dataset(stored, whole, references, found.source)
     identity = judge(stored.manifest)
     if identity.kind != "published":
         check_spec(stored.path, stored.manifest, stored.recipe, widths=True)
@@ -376,11 +377,19 @@ def known_references(spec: Spec) -> Reference | None:
     return None if found is None else found.reference
 
 
-def _references_of(stored: StoredDataset) -> Reference | None:
-    """Those of its spec; none if its rewards are not those of its task."""
-    known = known_references(stored.recipe.spec)
-    if known is None or stored.recipe.recipe is not None:
-        return known
-    from swarmdata.datasets.task_rewards import has_task_rewards  # noqa: PLC0415  (rarely needed)
+def references_for(
+    origin: Origin, names: Container[str], rows: Callable[[str], Any]
+) -> Reference | None:
+    """The anchors of a dataset's spec; none if its rewards are not those of its task.
 
-    return known if has_task_rewards(stored) else None
+    Args:
+        origin: what the dataset was made from.
+        names: of its arrays.
+        rows: an array from its first joint step on.
+    """
+    known = known_references(origin.spec)
+    if known is None or origin.recipe is not None:
+        return known
+    from swarmdata.datasets.task_rewards import are_of_task  # noqa: PLC0415  (rarely needed)
+
+    return known if are_of_task(origin, names, rows) else None

@@ -2,20 +2,17 @@
 
 import warnings
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from swarmdata.errors import AbsentFileError, HubError, SwarmdataError
-from swarmdata.hub.catalog.catalog import AnotherDatasetWarning, known_references
+from swarmdata.hub.catalog.catalog import AnotherDatasetWarning, references_for
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.request import Request, cached, parse_request
 from swarmdata.hub.catalog.sources import Remotes, refusal, skip
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset, open_stream
-from swarmdata.registry.published import Reference
 from swarmdata.specs.model_choice import Source
 from swarmdata.store import read_manifest
 
@@ -51,22 +48,14 @@ def open_streamed(
         warnings.warn(
             f"{dataset.source}: {identity.sentence}.", AnotherDatasetWarning, stacklevel=3
         )
-    dataset = replace(dataset, references=_references_of(dataset.blocks))
+    blocks = dataset.blocks
+    references = references_for(
+        blocks.recipe, blocks.manifest.arrays, lambda name: blocks.read(0, (name,))[name]
+    )
+    dataset = replace(dataset, references=references)
     if observation is None and communication is None:
         return dataset
     return dataset.reobserve(observation, communication)
-
-
-def _references_of(blocks: EpisodeBlocks) -> Reference | None:
-    """Those of its spec; none if its rewards are not those of its task."""
-    known = known_references(blocks.recipe.spec)
-    if known is None or blocks.recipe.recipe is not None:
-        return known
-    from swarmdata.datasets.task_rewards import N_ROWS, are_of_task  # noqa: PLC0415  (rarely needed)
-
-    last = min(N_ROWS, blocks.manifest.n_steps)
-    first_rows = partial(blocks.source.rows, first=0, last=last)
-    return known if are_of_task(blocks.recipe, blocks.manifest.arrays, first_rows) else None
 
 
 def stream_request(request: Request, remotes: Remotes, stream: Stream) -> StreamedDataset:

@@ -10,7 +10,7 @@ from swarmdata.drawing.style import family_looks
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.results.result_files import Result, load_result
-from swarmdata.evaluation.results.result_set import Case, ResultSet, group_results, order
+from swarmdata.evaluation.results.result_set import Case, ResultSet, case_order, group_results
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cells import (
     COST_FILE,
@@ -187,7 +187,7 @@ def _read_results(
     cells: Sequence[Cell], work: Path, facts: Mapping[str, DatasetFacts]
 ) -> ResultSet:
     found, known = group_results(results_of(cells, work)), facts_by_dataset(facts)
-    cases = sorted((_with_data(case, known) for case in found.cases), key=order)
+    cases = sorted((_with_data(case, known) for case in found.cases), key=case_order)
     return replace(found, cases=tuple(cases))
 
 
