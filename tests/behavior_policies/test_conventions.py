@@ -103,6 +103,7 @@ def test_goals_are_ordered_along_an_axis_and_ties_by_number() -> None:
     assert (out[0] == 9.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_CONVENTIONS)
 def test_the_contract_of_policies_is_kept(name: str) -> None:
     spec = preset(name).with_updates(horizon=25)

@@ -134,6 +134,7 @@ def test_finished_parts_are_kept(
     assert read_manifest(tmp_path / "d").digest == digest
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_smaller_recipe_makes_the_first_episodes(tmp_path: Path) -> None:
     small = build(make_recipe(300, part_episodes=3), tmp_path / "small", progress=False)
@@ -275,6 +276,7 @@ def test_seeds_are_distinct_and_never_reserved() -> None:
     assert len(np.unique(seeds)) == len(seeds)
 
 
+@pytest.mark.slow
 def test_policy_that_does_not_exist_is_named(tmp_path: Path) -> None:
     recipe = make_recipe(policies=(PolicySource(label="x", name="rundom"),))
 

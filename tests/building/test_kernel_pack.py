@@ -58,6 +58,7 @@ def pack(script: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "pack"
 
 
+@pytest.mark.slow
 def test_a_kernel_of_the_pack_is_not_compiled(script: Path, pack: Path, tmp_path: Path) -> None:
     assert run(script, pack, tmp_path / "kernels") == 1
     assert not list(tmp_path.rglob("*.nbc"))

@@ -165,6 +165,7 @@ def test_spaces_in_words() -> None:
     assert describe(long) == "box of 20 in [(0, 1, 2, 3, 4, 5, 6, …), 1]"
 
 
+@pytest.mark.slow
 def test_the_picture_shows_returns_lengths_and_actions(recorded: Dataset, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     pil = pytest.importorskip("PIL.Image")

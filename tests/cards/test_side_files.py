@@ -11,6 +11,7 @@ from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 from tests.support.one_process import use_one_process
+from tests.support.pairs import slow
 from tests.support.tiny import make_tiny
 
 
@@ -27,7 +28,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "d"))
 
 
-@pytest.mark.parametrize("change", ["absent", "other", "cut"])
+@pytest.mark.parametrize("change", ["cut", *slow("absent", "other")])
 def test_damaged_references_show_and_are_written_anew(folder: Path, change: str) -> None:
     """Row 46: there was nothing to compare."""
     file = folder / REFERENCES

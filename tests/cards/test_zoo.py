@@ -46,6 +46,7 @@ def test_a_run_is_the_one_that_was_measured(name: str, results: dict[str, Any]) 
     assert {each["provenance"]["digest"] for each in measured} == {published()[dataset].digest}
 
 
+@pytest.mark.slow
 def test_its_policies_get_the_measured_returns(results: dict[str, Any]) -> None:
     name = zoo()[0]
     target = find_target(ZOO + name)

@@ -21,6 +21,7 @@ from tests.support.tiny import TINY
 slow = pytest.mark.slow
 
 
+@pytest.mark.slow
 def test_a_dataset_leads_to_its_other_size_and_tiers(visit: Visit) -> None:
     visit.open("datasets/coop_nav-medium-v1.html")
     tiers = visit.texts(".tiers a b")
@@ -33,6 +34,7 @@ def test_a_dataset_leads_to_its_other_size_and_tiers(visit: Visit) -> None:
     assert visit.page.url.endswith("/coop_nav-scripted-mini-v1.html")
 
 
+@pytest.mark.slow
 def test_replays_are_where_the_recording_was(visit: Visit, shown: dict[str, Path]) -> None:
     dataset = Dataset.open(shown["tiny"])
     for index in (0, len(dataset) - 1):
@@ -176,6 +178,7 @@ def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
     visit.wait("document.querySelector('.play').getBoundingClientRect().bottom <= 768")
 
 
+@pytest.mark.slow
 def test_back_leads_to_the_last_choice(visit: Visit) -> None:
     visit.open("index.html")
     n_all = visit.page.locator(".card").count()

@@ -44,6 +44,7 @@ def files_of(site: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_there_is_a_page_for_each_dataset(site: Path, shown: dict[str, Path]) -> None:
     pages = {path.stem for path in (site / "datasets").iterdir()}
     index = (site / "index.html").read_text()
@@ -174,6 +175,7 @@ def test_a_failure_leaves_the_earlier_catalogue(
     assert list(tmp_path.iterdir()) == [out]
 
 
+@pytest.mark.slow
 def test_words_of_a_recording_are_escaped(tmp_path: Path) -> None:
     from swarmdata.record import Recorder
     from tests.support.image_world import Painting

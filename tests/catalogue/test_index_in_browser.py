@@ -48,6 +48,7 @@ def test_the_table_has_what_the_cards_have(visit: Visit) -> None:
     assert set(visit.texts(".card h2")) == names
 
 
+@pytest.mark.slow
 def test_facets_are_what_the_datasets_are(visit: Visit) -> None:
     visit.open("index.html")
     for name, values in {
@@ -98,6 +99,7 @@ def test_a_link_to_a_place_in_the_page_keeps_what_is_chosen(visit: Visit) -> Non
     assert visit.run("swarmdata.views[0].replay.position") == 3
 
 
+@pytest.mark.slow
 def test_controls_on_a_phone_are_large_enough_for_a_finger(visit: Visit) -> None:
     visit.page.set_viewport_size({"width": 390, "height": 844})
     for path in ("index.html", f"datasets/{TINY.id}.html", "results.html"):

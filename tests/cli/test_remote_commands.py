@@ -33,6 +33,7 @@ def address(tmp_path: Path) -> str:
     return f"file://{tmp_path}/remote"
 
 
+@pytest.mark.slow
 def test_push_and_pull(
     dataset: Path, address: str, cache_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -48,6 +49,7 @@ def test_push_and_pull(
     assert "is published at" in run("push", ID, address)
 
 
+@pytest.mark.slow
 def test_pull_from_somewhere_to_somewhere(dataset: Path, address: str, tmp_path: Path) -> None:
     run("push", str(dataset), address)
     run("pull", ID, "--from", address, "--out", str(tmp_path / "here"))

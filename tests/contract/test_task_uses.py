@@ -79,6 +79,7 @@ def file(spec: TaskSpec, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", [OWN], indirect=True)  # of ours: test_tasks.py
 def test_it_keeps_the_contract_in_every_simulator(spec: TaskSpec) -> None:
     check_task(make_env, spec, n_steps=12)
@@ -130,7 +131,7 @@ def test_a_dataset_of_it_has_a_card_and_passes_the_audit(spec: TaskSpec, dataset
         assert name in card
 
 
-@pytest.mark.parametrize("spec", [OWN, *slow("search")], indirect=True)  # tests/catalogue: others
+@pytest.mark.parametrize("spec", slow(OWN, "search"), indirect=True)  # tests/catalogue: others
 def test_a_catalogue_replays_it(spec: TaskSpec, dataset: Path, tmp_path: Path) -> None:
     with little_published():
         build_catalogue([str(dataset)], tmp_path / "site", CatalogueChoices())

@@ -143,6 +143,7 @@ def test_the_recorded_models_give_the_recorded_bits(
         assert not arrays[name].flags.writeable
 
 
+@pytest.mark.slow
 @given(
     models=st.sampled_from([pair for pair in MODELS if "learned" not in pair[1]]),
     n_copies=st.integers(1, 9),

@@ -51,6 +51,7 @@ def test_episodes_are_not_stacked(dataset: Dataset, n_workers: int) -> None:
         next(iter(data.DataLoader(dataset, batch_size=2, num_workers=n_workers)))
 
 
+@pytest.mark.slow
 def test_single_episodes_and_own_collations_are_loaded(dataset: Dataset) -> None:
     single = next(iter(data.DataLoader(dataset, batch_size=None)))
     np.testing.assert_array_equal(single.actions, dataset[0].actions)

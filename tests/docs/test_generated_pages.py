@@ -34,6 +34,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_everything_registered_has_a_page(pages: dict[str, str], tree: Path) -> None:
     reference = "reference/"
     expected = {
@@ -94,6 +95,7 @@ def test_settings_have_their_defaults(pages: dict[str, str]) -> None:
     assert "| `shaping." in pages["reference/algorithms/online-mappo.md"]
 
 
+@pytest.mark.slow
 def test_links_of_staged_pages_lead_somewhere(tree: Path) -> None:
     link = re.compile(r"(?:\]\(|src=\")([^)\"\s#:]+)(?:#[^)\s]*)?[)\"]")
     texts = {page: page.read_text(encoding="utf-8") for page in tree.rglob("*.md")}

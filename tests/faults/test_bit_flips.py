@@ -58,6 +58,7 @@ def flips(path: Path) -> Iterator[tuple[str, str, int, int]]:
         yield kind, file, rng.randint(first, last), rng.randrange(8)
 
 
+@pytest.mark.slow
 def test_a_hundred_random_bit_flips_are_all_found_and_named(
     dataset: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

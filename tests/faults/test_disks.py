@@ -77,6 +77,7 @@ def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(
         assert not any(each.startswith(".tmp-") for each in left), name
 
 
+@pytest.mark.slow
 def test_a_disk_without_inodes_is_one_error(tmp_path: Path) -> None:
     """Row 57: there is space and no file can be made; with inodes, it goes on."""
     found = seen(disk_trouble.inodes, tmp_path)
@@ -113,6 +114,7 @@ def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> Non
     assert examine(folder) == ()
 
 
+@pytest.mark.slow
 def test_a_long_and_a_relative_path(
     tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch, digest: str
 ) -> None:
@@ -126,6 +128,7 @@ def test_a_long_and_a_relative_path(
     assert examine(Path("here")) == ()
 
 
+@pytest.mark.slow
 def test_a_folder_whose_name_is_no_text(tmp_path: Path, digest: str) -> None:
     """Row 31: bytes that are not UTF-8; such folders come from old archives."""
     folder = tmp_path / os.fsdecode(b"\xe9t\xe9") / "d"

@@ -153,6 +153,7 @@ def train_bc(folder: str) -> None:
     run("bc", Path(folder), progress=True)
 
 
+@pytest.mark.slow
 def test_two_trainings_in_one_folder(tmp_path: Path) -> None:
     """Row 63: one trains, the other waits and finds it done; the losses are those of one run."""
     pytest.importorskip("torch", reason="training needs torch")

@@ -137,6 +137,7 @@ def pushing(kind: str, hub: LoopbackHub, folder: Path, backoff: Backoff) -> tupl
     return make(address), make(address)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["folder", *slow("bucket", "hub")])
 def test_a_pull_during_a_push(
     hub: LoopbackHub,

@@ -19,6 +19,7 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.store.damage import find_damage
 from tests.interop.foreign import WRITERS, Arrays, team
+from tests.support.pairs import slow
 
 NAMES = ("observations", "next_observations", "actions", "rewards", "terminals", "timeouts")
 TYPES = ("f4", "f8", "i8", "u1", "u8", "f2", "bool", "c16", "S3")
@@ -175,14 +176,13 @@ def _narrow(values: Any) -> Any:
         return values.astype(np.int32 if values.dtype.kind == "i" else np.float32)
 
 
-slow = pytest.mark.slow  # importing TorchRL and JAX takes seconds
 KINDS = {**WRITERS, "minari": minari_folder, "torchrl": torchrl, "vault": vault}
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(arrays=odd_rows(), answers=choices)
 @pytest.mark.parametrize(
-    "kind", [*WRITERS, "minari", *(pytest.param(each, marks=slow) for each in ("torchrl", "vault"))]
+    "kind", ["d4rl", *slow(*(k for k in WRITERS if k != "d4rl"), "minari", "torchrl", "vault")]
 )
 def test_odd_data_give_a_dataset_or_one_error(
     tmp_path_factory: pytest.TempPathFactory, kind: str, arrays: Arrays, answers: Choices

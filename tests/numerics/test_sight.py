@@ -1,6 +1,7 @@
 """Lines of sight against points along them."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -34,6 +35,7 @@ def test_a_point_is_hidden_if_a_point_on_the_way_is_in_an_obstacle(
     assert found or is_hit(0.02)
 
 
+@pytest.mark.slow
 def test_all_obstacles_count_and_none_hides_nothing() -> None:
     wall = np.array([BOX, 0, 0, 1, 0, 0.1, 1.0, 0], np.float32)
     away = np.array([CIRCLE, 5, 5, 1, 0, 0.3, 0.3, 0], np.float32)

@@ -56,6 +56,7 @@ def test_only_the_value_networks_take_the_value_loss() -> None:
         assert all(gradient is None for gradient in found)
 
 
+@pytest.mark.slow
 def test_values_find_the_soft_maximum_of_constant_critics() -> None:
     """With Q_i of a known spread, training V_i alone brings the mean of exp(z) to 1."""
     algorithm, batch = made(OMIGA, temperature=0.1), random_batch(size=256)

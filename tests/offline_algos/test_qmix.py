@@ -35,6 +35,7 @@ def test_states_and_observations_weigh_the_robots(mixture: MemoryDataset) -> Non
     assert {"networks.mixer", "networks.target_mixer"} <= algorithm.state_dict().keys()
 
 
+@pytest.mark.slow
 def test_the_mixer_learns_what_only_observations_say() -> None:
     """As obstacles: rewards depend on what the robots observe, states and actions are constant."""
     batch = random_batch(1, 64)

@@ -241,6 +241,7 @@ def test_values_beyond_the_clip_move_only_back() -> None:
     assert (gradient != 0).tolist() == [[False, True, False, True]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", ["shared", *slow("separate")])
 def test_a_bonus_on_entropy_widens_the_actions(parameters: Parameters) -> None:
     changes: dict[str, Any] = {"learned_std": True, "parameters": parameters, "n_epochs": 8}

@@ -132,6 +132,7 @@ def test_a_sum_of_values_is_found_by_both() -> None:
         assert choices.tolist() == [2, 0]
 
 
+@pytest.mark.slow
 def test_a_monotonic_game_is_one_that_only_qmix_can_write_down() -> None:
     """Both must do their part for the reward: monotonic in each robot's choice, and no sum."""
     payoff = torch.tensor([[0.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 8.0]])

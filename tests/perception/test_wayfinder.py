@@ -78,6 +78,7 @@ def test_the_way_leads_out_of_a_pocket_without_touching_it() -> None:
     assert travelled <= first[2] * DIAGONAL <= 1.6 * travelled  # closeness to surfaces counts too
 
 
+@pytest.mark.slow
 def test_ways_depend_on_nothing_that_was_asked_before() -> None:
     rng = np.random.default_rng(0)
     places = rng.uniform(-1.7, 1.7, size=(4 * paths_kept(1), 4))

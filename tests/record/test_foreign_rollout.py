@@ -163,6 +163,7 @@ def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algor
         find_target(str(tmp_path / "run"))
 
 
+@pytest.mark.slow
 def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
     """Actions say the time, and so do observations."""
     from swarmdata.learn.training.trainer import train_seeds

@@ -147,6 +147,7 @@ def test_a_recording_that_an_older_version_began_is_continued(
     assert {episode.observations.max() for episode in dataset} == {255.0}
 
 
+@pytest.mark.slow
 def test_edits_keep_bytes(images: Dataset, tmp_path: Path) -> None:
     made = [
         filter_dataset(images, tmp_path / "f", id="seeing_v0-f-v0", min_return=-9),

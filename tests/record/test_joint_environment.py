@@ -88,6 +88,7 @@ def test_a_cycle_of_an_aec_environment_is_a_joint_step(tmp_path: Path) -> None:
         assert episode.terminations.tolist() == [False, False, True]
 
 
+@pytest.mark.slow
 def test_the_same_environment_both_ways_is_one_dataset(tmp_path: Path) -> None:
     module = pytest.importorskip("mpe2.simple_spread_v3", reason="an AEC environment of others")
     made = [

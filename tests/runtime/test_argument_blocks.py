@@ -104,6 +104,7 @@ print(*((str(each.dtype), each.ndim, each.layout) for each in bundle_type(Fields
 """As if nothing could be read from NumPy's aliases, whose parts are others since NumPy 2.5."""
 
 
+@pytest.mark.slow
 def test_numpys_aliases_are_not_taken_apart() -> None:
     script = CLOSED_ALIASES.format(path=sys.path)
     found = subprocess.run(

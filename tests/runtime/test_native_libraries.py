@@ -34,6 +34,7 @@ def new_pages(*, keeps: bool) -> int:
     return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="it is about glibc's allocator")
 def test_freed_memory_is_used_again_without_new_pages() -> None:
     assert new_pages(keeps=True) < new_pages(keeps=False) / 10
@@ -75,6 +76,7 @@ print(json.dumps(seen))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("torch") is None, reason="it is about the threads of torch")
 def test_policies_act_on_one_thread_and_the_numbers_are_given_back() -> None:
     """In a process of its own, which the settings of the tests do not reach."""

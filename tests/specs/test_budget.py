@@ -19,15 +19,18 @@ from swarmdata.specs.budget import (
 )
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.pairs import slow
 
 
 @pytest.mark.parametrize(
     "changes",
     [
         {"team": [{"count": 128}], "arena": {"width": 30, "height": 30}},
-        {"observation": {"kind": "lidar", "n_rays": 512, "stack": 16}},
+        *slow(
+            {"observation": {"kind": "lidar", "n_rays": 512, "stack": 16}},
+            {"observation": {"kind": "occupancy", "cells": 64, "stack": 4}},
+        ),
         {"observation": {"kind": "lidar", "n_rays": 256, "delay": 200}},
-        {"observation": {"kind": "occupancy", "cells": 64, "stack": 4}},
         {"observation": {"kind": "state", "ways": True}, "arena": {"width": 20, "height": 20}},
         {"communication": {"kind": "broadcast", "payload": "learned", "message_size": 1024}},
         {

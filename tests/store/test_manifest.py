@@ -61,6 +61,7 @@ def test_a_recording_is_kept(tiny: Path, tmp_path: Path) -> None:
     assert sorted(path for path in folder.rglob("*") if path.is_file()) == before
 
 
+@pytest.mark.slow
 def test_a_task_of_another_package_has_its_recipe(tmp_path: Path) -> None:
     folder = make_thrifty(tmp_path / "thrifty-tiny-v0")
     said = advice(folder)

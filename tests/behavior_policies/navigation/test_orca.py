@@ -82,6 +82,7 @@ def test_damper_bounds_the_approach_speed() -> None:
 angle = st.floats(0.0, 6.283)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(angle, st.floats(0.35, 1.5), angle, st.floats(0, LIMIT), angle, st.floats(0, LIMIT))
 def test_two_robots_that_both_obey_stay_apart(

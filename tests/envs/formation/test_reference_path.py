@@ -1,6 +1,7 @@
 """The reference's path against SciPy's idea of a B-spline, written out, and its three promises."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,6 +44,7 @@ def twin(points: Float, s: float) -> Double:
     return np.asarray(powers @ MATRIX @ p[k : k + 4])
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**63), s=st.floats(0.0, 9.0))
 def test_the_path_is_the_uniform_cubic_b_spline(seed: int, s: float) -> None:
     points = drawn(seed, plan_of())

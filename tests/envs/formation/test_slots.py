@@ -3,6 +3,7 @@
 from itertools import permutations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -79,6 +80,7 @@ def test_fixed_slots_belong_to_their_robots(seed: int, n: int) -> None:
     np.testing.assert_allclose(robots_of(state, n)[:, [TX, TY]], slots_of(state, n), atol=1e-5)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32), n=st.integers(1, 5))
 def test_slot_velocities_are_those_of_a_rigid_body(seed: int, n: int) -> None:
     state, h = state_of(seed, n).astype(np.float64), 1e-6

@@ -62,6 +62,7 @@ def outline(pose: Float, shape: Shape, n: int = 400) -> Double:
     return pose[:2].astype(np.float64) + turned
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=150)
 @given(places, places, angles, kinds, angles, st.sampled_from([BOX_SHAPE, DISC]))
 def test_the_gap_to_an_obstacle_is_the_smallest_over_the_outline(

@@ -18,6 +18,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Bool, Double, Episode, Float, Seeds
+from tests.support.pairs import slow
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
 NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
@@ -118,7 +119,7 @@ def account(spec: TaskSpec, episode: Episode) -> tuple[Double, Bool]:
     return rewards, solved
 
 
-@pytest.mark.parametrize("name", ["warehouse", "warehouse-easy", "warehouse-hard"])
+@pytest.mark.parametrize("name", ["warehouse-hard", *slow("warehouse", "warehouse-easy")])
 def test_orders_and_rewards_are_those_of_the_docstring(name: str) -> None:
     base = preset(name)
     rules = base.rules.model_dump()

@@ -82,6 +82,7 @@ def test_nothing_to_draw_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_second_run_writes_the_same_bytes_png_and_pdf(tmp_path: Path) -> None:
     scores = {"data": {"a": Estimate(1.0, 0.0, 2.0)}}
     for name in "ab":

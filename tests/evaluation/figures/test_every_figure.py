@@ -158,20 +158,20 @@ def one_sweep(path: Path) -> None:
     ("module", "draw"),
     [
         (dot_plot, dots),
-        (dot_plot, many_rows),
+        pytest.param(dot_plot, many_rows, marks=pytest.mark.slow),
         (matrix_plot, matrix),
-        (front_plot, small_fronts),
+        pytest.param(front_plot, small_fronts, marks=pytest.mark.slow),
         pytest.param(front_plot, large_fronts, marks=pytest.mark.slow),
         (line_plot, curves),
         pytest.param(line_plot, trials, marks=pytest.mark.slow),
         pytest.param(line_plot, online, marks=pytest.mark.slow),
-        (dot_plot, panels),
+        pytest.param(dot_plot, panels, marks=pytest.mark.slow),
         (result_plots, profiles),
         pytest.param(matrix_plot, pairs, marks=pytest.mark.slow),
         pytest.param(dot_plot, differences(1, 9), marks=pytest.mark.slow),
-        (dot_plot, differences(4, 9)),
-        (matrix_plot, differences(12, 9)),
-        (line_plot, sweeps),
+        pytest.param(dot_plot, differences(4, 9), marks=pytest.mark.slow),
+        pytest.param(matrix_plot, differences(12, 9), marks=pytest.mark.slow),
+        pytest.param(line_plot, sweeps, marks=pytest.mark.slow),
         pytest.param(line_plot, one_sweep, marks=pytest.mark.slow),
     ],
 )
@@ -186,6 +186,7 @@ def test_labels_are_whole_and_apart_on_one_screen(
     assert drawing.get_figheight() <= 6.0, "1,200 pixels"
 
 
+@pytest.mark.slow
 def test_lines_that_end_early_are_joined_to_their_labels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -194,6 +195,7 @@ def test_lines_that_end_early_are_joined_to_their_labels(
     assert leaders == [3] * len(CONDITIONS)  # of 4 lines
 
 
+@pytest.mark.slow
 def test_ticks_of_counts_are_whole_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawing = shown_figure(monkeypatch, line_plot, lambda: trials(tmp_path / "a.png"))
     (axes,) = drawing.axes

@@ -48,6 +48,7 @@ def test_it_is_verified_and_an_altered_one_is_rejected(tmp_path: Path) -> None:
     assert "of the reserved episodes" in verify(entry, n_episodes=N_EPISODES).reasons[0]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked")
 def test_policies_that_act_at_random_are_rejected(tmp_path: Path) -> None:
     """Their noise is so small that the mean is as it says."""

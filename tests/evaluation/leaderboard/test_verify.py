@@ -104,7 +104,7 @@ def test_an_honest_entry_is_verified(honest: Path) -> None:
     assert verdict.fresh != verdict.reserved
 
 
-@pytest.mark.usefixtures("forked")
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked")
 def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
     for file in (forged / "results").iterdir():
@@ -115,6 +115,7 @@ def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
     assert "0.0% of the reserved episodes" in verdict.reasons[0]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked")
 def test_policies_that_cannot_act_are_rejected(honest: Path, tmp_path: Path) -> None:
     """Their results are those of others: what has no numbers cannot be evaluated at all."""
@@ -203,6 +204,7 @@ def test_fresh_seeds_follow_from_the_policies(honest: Path) -> None:
     assert (seeds >= EVALUATION_BASE << 1).all()  # in no dataset, nor in a block
 
 
+@pytest.mark.slow
 def test_the_command_says_why(forged: Path) -> None:
     change(forged / "entry.json", digest="0" * 64)
     result = CliRunner().invoke(app, ["leaderboard", "verify", str(forged)])
@@ -210,6 +212,7 @@ def test_the_command_says_why(forged: Path) -> None:
     assert result.output.startswith("rejected: its dataset has digest")
 
 
+@pytest.mark.slow
 def test_runs_on_other_data_make_no_entry(tiny: Path, tmp_path: Path) -> None:
     from swarmdata.evaluation.runs.train import train
 

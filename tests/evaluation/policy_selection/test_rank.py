@@ -94,6 +94,7 @@ def test_the_imitation_error_is_that_of_the_validation_split(made: Made, ranking
         assert row.weighted_imitation_error != row.imitation_error
 
 
+@pytest.mark.slow
 def test_another_criterion_sorts_and_those_without_it_come_last(made: Made) -> None:
     errors = [policy.td_error for policy in made.rank(by="td_error").policies]
     assert errors[0] is not None
@@ -104,6 +105,7 @@ def test_another_criterion_sorts_and_those_without_it_come_last(made: Made) -> N
         made.rank(by="td_error", folders=made.runs[:1])
 
 
+@pytest.mark.slow
 def test_checkpoints_that_were_kept_are_policies_as_well(made: Made) -> None:
     ranking = made.rank(checkpoints=True)
     updates = sorted((policy.run, policy.update) for policy in ranking.policies)
@@ -113,6 +115,7 @@ def test_checkpoints_that_were_kept_are_policies_as_well(made: Made) -> None:
     assert load_algorithm(made.runs[0], update=10).update == 10
 
 
+@pytest.mark.slow
 def test_a_run_that_was_made_small_has_every_criterion_but_those_of_its_critics(
     made: Made, ranking: Ranking, tmp_path: Path
 ) -> None:
@@ -132,6 +135,7 @@ def test_runs_of_one_name_are_told_apart(made: Made, tmp_path: Path) -> None:
     assert names == {str(made.runs[0]), str(copy)}
 
 
+@pytest.mark.slow
 def test_scores_from_the_simulator_and_from_files_are_the_same(made: Made, tmp_path: Path) -> None:
     simulated = made.rank(n_episodes=2)
     for run in made.runs:
@@ -148,6 +152,7 @@ def test_scores_from_the_simulator_and_from_files_are_the_same(made: Made, tmp_p
     assert read.quality["fqe"].regret[1] == pytest.approx(best - chosen.score)
 
 
+@pytest.mark.slow
 def test_results_of_other_policies_are_refused(made: Made, tmp_path: Path) -> None:
     evaluate_target(find_target(str(made.runs[0])), 2, tmp_path, progress=False)
     read = made.rank(results=tmp_path)

@@ -63,6 +63,7 @@ def write_runs(folder: Path, seeds: int = 2) -> dict[str, dict[str, list[Path]]]
     return files
 
 
+@pytest.mark.slow
 def test_figure_names_tasks_algorithms_and_runs(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     out = tmp_path / "learning.svg"

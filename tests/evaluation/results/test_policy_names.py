@@ -216,6 +216,7 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     assert kept_result(longer, provenance, evaluation_seeds(3), tmp_path) is None
 
 
+@pytest.mark.slow
 def test_a_name_of_both_kinds_trains_offline_on_a_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -270,6 +271,7 @@ def spec_file(dataset: Path) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_copied_networks_of_an_own_dataset_act(tmp_path: Path) -> None:
     """They are in its folder, and the run is not needed again."""
     pytest.importorskip("torch", reason="training needs torch")
@@ -293,6 +295,7 @@ def test_copied_networks_of_an_own_dataset_act(tmp_path: Path) -> None:
         find_target(str(tmp_path / "mine"), observation="bearing")
 
 
+@pytest.mark.slow
 def test_datasets_without_their_policies_are_refused(
     cached: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -312,6 +315,7 @@ def test_datasets_without_their_policies_are_refused(
         find_target("coop_nav-nothing-v0")
 
 
+@pytest.mark.slow
 def test_own_datasets_are_drawn(cached: Path, tmp_path: Path) -> None:
     pytest.importorskip("PIL", reason="Pillow draws")
     for name in (TINY.id, str(cached)):

@@ -14,6 +14,7 @@ from tests.support.measured import EXPERT, MEDIUM, foreign, grid, result
 MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_a_report_of_several_datasets(tmp_path: Path) -> None:
     folder, out = tmp_path / "results", tmp_path / "out"

@@ -92,6 +92,7 @@ def test_each_pair_is_shown_once_and_clear_ones_are_bold(
     assert [texts[number] for number in ("3", "20", "17")] == ["normal", "bold", "bold"]
 
 
+@pytest.mark.slow
 def test_pareto_names_what_is_out_of_view(tmp_path: Path) -> None:
     cases = [RESULTS.with_baselines(case) for case in RESULTS.cases]
     plot_pareto(cases, tmp_path / "pareto.svg")

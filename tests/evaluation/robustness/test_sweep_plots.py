@@ -46,6 +46,7 @@ def said(svg: str) -> list[str]:
     return re.findall(r"<!-- (.*?) -->", svg)
 
 
+@pytest.mark.slow
 def test_panels_and_legend(tmp_path: Path) -> None:
     texts = said(draw(tmp_path / "x.svg", line("bc", 3, 0.3, 0.5, 0.8), line("one", 1, 0.0, 0.8)))
     for text in ("score", "success", "robot collisions", "bc (3 seeds)", "one", "as trained"):
@@ -54,6 +55,7 @@ def test_panels_and_legend(tmp_path: Path) -> None:
     assert "as trained, not on the axis" not in texts
 
 
+@pytest.mark.slow
 def test_a_training_without_a_place_on_the_axis_has_a_line_of_its_own(tmp_path: Path) -> None:
     texts = said(draw(tmp_path / "x.svg", line("bc", 3, None, 2, 1), first="return", name="other"))
     assert "return" in texts
@@ -62,6 +64,7 @@ def test_a_training_without_a_place_on_the_axis_has_a_line_of_its_own(tmp_path: 
     assert "as trained" not in texts
 
 
+@pytest.mark.slow
 def test_no_skill_is_seen_however_low_the_scores_are(tmp_path: Path) -> None:
     team = line("bc", 2, 0.0, 0.5)
     low = tuple(

@@ -46,6 +46,7 @@ def mine(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Data
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_run_becomes_one_behavior_policy_for_each_seed(mine: swarmdata.Dataset) -> None:
     recipe = mine.recipe.recipe
     assert recipe is not None
@@ -122,6 +123,7 @@ def test_damaged_arrays_are_repaired_and_a_damaged_network_is_named(
         open_store(data, "full")
 
 
+@pytest.mark.slow
 def test_networks_travel_to_remotes_and_into_edits(mine: swarmdata.Dataset, tmp_path: Path) -> None:
     shelf = Shelf(tmp_path / "shelf", mine.path)
     fetched = swarmdata.load(f"{shelf.address}/{mine.id}", progress=False)

@@ -119,6 +119,7 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
         override(MAPPOConfig(), {"hidde": "8"})
 
 
+@pytest.mark.slow
 def test_auto_trains_what_it_chooses(
     tiny: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -136,6 +137,7 @@ def test_auto_trains_what_it_chooses(
     assert from_json(kind.Config, made.config) == expected
 
 
+@pytest.mark.slow
 def test_auto_says_what_it_takes_on_the_command_line(tiny: Path, tmp_path: Path) -> None:
     sizes = ("--seeds", "1", "--updates", "2", "--set", "batch_size=8")
     text = run("train", "auto", tiny, "--out", tmp_path / "run", *sizes)

@@ -27,6 +27,7 @@ def change_first_value(folder: Path, metric: str, change: Callable[[Any], Any]) 
     file.write_text(json.dumps(content))
 
 
+@pytest.mark.slow
 def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     make_study: Make, tmp_path: Path
 ) -> None:

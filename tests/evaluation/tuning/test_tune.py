@@ -108,6 +108,7 @@ def test_the_chosen_settings_are_a_config_of_train(tuned: Tuned) -> None:
     assert ends == pytest.approx((made.scores[0], made.scores.max()), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_second_call_trains_nothing_and_more_trials_train_only_these(
     small_tune: Tune, tuned: Tuned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -149,6 +150,7 @@ def test_two_datasets_and_their_first_steps(
     assert list(whole.datasets) == ["coop_nav-tiny-v0"]
 
 
+@pytest.mark.slow
 def test_policies_that_tell_no_actions_are_chosen_by_validation_only(
     small_tune: Tune, tmp_path: Path
 ) -> None:
@@ -175,6 +177,7 @@ def import_team(folder: Path, seconds: float) -> Path:
     return import_logs(logs, folder / "hall-logs-v0", log_map=cuts, id="hall-logs-v0").path
 
 
+@pytest.mark.slow
 def test_logs_without_a_simulator_are_chosen_on_by_estimates_only(
     small_tune: Tune, tmp_path: Path
 ) -> None:

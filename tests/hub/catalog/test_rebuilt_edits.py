@@ -11,6 +11,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, DatasetNotFoundError, MissingManifestError, SpecError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import MADE_AGAIN, examine, repair
+from tests.support.pairs import slow
 from tests.support.tiny import Shelf, flip, make_tiny
 
 PARENT, EDIT, EDIT_OF_EDIT = "lab-parent_run-v0", "lab-some-v0", "lab-few-v0"
@@ -45,7 +46,7 @@ def lose(dataset: Dataset) -> dict[str, bytes]:
     return before
 
 
-@pytest.mark.parametrize("by_id", [True, False])
+@pytest.mark.parametrize("by_id", [True, *slow(False)])
 def test_load_makes_a_lost_edit_again(edit: Dataset, by_id: bool) -> None:
     before = lose(edit)
     again = load(EDIT if by_id else edit.path, progress=False)
@@ -78,6 +79,7 @@ def test_parents_come_from_remotes(
     assert load(EDIT, progress=False).digest == edit.digest
 
 
+@pytest.mark.slow
 def test_another_parent_of_the_same_id_is_refused(edit: Dataset, parent: Path) -> None:
     shutil.rmtree(parent)
     make_tiny(parent, id=PARENT, seed=9)
@@ -105,7 +107,7 @@ def test_what_is_left_of_the_arrays_is_for_a_repair(edit: Dataset) -> None:
         load(EDIT)
 
 
-@pytest.mark.parametrize("file", ["manifest.json", "data.zarr/states/c.0.0"])
+@pytest.mark.parametrize("file", [*slow("manifest.json"), "data.zarr/states/c.0.0"])
 def test_a_repair_makes_the_files_of_an_edit_again(edit: Dataset, file: str) -> None:
     before = (edit.path / file).read_bytes()
     flip(edit.path / file, 40)

@@ -237,6 +237,7 @@ def test_a_lost_manifest_of_a_published_dataset_is_restored(dataset: Path, damag
     assert content(dataset) == before, "the same manifest, bit for bit"
 
 
+@pytest.mark.slow
 def test_an_unpublished_manifest_needs_all_other_files(dataset: Path) -> None:
     before = content(dataset)
     (dataset / "manifest.json").unlink()

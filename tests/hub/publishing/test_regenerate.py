@@ -66,6 +66,7 @@ def only(ids: tuple[str, ...], **options: Any) -> Check:
     return found
 
 
+@pytest.mark.slow
 def test_an_entry_says_what_is_in_a_dataset(tmp_path: Path) -> None:
     dataset = Dataset.open(build(TINY, tmp_path / "d", workers=1, progress=False))
     entry, table = publication(dataset.stored), dataset.episodes

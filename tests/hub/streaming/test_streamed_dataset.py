@@ -138,7 +138,7 @@ def test_a_window_holds_what_is_near_in_the_order_of_a_pass(host: StaticHost) ->
         assert set(found.tolist()) == {order[turn], order[turn + 1]}
 
 
-@pytest.mark.parametrize("sizes", SIZES)
+@pytest.mark.parametrize("sizes", slow(*SIZES))
 def test_streams_are_mixed_as_whole_datasets_are(
     host: StaticHost, folder: Path, sizes: dict[str, int]
 ) -> None:
@@ -225,6 +225,7 @@ def test_episodes_are_the_recorded_ones_and_are_fetched_as_looked_at(
         data[15]
 
 
+@pytest.mark.slow
 def test_a_failing_remote_is_named_and_nothing_half_written_stays(
     host: StaticHost, whole: Dataset, cache_folder: Path
 ) -> None:
@@ -264,6 +265,7 @@ def test_chunks_are_kept_and_checked_again(
     assert sum("observations" in line for line in host.log) == 1
 
 
+@pytest.mark.slow
 def test_the_cache_is_bounded(host: StaticHost, whole: Dataset, cache_folder: Path) -> None:
     bound = 40_000
     sampler, expected = stream(host, window=100, cache_bytes=bound).sampler(64), whole.sampler(64)
@@ -299,6 +301,7 @@ def test_recorded_observations_are_not_fetched_to_observe_again(tiny: Path, tmp_
         assert not any("observations" in line for line in host.log)
 
 
+@pytest.mark.slow
 def test_training_is_that_of_the_whole_dataset(
     host: StaticHost, whole: Dataset, tmp_path: Path
 ) -> None:
@@ -352,6 +355,7 @@ def test_a_dataset_of_this_machine_is_not_copied(folder: Path, cache_folder: Pat
     assert remote_arrays.RemoteArrays.__name__ in repr(type(data.blocks.source))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_workers", [2, *slow(0)])
 def test_the_workers_of_a_loader_stream_for_themselves(host: StaticHost, n_workers: int) -> None:
     loading = pytest.importorskip("torch.utils.data", reason="a DataLoader is torch's")
@@ -378,6 +382,7 @@ def test_a_slice_is_a_view(host: StaticHost) -> None:
     assert len(repr(view)) <= 300
 
 
+@pytest.mark.slow
 def test_a_stream_travels_by_its_address(host: StaticHost) -> None:
     view = stream(host, window=3).filter(split="train")
     content = pickle.dumps(view)

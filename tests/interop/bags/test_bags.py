@@ -24,6 +24,7 @@ from swarmdata.registry.components import make_task
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import STEP_FIELDS
+from tests.support.pairs import slow
 from tests.support.tiny import TINY, make_tiny
 
 pytest.importorskip("rosbags", reason="the extra of bags")
@@ -98,7 +99,7 @@ def test_every_array_is_there(
     assert not {each["policy"] for each in facts} - {"mine"}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [NAMES[0], *slow(*NAMES[1:])])
 def test_robots_log_what_they_do(
     name: str, tiny: Dataset, read_back: Callable[[Dataset, str], Topics]
 ) -> None:
@@ -123,6 +124,7 @@ def test_robots_log_what_they_do(
     np.testing.assert_allclose(speeds, actions / norm * 0.6, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_mcap_file_says_where_it_comes_from(tiny: Dataset, tmp_path: Path) -> None:
     from mcap.reader import make_reader
 
@@ -192,6 +194,7 @@ def test_commands_are_those_of_the_world(dynamics: str, command: str, drive: str
         assert sent["/robot_1/command"]["twist"]["angular"]["z"] == first[1]
 
 
+@pytest.mark.slow
 def test_scans_are_in_metres(tiny: Dataset, read_back: Callable[[Dataset, str], Topics]) -> None:
     seen = tiny.split("train").reobserve(observation="lidar-16")
     episode = seen[0]
@@ -205,7 +208,7 @@ def test_scans_are_in_metres(tiny: Dataset, read_back: Callable[[Dataset, str], 
     np.testing.assert_allclose(first.ranges[shares < 1], 2 * shares[shares < 1], rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*slow(NAMES[0]), *NAMES[1:]])
 def test_a_bag_is_imported_as_a_log(name: str, tiny: Dataset, tmp_path: Path) -> None:
     """With the last map of docs/your-data.md: the same poses, goals and commands, step by step."""
     text = PAGE.read_text(encoding="utf-8").rpartition("```yaml\n")[2].partition("```")[0]

@@ -32,6 +32,7 @@ def from_mcap(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return make(bags.write_ros2(folder / "monday", storage="mcap"), folder / "dataset")
 
 
+@pytest.mark.slow
 def test_four_robots_in_mcap(from_mcap: Dataset) -> None:
     assert audit(from_mcap.path, progress=False).problems == ()
     assert from_mcap.spec.agent_names == bags.ROBOTS

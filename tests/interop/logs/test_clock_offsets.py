@@ -72,7 +72,7 @@ def make(folder: Path, logs: list[Path], log_map: LogMap | None = None) -> Any:
     return import_logs(logs, folder / "dataset", log_map=log_map or clock_map(), id=ID)
 
 
-@pytest.mark.parametrize("noise", [0.002, *slow(0.0)])
+@pytest.mark.parametrize("noise", slow(0.002, 0.0))
 def test_known_offsets_are_found(tmp_path: Path, noise: float) -> None:
     logs = write(tmp_path, noise=noise)
     dataset = make(tmp_path, logs)

@@ -59,6 +59,7 @@ def twin(dataset: Dataset) -> Twin:
     return fit_twin(dataset)
 
 
+@pytest.mark.slow
 def test_each_robot_has_the_response_that_it_had(twin: Twin) -> None:
     assert not twin.flags
     for name, true in zip(NAMES, TRUE, strict=True):
@@ -70,6 +71,7 @@ def test_each_robot_has_the_response_that_it_had(twin: Twin) -> None:
     assert_allclose([twin.sources.position, twin.sources.heading], NOISE, rtol=0.2)
 
 
+@pytest.mark.slow
 def test_the_spec_has_the_fit(twin: Twin) -> None:
     spec = twin.spec
     for role, name in zip(spec.team, NAMES, strict=True):

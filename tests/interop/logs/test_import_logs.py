@@ -309,6 +309,7 @@ def test_cells_that_are_empty_are_gaps_and_words_are_refused(tmp_path: Path) -> 
         make(tmp_path, logs)
 
 
+@pytest.mark.slow
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "cache"))
     logs = [str(path) for path in write_team(tmp_path)]

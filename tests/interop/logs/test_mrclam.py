@@ -79,6 +79,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return import_logs(run, folder / "dataset", log_map="mrclam", id="mrclam-run_1-v0")
 
 
+@pytest.mark.slow
 def test_five_robots_with_commands(dataset: Dataset) -> None:
     assert audit(dataset.path, progress=False).problems == ()
     assert dataset.spec.agent_names == tuple(f"Robot{k}" for k in range(1, 6))
@@ -90,6 +91,7 @@ def test_five_robots_with_commands(dataset: Dataset) -> None:
     assert same.mean() > 0.8  # the others change within a step of the grid
 
 
+@pytest.mark.slow
 def test_the_clocks_of_commands_are_found(dataset: Dataset) -> None:
     assert isinstance(dataset.recipe, ImportedLogs)
     assert [clock.robot for clock in dataset.recipe.clocks] == list(dataset.spec.agent_names)

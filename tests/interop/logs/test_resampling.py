@@ -71,6 +71,7 @@ def test_headings_turn_steadily_over_the_seam(
     assert (np.abs(values) <= np.pi + 1e-12).all()
 
 
+@pytest.mark.slow
 @given(times, st.lists(st.floats(-100, 100), min_size=60, max_size=60))
 def test_headings_never_jump(when: list[int], angles: list[float]) -> None:
     """Between two samples no heading is farther from both than they are from each other."""

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from swarmdata.interop.logs.logged_drives import AS_COMMANDED, Response
 from swarmdata.interop.logs.response_fits import error_sources, fit_response
 from tests.interop.logs.driven_robots import DT, drives_of, played, random_commands, simulated
-from tests.support.pairs import once_each
+from tests.support.pairs import once_each, slow
 
 
 @pytest.mark.parametrize(("case", "noise"), once_each(range(8), (0.0, 0.003)))
@@ -47,7 +47,7 @@ def test_predictions_are_those_of_the_simulator() -> None:
     assert worse.mean() > 0.05
 
 
-@pytest.mark.parametrize("noise", [0.004, 0.02])
+@pytest.mark.parametrize("noise", [0.02, *slow(0.004)])
 def test_the_noise_of_poses_is_recovered(noise: float) -> None:
     true = Response(speed_gain=1.0, turn_gain=0.9, lag=0.1)
     commands = random_commands(1500, 2)

@@ -39,6 +39,7 @@ def write_windows(path: Path) -> Path:
     return write_csv(path, columns)
 
 
+@pytest.mark.slow
 def test_each_window_is_an_episode(tmp_path: Path) -> None:
     log = write_windows(tmp_path / "Train.csv")
     dataset = import_logs(log, tmp_path / "data", log_map="retlo-3", id="retlo-alike-v0")

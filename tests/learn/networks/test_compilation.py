@@ -46,6 +46,7 @@ def test_outside_a_function_runs_as_it_is_written() -> None:
     torch.testing.assert_close(distances(torch.tensor([1.0, 3.0]), 2.0), torch.tensor([2.0, 2.0]))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_inside_each_combination_of_shapes_and_constants_is_compiled() -> None:
     values = torch.arange(4.0)
@@ -64,6 +65,7 @@ def test_inside_each_combination_of_shapes_and_constants_is_compiled() -> None:
         assert str(compilation).startswith(f"compiled {first + 3} graphs in ")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_a_gradient_is_part_of_the_graph() -> None:
     network = StackedMLP(MLPShape(3, (8,), 2, layer_norm=True), 2, "cpu")
@@ -96,6 +98,7 @@ def test_classes_say_whether_they_have_something_to_compile() -> None:
     assert not has_compilable(StackedMLP)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_a_compiled_run_is_recorded_told_and_goes_on_as_it_began(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

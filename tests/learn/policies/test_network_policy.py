@@ -51,9 +51,9 @@ FLOW = {"flow_hidden": (16,)}
         ("vdn", {"regulariser": "bc", **GRU}, 0.2),
         ("bc_flow", FLOW, 0.0),
         ("bc_flow", {"noise": "own", "redraw": "episode", **FLOW}, 0.2),
-        ("bc_flow", {**FLOW, **GRU}, 0.0),
+        pytest.param("bc_flow", {**FLOW, **GRU}, 0.0, marks=pytest.mark.slow),
         ("bc_latent", {}, 0.0),
-        ("oryx", {}, 0.2),
+        pytest.param("oryx", {}, 0.2, marks=pytest.mark.slow),
     ],
 )
 def test_policies_of_any_kind_keep_the_contract(

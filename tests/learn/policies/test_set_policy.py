@@ -75,6 +75,7 @@ def test_robots_in_another_order_act_alike(runs: Path) -> None:
         np.testing.assert_allclose(turned, actions[:, order], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_runs_are_evaluated_in_worlds_that_fit(runs: Path) -> None:
     target = find_target(str(runs / "bc-deep_sets"), "coop_nav-n8", "state-5")
     assert (target.spec.n_agents, target.spec.observation.n_neighbors) == (8, 5)  # type: ignore[union-attr]

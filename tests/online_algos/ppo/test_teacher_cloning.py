@@ -17,6 +17,7 @@ from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teache
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on
+from tests.support.pairs import slow
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_steps=1024, n_copies=4, rollout_steps=8, hidden=16, minibatch=64)
@@ -31,7 +32,7 @@ def clone(run: MAPPO, teacher: Policy, config: CloneConfig) -> list[Tensor]:
     return clone_teacher(run.actors, run.worlds, run.generators, teacher, config)
 
 
-@pytest.mark.parametrize("parameters", ["shared", "separate"])
+@pytest.mark.parametrize("parameters", ["separate", *slow("shared")])
 def test_a_clone_is_closer_to_its_teacher_than_it_was(parameters: str) -> None:
     run = made((0, 1), replace(SMALL, parameters=parameters))  # type: ignore[arg-type]
     teacher = make_policy("straight", SPEC)

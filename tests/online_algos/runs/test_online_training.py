@@ -30,6 +30,7 @@ from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.online_algos.vdn import VDNConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.pairs import slow
 
 SPEC = TaskSpec(horizon=20)
 SMALL = MAPPOConfig(n_steps=320, n_copies=4, rollout_steps=8, hidden=8, minibatch=64)
@@ -55,7 +56,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_run(RUN, tmp_path_factory.mktemp("whole") / "run")
 
 
-@pytest.mark.parametrize("has_old_checkpoint", [False, True])
+@pytest.mark.parametrize("has_old_checkpoint", [True, *slow(False)])
 def test_an_interrupted_run_ends_as_an_uninterrupted_one(
     has_old_checkpoint: bool, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,6 +81,7 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
     assert_same_run(whole, tmp_path)
 
 
+@pytest.mark.slow
 def test_threads_do_not_change_a_run(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +224,7 @@ def test_a_finished_run_keeps_no_replay_and_is_left_as_it_is(tmp_path: Path) -> 
     assert not (folder / "replay").exists()
 
 
+@pytest.mark.slow
 def test_an_online_run_that_diverges_stops_and_keeps_its_checkpoint(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

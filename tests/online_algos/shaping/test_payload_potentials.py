@@ -43,6 +43,7 @@ def straight(step: Step) -> Double:
     return np.hypot(*way.T.astype(np.float64))
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 1 << 40))
 def test_a_path_is_at_least_as_long_as_the_straight_line(first: int) -> None:

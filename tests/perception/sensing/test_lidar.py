@@ -72,6 +72,7 @@ def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: fl
     return nearest if nearest[0] < reach else (model.range, NOTHING)
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32),
     n_agents=st.integers(1, 5),

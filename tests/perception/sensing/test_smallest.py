@@ -30,6 +30,7 @@ def test_numbers_come_out_in_order(values: list[float]) -> None:
     np.testing.assert_array_equal(ranks(array), np.argsort(array, kind="stable"))
 
 
+@pytest.mark.slow
 @given(st.lists(st.sampled_from([-np.inf, -1.5, 0.0, 5e-324, 2.0, np.inf]), max_size=40))
 def test_the_first_of_equal_numbers_comes_first(values: list[float]) -> None:
     array = np.array(values, dtype=np.float64)

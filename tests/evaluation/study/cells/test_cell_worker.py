@@ -43,6 +43,7 @@ def returns(folder: Path) -> list[list[float]]:
     return [load_result(file).evaluation.metrics["return"].tolist() for file in files]
 
 
+@pytest.mark.slow
 def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study(curves={"points": 2, "episodes": 2}))
     told: list[int] = []

@@ -40,6 +40,7 @@ def test_failures_do_not_stop_the_others(make_study: Make, tmp_path: Path) -> No
     assert run_cells([found[1]], tmp_path, progress=False) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_stale_cells_are_refused_and_done_again_when_asked(
     make_study: Make, tmp_path: Path
