@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypeVar, get_args
 
-import yaml
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -67,6 +66,8 @@ class Frozen(BaseModel):
 
     def to_yaml(self) -> str:
         """The same content as readable YAML, in field order."""
+        import yaml  # noqa: PLC0415  (a load writes none)
+
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
 
     def hash(self) -> str:
