@@ -70,6 +70,8 @@ class Figures(Frozen):
 class Published(Figures):
     """One published (id, version): what it is made from, what it is, what is in it."""
 
+    task: str
+    n_agents: Annotated[int, Field(ge=1)]
     recipe_hash: Sha256
     digest: Sha256  # logical: of names, dtypes, shapes and values of the arrays
     transport_digest: Sha256  # of the files: `Manifest.transport_digest`

@@ -9,7 +9,6 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Field,
     model_validator,
 )
@@ -225,8 +224,6 @@ class TaskSpec(Extended):
     change of any of them makes the next version, with new ids. Only `WORLD_VERSION` is known here.
     """
 
-    model_config = ConfigDict(defer_build=False)  # models that hold it reuse what it has built
-
     later_fields: ClassVar[tuple[str, ...]] = ("backend", "randomization")
     kind: ClassVar[str] = "task"  # in no JSON: tasks are older than other specs
     library: ClassVar[str] = "swarmdata"
@@ -250,7 +247,9 @@ class TaskSpec(Extended):
     on_collision: Literal["continue", "fail"] = "continue"  # fail: a collision ends the episode
     observation: Annotated[AnyObservationModel, _named(observation_model)] = StateModel.defaults()
     """What robots sense."""
-    communication: Annotated[AnyCommunicationModel, _named(communication_model)] = NoCommunication.defaults()
+    communication: Annotated[AnyCommunicationModel, _named(communication_model)] = (
+        NoCommunication.defaults()
+    )
     """What robots hear."""
     randomization: Randomization = Randomization.defaults()  # what each episode draws anew
 

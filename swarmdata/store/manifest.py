@@ -73,7 +73,9 @@ class _Section(BaseModel):
     promises that the data can be read without it.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False, defer_build=True)
+    model_config = ConfigDict(
+        frozen=True, extra="ignore", strict=True, allow_inf_nan=False, defer_build=True
+    )
 
     def __repr__(self) -> str:
         """Shows the first and the last fields."""

@@ -429,7 +429,9 @@ def read_origin(path: Path, manifest: Manifest, content: bytes) -> Origin:
     written = hashlib.sha256(content).hexdigest()
     origin = _parsed(path, manifest, content)
     if (origin.id, written) != (manifest.id, manifest.recipe_hash):
-        raise _disagrees(path, manifest, f"{path / RECIPE} is the recipe of another dataset, {origin.id}")
+        raise _disagrees(
+            path, manifest, f"{path / RECIPE} is the recipe of another dataset, {origin.id}"
+        )
     return origin
 
 
