@@ -1,4 +1,4 @@
-"""YAML from outside, with the bounds of `documents`, which imports this for text that is no JSON."""
+"""YAML from outside, read with the bounds of `documents`, which imports this where it is needed."""
 
 import re
 from collections.abc import Iterator
