@@ -8,6 +8,8 @@ import numpy as np
 
 from swarmdata.interfaces import Task
 from swarmdata.registry.components import TASKS, resolve
+from swarmdata.rollouts.side_policy import episode_of_side
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.rules import rules_model
 from swarmdata.specs.state_layout import Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -110,6 +112,20 @@ def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
         "path_length": float(_norm(positions[1:] - positions[:-1]).sum(axis=0).mean()),
         **_of_sides(episode, spec),
         **task.episode_metrics(episode),
+    }
+
+
+def metrics_of_side(episode: Episode, spec: SideSpec) -> dict[str, float]:
+    """The metrics that differ for a side of an episode: its own return and success.
+
+    Its success is clean if its own robots touched nothing.
+    """
+    own = episode_of_side(episode, spec.agents)
+    return {
+        "return": own.team_return,
+        "success": float(own.success),
+        "clean_success": float(own.success and not own.events.any()),
+        "time_to_goal": len(own) * spec.time_step if own.success else float("nan"),
     }
 
 

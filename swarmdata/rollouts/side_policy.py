@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.interfaces import Policy
+from swarmdata.registry.components import make_policy
 from swarmdata.specs.rules import Side
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode, Float, Int, Step
@@ -95,7 +96,8 @@ class SidePolicy:
             if found.shape[1:] != (expected, self._shape[1]):
                 raise SchemaError(
                     f"the policy of the {seat.side.name} returned actions of shape {found.shape}, "
-                    f"expected {(len(actions), expected, self._shape[1])}"
+                    f"expected {(len(actions), expected, self._shape[1])}. Those of the whole task "
+                    "are named, and not built: opponents='scripted'"
                 )
             agents = slice(seat.side.agents.start, seat.side.agents.stop)
             actions[:, agents] = found if seat.is_own else found[:, agents]
@@ -117,6 +119,32 @@ class SidePolicy:
             seen = [step_of_side(step, seat.side) if seat.is_own else step for seat in self._seats]
             self._last = (step, seen)
         return self._last[1]
+
+
+def play_sides(
+    spec: TaskSpec, side: str, policy: Policy | str, opponents: Policy | str
+) -> SidePolicy:
+    """Returns a policy for a side, with opponents on the others.
+
+    Args:
+        spec: a task of several sides.
+        side: that the policy plays.
+        policy: one that sees the rows of its side alone; or the name of a registered policy, which
+            is of the whole task.
+        opponents: likewise.
+
+    Raises:
+        UnknownNameError: the task has no such side, or there is no such policy.
+        SpecError: the task has one side only.
+    """
+    spec.side(side)
+    chosen = {each.name: policy if each.name == side else opponents for each in spec.sides}
+    own = [name for name, each in chosen.items() if not isinstance(each, str)]
+    made = {
+        name: make_policy(each, spec) if isinstance(each, str) else each
+        for name, each in chosen.items()
+    }
+    return SidePolicy(spec, made, own)
 
 
 def check_sides(spec: TaskSpec, names: Collection[str]) -> None:
