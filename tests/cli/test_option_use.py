@@ -394,7 +394,7 @@ def shown(value: Any) -> str:
     if isinstance(value, tuple | list):
         return str([shown(each) for each in value])
     if hasattr(value, "spec") and hasattr(value, "provenances"):
-        return f"{value.spec.hash()} {value.provenances}"
+        return f"{value.measured.hash()} {value.provenances}"
     return re.sub(r" at 0x[0-9a-f]+", "", str(value))
 
 
