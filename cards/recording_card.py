@@ -149,7 +149,7 @@ def _policies(table: EpisodeTable, origin: Origin) -> str:
         rows.append(
             (
                 source.label,
-                source.name,
+                source.title,
                 f"{len(own):,}",
                 f"{own.lengths.sum():,}",
                 f"{own.team_return.mean():.3f} ± {own.team_return.std():.3f}",

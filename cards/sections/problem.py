@@ -17,7 +17,12 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.state_layout import N_COLUMNS, ROBOT, state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import Manifest
-from swarmdata.store.arrays.attributes import FRAME_MEANINGS, PRECISION_NOTE, REWARD_FORMULA
+from swarmdata.store.arrays.attributes import (
+    FRAME_MEANINGS,
+    PRECISION_NOTE,
+    REWARD_FORMULA,
+    sides_note,
+)
 from swarmdata.store.arrays.column_meanings import state_columns
 from swarmdata.types import EVENT_COLUMNS, Column
 
@@ -254,7 +259,8 @@ def reward_section(task: Task) -> str:
     return (
         "\n## Reward\n\n"
         + table(("term", "weight", "formula", "where"), terms)
-        + f"\n{REWARD_FORMULA} Here team_share is {share:g}. {STORED_NOTE} {PRECISION_NOTE}\n\n"
+        + f"\n{REWARD_FORMULA}{sides_note(task.spec)} Here team_share is {share:g}. {STORED_NOTE} "
+        + f"{PRECISION_NOTE}\n\n"
         + table(("column of `events`", "meaning"), events)
         + f"\n{counting}\n"
     )

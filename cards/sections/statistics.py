@@ -73,7 +73,7 @@ def policies_section(data: CardData) -> str:
 def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
     return (
         source.label,
-        source.name,
+        source.title,
         f"`{source.checkpoint}`" if source.checkpoint else "none",
         f"{source.noise:g}",
         f"{len(table):,}",

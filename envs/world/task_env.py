@@ -55,6 +55,7 @@ class CopyBlock:
             half=self._world.half,
             weights=weights,
             team_share=spec.rules.rewards.team_share,
+            bounds=np.array(spec.side_bounds, dtype=np.int64),
             is_fatal=spec.on_collision == "fail",
             horizon=spec.horizon,
             solved=self._solved,

@@ -125,7 +125,8 @@ class Scoring(NamedTuple):
     radii: Annotated[Double, 1]  # [N] m
     half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
     weights: Annotated[Double, 1]  # [R] of all terms, with their signs
-    team_share: float  # part of each reward that is the team's mean
+    team_share: float  # part of each reward that is the mean over the side
+    bounds: Annotated[Int, 1]  # of the sides, `TaskSpec.side_bounds`
     is_fatal: bool  # whether a collision fails the task
     horizon: int  # steps
     solved: Annotated[Bool, 1]  # [E] whether the task is solved
@@ -165,7 +166,7 @@ def score_steps(
         truncations: written, [E].
         successes: written, [E].
     """
-    radii, half, weights, team_share, is_fatal, horizon, solved, slack, active = unpack(
+    radii, half, weights, team_share, bounds, is_fatal, horizon, solved, slack, active = unpack(
         packed, SCORING
     )
     n, first = radii.shape[0], weights.shape[0] - N_SHARED_TERMS
@@ -177,13 +178,14 @@ def score_steps(
             continue
         proximities(states[b], layouts[b], radii, half, slack[b], places, near)
         is_solved, touched = solved[b], False
+        is_held = times[b] >= horizon and not is_solved  # the other sides have succeeded
         for i in range(n):
-            terms[b, i, first] = 1.0 if is_solved else 0.0
+            terms[b, i, first] = 1.0 if (is_solved if i < bounds[1] else is_held) else 0.0
             for c in range(4):
                 terms[b, i, first + 1 + c] = events[b, i, c]
             terms[b, i, first + 5] = near[i]
             touched = touched or events[b, i, 2] > 0 or events[b, i, 3] > 0
-        weigh_terms(terms[b], weights, team_share, near, rewards[b])
+        weigh_terms(terms[b], weights, team_share, bounds, near, rewards[b])
         failure = is_fatal and touched
         successes[b] = is_solved and not failure
         terminations[b] = is_solved or failure

@@ -289,7 +289,7 @@ def rewards(subject: Subject) -> Remarks:
     terms = reward_terms(make_task(task))
     weights = np.array([term.signed_weight for term in terms])
     for first, block in blocks(arrays["reward_terms"]):
-        expected = weighted_rewards(block, weights, task.rules.rewards.team_share)
+        expected = weighted_rewards(block, weights, task.rules.rewards.team_share, task.side_bounds)
         stored = arrays["rewards"][first : first + len(block)].copy()
         release_pages(arrays["rewards"])
         wrong = np.argwhere(stored != expected)

@@ -61,6 +61,11 @@ def _check_specs(views: Sequence[Dataset]) -> None:
                 f"{view!r} has other rewards than were recorded, which are in no file. Edit the "
                 "dataset as it was recorded, then call `with_rewards` on the result."
             )
+        if view.side_view is not None:
+            raise SpecError(
+                f"{view!r} is one side, which is in no file. Edit the whole dataset, then call "
+                "`side` on the result."
+            )
         if view.recipe.spec != first.recipe.spec:
             path, here, there = _difference(first, view)
             raise SpecError(

@@ -68,6 +68,13 @@ def evaluate(
     communication: Communication = None,
     backend: Backend = None,
     randomize: Randomize = None,
+    side: Annotated[
+        str | None, typer.Option(help="the side that policies play, in a task of several")
+    ] = None,
+    opponents: Annotated[
+        str | None,
+        typer.Option(help="who plays the other sides: a policy, or a run of another side"),
+    ] = None,
     threads: Threads = 1,
     workers: Processes = 1,
     engine: Engine = "local",
@@ -86,6 +93,7 @@ def evaluate(
     how = {
         "task": task, "observation": observation, "communication": communication, "label": label,
         "backend": backend, "randomization": parse_ranges(randomize),
+        "side": side, "opponents": opponents,
     }  # fmt: skip
     sources = [TargetName.parse({"name": name, **how}) for name in targets]
     found = [(source, source.find()) for source in sources]

@@ -71,6 +71,9 @@ def train(
             metavar="NAME=WEIGHT", help="weight of a reward, may be repeated; or safe, or team"
         ),
     ] = None,
+    side: Annotated[
+        str | None, typer.Option(help="the side to learn for, in a task of several")
+    ] = None,
     frame: Annotated[str, typer.Option(help="robots' frame: auto, world, or an anchor")] = "auto",
     workers: Processes = 1,
     engine: Engine = "local",
@@ -96,7 +99,7 @@ def train(
     _trainers().train(
         algorithm, ids, folder, weights=weights, n_seeds=seeds, changes=changes,
         observation=observation, communication=communication, rewards=_rewards(reward),
-        frame=frame, curve_every=curve_every, keep=keep, device=device, compile=compile,
+        side=side, frame=frame, curve_every=curve_every, keep=keep, device=device, compile=compile,
         workers=workers, engine=engine, part=group,
     )  # fmt: skip
     if (measured := _trainers().last_evaluation(folder, ids, weights)) is not None:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from swarmdata.datasets.normalization import Moments
 from swarmdata.datasets.sampling import Sampler, copy_transitions
 from swarmdata.datasets.views import View
-from swarmdata.errors import MissingFileError
+from swarmdata.errors import MissingFileError, SchemaError
 from swarmdata.registry.published import Reference
 from swarmdata.specs.model_choice import Source, chosen_models
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset, open_store
@@ -24,6 +25,7 @@ from swarmdata.types import Column, Episode, Int, shortened
 if TYPE_CHECKING:
     from swarmdata.datasets.reobservation import Reobservation
     from swarmdata.datasets.reweighting import Reweighting
+    from swarmdata.datasets.side_view import SideView
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -41,6 +43,7 @@ class Dataset(View[Sampler]):
         source: where the files came from, for example `folder`, `cache` or `rebuilt`.
         reobservation: with which sensors and radios this was observed again, if it was.
         reweighting: with which weights the rewards were computed again, if they were.
+        side_view: of which side the rows are, if not of all agents.
     """
 
     stored: StoredDataset
@@ -49,6 +52,7 @@ class Dataset(View[Sampler]):
     source: str = "folder"
     reobservation: "Reobservation | None" = None
     reweighting: "Reweighting | None" = None
+    side_view: "SideView | None" = None
 
     @classmethod
     def open(
@@ -89,7 +93,18 @@ class Dataset(View[Sampler]):
     def _changes(self) -> dict[str, Any]:
         # not `super()`: it has no class cell where a dataclass has slots
         rewards = {} if self.reweighting is None else {"rewards": self.reweighting.changes}
-        return {**View._changes(self), **rewards}
+        side = {} if self._side is None else {"side": self._side.side}
+        return {**View._changes(self), **rewards, **side}
+
+    @property
+    def _side(self) -> SideSpec | None:
+        return None if self.side_view is None else self.side_view.spec
+
+    @property
+    def _other_views(self) -> "list[Reobservation | Reweighting | SideView]":
+        """What makes this another view than that of the recording."""
+        views = (self.side_view, self.reobservation, self.reweighting)
+        return [each for each in views if each is not None]
 
     @property
     def card(self) -> str:
@@ -105,12 +120,13 @@ class Dataset(View[Sampler]):
                 f"{self.path / CARD} is absent: this dataset has no card yet. "
                 f"`swarmdata generate {self.id}` writes one."
             ) from error
-        views = (self.reobservation, self.reweighting)
-        return "\n".join([*(each.note for each in views if each is not None), text])
+        return "\n".join([*(each.note for each in self._other_views), text])
 
     @property
     def moments(self) -> Moments:
         """Exact moments of the train split, from which algorithms of this library learn."""
+        if self.side_view is not None:
+            return self.side_view.moments
         moments = Moments.of(self.stored.manifest.statistics)
         if self.reobservation is not None:
             mean, std = self.reobservation.moments
@@ -122,6 +138,11 @@ class Dataset(View[Sampler]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the folder and the selection; other processes map the files themselves."""
+        if self.side_view is not None:
+            from swarmdata.datasets.side_view import side_again  # noqa: PLC0415  (the same)
+
+            whole = replace(self.side_view.whole, selection=self.selection)
+            return side_again, (whole, self.side_view.spec.side)
         if self.reobservation is None and self.reweighting is None:
             return Dataset, (self.stored, self.selection, self.references, self.source)
         from swarmdata.datasets.pickled_views import pickled  # noqa: PLC0415  (rarely needed)
@@ -132,8 +153,7 @@ class Dataset(View[Sampler]):
         """Shows identity and size, the models of a reobservation, and changed weights."""
         whole = len(self.stored.table)
         part = "" if len(self) == whole else f" of {whole:,}"
-        views = (self.reobservation, self.reweighting)
-        models = "".join(f" {each.summary};" for each in views if each is not None)
+        models = "".join(f" {each.summary};" for each in self._other_views)
         sizes = f"{len(self):,}{part} episodes, {self.n_steps:,} steps, {self.spec.n_agents} agents"
         last = f"digest {self.digest[:12]}, at {self.path}"
         return shortened(f"<Dataset {self.id}:{models} {sizes}, {last}>")
@@ -177,6 +197,7 @@ class Dataset(View[Sampler]):
         """
         if observation is None and communication is None:
             return self
+        self._check_whole("reobserve")
         spec = chosen_models(self.task, observation, communication, own=self.own_spec.world)
         if spec == self.spec:
             return self
@@ -217,11 +238,45 @@ class Dataset(View[Sampler]):
         """
         if not weights:
             return self
+        self._check_whole("with_rewards")
         from swarmdata.datasets.reweighting import reweight  # noqa: PLC0415  (compiled code, rarely needed)
 
         now = self.task.rules.rewards if self.reweighting is None else self.reweighting.weights
         found = reweight(self.stored, changed_weights(now, weights))
         return replace(self, stored=found.stored, reweighting=found if found.changes else None)
+
+    def side(self, name: str) -> "Dataset":
+        """Returns the same episodes with the agents of one side alone.
+
+        Observations, actions, rewards and events have the rows of these agents; returns and
+        successes are those of the side, and an `end_reason` says whether it succeeded. States,
+        terminations, truncations and the collisions of the episode table are those of all sides.
+        Nothing is copied. Policies that learn from it act for their side: `evaluate` takes them
+        with `opponents`.
+
+            >>> dataset.side("pursuers").sampler(256)
+
+        Args:
+            name: of the side, as `dataset.task.sides` lists them.
+
+        Raises:
+            UnknownNameError: the task has no such side.
+            SpecError: the task has one side only, or the dataset is of another environment.
+            SchemaError: this is one side already.
+        """
+        from swarmdata.datasets.side_view import side_view  # noqa: PLC0415  (rarely needed)
+
+        self._check_whole("side")
+        found = side_view(self, name)
+        return replace(self, stored=found.stored, references=None, side_view=found)
+
+    def _check_whole(self, method: str) -> None:
+        """Refuses what needs the rows of all agents."""
+        if self.side_view is not None:
+            raise SchemaError(
+                f"{method} needs the rows of all agents, but {self!r} has those of one side. Call "
+                f"{method} on the whole dataset, and take the side last."
+            )
 
     def columns(self, array: str, agent: int = 0) -> tuple[Column, ...]:
         """Returns what each number in a row of an array means: name, meaning, unit, bounds.

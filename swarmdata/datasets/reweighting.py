@@ -99,7 +99,7 @@ def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
     rules = task.rules.model_copy(update={"rewards": weights})
     terms = reward_terms(make_task(task.with_updates(rules=rules)))
     signed = np.array([term.signed_weight for term in terms])
-    rewards = _computed(recorded.arrays["reward_terms"], signed, weights.team_share)
+    rewards = _computed(recorded.arrays["reward_terms"], signed, weights.team_share, task)
     table = recorded.table
     episodes = zip(table.starts.tolist(), (table.starts + table.lengths).tolist(), strict=True)
     returns = np.array(
@@ -112,13 +112,13 @@ def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
     return Reweighting(replace(recorded, arrays=arrays, table=table), task.rules.rewards, weights)
 
 
-def _computed(terms: Float, weights: Double, team_share: float) -> Float:
+def _computed(terms: Float, weights: Double, team_share: float, task: TaskSpec) -> Float:
     """The rewards of all steps, [T, N], read-only; terms are [T, N, R]."""
     rewards = new_arrays({"rewards": (terms.shape[:2], np.dtype(np.float32))})["rewards"]
     reads = MappedReads((terms, rewards))
     for first in range(0, len(terms), BLOCK_ROWS):
         block = slice(first, first + BLOCK_ROWS)
-        rewards[block] = weighted_rewards(terms[block], weights, team_share)
+        rewards[block] = weighted_rewards(terms[block], weights, team_share, task.side_bounds)
         reads.add(terms[block], rewards[block])
     reads.release()
     rewards.setflags(write=False)

@@ -37,5 +37,9 @@ def are_of_task(origin: Origin, names: Container[str], rows: Callable[[str], Flo
     weights = np.array([term.signed_weight for term in reward_terms(make_task(task))])
     share = task.rules.rewards.team_share
     own = rows("reward_terms")[:N_ROWS].astype(np.float64) @ weights
-    expected = (1.0 - share) * own + share * own.mean(axis=1, keepdims=True)
+    expected = np.empty_like(own)
+    for side in task.sides:
+        agents = slice(side.agents.start, side.agents.stop)
+        mean = own[:, agents].mean(axis=1, keepdims=True)
+        expected[:, agents] = (1.0 - share) * own[:, agents] + share * mean
     return bool(np.allclose(rows("rewards")[:N_ROWS], expected, rtol=1e-4, atol=1e-5))

@@ -34,7 +34,7 @@ from swarmdata.datasets.sampling import BatchStream, RowSampler
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.registry.published import Reference, score_in
 from swarmdata.specs.model_choice import Ranges, models_of, with_models
-from swarmdata.specs.origins import Origin, Spec, task_of
+from swarmdata.specs.origins import Origin, SideSpec, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 from swarmdata.types import (
@@ -229,11 +229,18 @@ class View(TrainingData[R]):
 
     @property
     def spec(self) -> Spec:
-        """What was recorded; of a reobservation, the task with the new models.
+        """What was recorded; of a reobservation, the task with the new models; of a side, its part.
 
         Other rewards do not change it: policies are evaluated on those of the task.
         """
+        if self._side is not None:
+            return self._side
         return self.recipe.spec if self._observed is None else self._observed
+
+    @property
+    def _side(self) -> SideSpec | None:
+        """The side whose rows these are, None for the rows of all agents."""
+        return None
 
     @property
     def own_spec(self) -> Spec:

@@ -7,57 +7,67 @@ and the share s of the team, all computed in float64:
     mean     = ((own_0 + own_1) + own_2 + ...) / N           in the order of the agents
     reward_i = (1 - s) own_i + s mean                        rounded to float32
 
+In a task of several sides, the mean is that of the agent's own side.
+
 The order is part of the definition: a plain loop in any language gives the same bits.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from swarmdata.runtime.kernels import kernel
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Int
 
 
 @kernel
 def weigh_terms(
-    terms: Float, weights: Double, team_share: float, own: Double, rewards: Float
+    terms: Float, weights: Double, team_share: float, bounds: Int, own: Double, rewards: Float
 ) -> None:
     """Writes the rewards of one step.
 
     Args:
         terms: [N, R].
         weights: of the terms, with their signs, [R].
-        team_share: part of each reward that is the mean over the team, in [0, 1].
+        team_share: part of each reward that is the mean over the side, in [0, 1].
+        bounds: of the sides (`TaskSpec.side_bounds`), one longer than there are sides.
         own: scratch, [N].
         rewards: written, [N].
     """
-    n, mean = terms.shape[0], 0.0
-    for i in range(n):
-        total = 0.0
-        for r in range(terms.shape[1]):
-            total += weights[r] * float(terms[i, r])
-        own[i] = total
-        mean += total
-    mean /= n
-    for i in range(n):
-        rewards[i] = (1.0 - team_share) * own[i] + team_share * mean
+    for side in range(bounds.shape[0] - 1):
+        first, end, mean = bounds[side], bounds[side + 1], 0.0
+        for i in range(first, end):
+            total = 0.0
+            for r in range(terms.shape[1]):
+                total += weights[r] * float(terms[i, r])
+            own[i] = total
+            mean += total
+        mean /= end - first
+        for i in range(first, end):
+            rewards[i] = (1.0 - team_share) * own[i] + team_share * mean
 
 
 @kernel
 def _weigh_steps(
-    terms: Float, weights: Double, team_share: float, own: Double, rewards: Float
+    terms: Float, weights: Double, team_share: float, bounds: Int, own: Double, rewards: Float
 ) -> None:
     for t in range(terms.shape[0]):
-        weigh_terms(terms[t], weights, team_share, own, rewards[t])
+        weigh_terms(terms[t], weights, team_share, bounds, own, rewards[t])
 
 
-def weighted_rewards(terms: Float, weights: Double, team_share: float) -> Float:
+def weighted_rewards(
+    terms: Float, weights: Double, team_share: float, bounds: Sequence[int]
+) -> Float:
     """Returns the rewards that steps have under some weights, float32 [T, N].
 
     Args:
         terms: unweighted terms of the rewards, [T, N, R].
         weights: of the terms, with their signs, [R].
-        team_share: part of each reward that is the mean over the team, in [0, 1].
+        team_share: part of each reward that is the mean over the side, in [0, 1].
+        bounds: of the sides, `TaskSpec.side_bounds`.
     """
     steps, n, _ = terms.shape
     rewards = np.empty((steps, n), dtype=np.float32)
-    _weigh_steps(np.ascontiguousarray(terms), weights, team_share, np.empty(n), rewards)
+    sides = np.array(bounds, dtype=np.int64)
+    _weigh_steps(np.ascontiguousarray(terms), weights, team_share, sides, np.empty(n), rewards)
     return rewards

@@ -36,6 +36,7 @@ TASKS = ComponentTable(
         "intersection": "swarmdata.envs.intersection.intersection:Intersection",
         "search": "swarmdata.envs.search.search:Search",
         "pursuit": "swarmdata.envs.pursuit.pursuit:Pursuit",
+        "tag": "swarmdata.envs.tag.tag:Tag",
     },
 )
 
@@ -53,6 +54,8 @@ POLICIES = ComponentTable(
         "pursuit-lead-1": "swarmdata.behavior_policies.pursuit.naive_teams:LeadOne",
         "pursuit-lead-3": "swarmdata.behavior_policies.pursuit.naive_teams:LeadThree",
         "pursuit-lead-mixed": "swarmdata.behavior_policies.pursuit.naive_teams:LeadMixed",
+        "tag-greedy": "swarmdata.behavior_policies.tag.tag_controller:Greedy",
+        "tag-lead-3": "swarmdata.behavior_policies.tag.tag_controller:LeadThree",
         "learned": "swarmdata.behavior_policies.learned:Learned",
         "network": "swarmdata.learn.policies.network_policy:NetworkPolicy",
     },
@@ -68,6 +71,7 @@ SCRIPTED_CONTROLLERS = {
     "formation": "swarmdata.behavior_policies.formation_controller:FormationController",
     "search": "swarmdata.behavior_policies.search.search_controller:SearchController",
     "pursuit": "swarmdata.behavior_policies.pursuit.pursuit_controller:PursuitController",
+    "tag": "swarmdata.behavior_policies.tag.tag_controller:TagController",
     "intersection": (
         "swarmdata.behavior_policies.intersection.intersection_controller:IntersectionController"
     ),
@@ -235,10 +239,16 @@ def reward_terms(task: Task) -> tuple[Term, ...]:
         for name, event in _CONTACT_TERMS
     )
     near = f"min(max(1 - gap / {PROXIMITY_RANGE:g}, 0), 1)"
-    solved = f"solved: after the step, {task.solved}. Then the episode ends"
+    success, solved = "[solved]", f"solved: after the step, {task.solved}. Then the episode ends"
+    if len(task.spec.sides) > 1:
+        success, first = "[won]", task.spec.sides[0].name
+        solved = (
+            f"won: of the {first}, after the step, {task.solved}, and the episode ends; of the "
+            "others, the step is the last of the horizon, and this does not hold"
+        )
     return (
         *task.terms,
-        Term("success", weights.success, 1, "[solved]", solved),
+        Term("success", weights.success, 1, success, solved),
         *contacts,
         Term("proximity", weights.proximity, -1, near, _GAP_MEANING),
     )

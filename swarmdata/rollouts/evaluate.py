@@ -7,25 +7,29 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from swarmdata.errors import SchemaError
-from swarmdata.interfaces import Policy
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.interfaces import Policy, Task
 from swarmdata.numerics.random import SeedBlock, block_seeds
-from swarmdata.registry.components import make_env
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import find_spec
-from swarmdata.rollouts.metrics import episode_metrics, metrics_of
+from swarmdata.rollouts.metrics import episode_metrics, metrics_of, metrics_of_side
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.rollouts.side_policy import play_sides
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import EvalResult, Seeds
+from swarmdata.types import Episode, EvalResult, Seeds
 
 
 def evaluate(
-    policy: Policy,
+    policy: Policy | str,
     spec: TaskSpec | Path | str,
     *,
     name: str = "policy",
     n_episodes: int = 1000,
     block: SeedBlock = "evaluation",
     seeds: Seeds | None = None,
+    side: str | SideSpec | None = None,
+    opponents: Policy | str | None = None,
     n_copies: int = 64,
     n_threads: int = 1,
     policy_threads: int = 1,
@@ -38,13 +42,18 @@ def evaluate(
     `n_copies` and the numbers of threads.
 
     Args:
-        policy: acts in every copy.
+        policy: acts in every copy; or the name of a registered policy.
         spec: the problem to solve; or a preset's name, or a spec file.
         name: the policy's name in tables.
         n_episodes: number of seeds to use.
         block: the reserved `evaluation` seeds, or the `validation` seeds, on which settings are
             chosen.
         seeds: of the episodes, in place of those of a block, [E].
+        side: the side that the policy plays, in a task of several. Return, success, clean success
+            and time to goal are then those of the side. A policy sees the rows of its side alone,
+            as in `dataset.side(...)`, unless it is named. A `SideSpec`: the policy plays all sides,
+            and its figures are those of this one.
+        opponents: who plays the other sides, given as `policy` is.
         n_copies: number of episodes that run at the same time.
         n_threads: threads that step them, as `make_env` takes it.
         policy_threads: threads of the policy's matrix products; a small network is slower on two.
@@ -53,12 +62,14 @@ def evaluate(
 
     Raises:
         SchemaError: `n_episodes` is not positive, or the policy's actions are malformed.
+        UnknownNameError: the task has no such side, or there is no such policy.
+        SpecError: the task has one side, or a side is given without opponents, or they without it.
     """
-    if seeds is not None:
-        n_episodes = len(seeds)
+    n_episodes = n_episodes if seeds is None else len(seeds)
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
     spec = find_spec(spec)
+    policy, measured = _team(policy, spec, side, opponents)
     seeds = block_seeds(block, n_episodes) if seeds is None else seeds
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
     env = make_env(spec, min(n_copies, n_episodes), n_threads=n_threads)
@@ -74,9 +85,35 @@ def evaluate(
 
         episodes = rollout(env, policy, seeds, policy_threads=policy_threads, progress=count)
         for row, episode in enumerate(episodes):
-            for metric, value in episode_metrics(episode, env.task).items():
+            for metric, value in _figures(episode, env.task, measured).items():
                 metrics[metric][row] = value
-    return EvalResult(name, spec.task, spec.hash(), seeds, metrics)
+    return EvalResult(name, measured.task, measured.hash(), seeds, metrics)
+
+
+def _figures(episode: Episode, task: Task, measured: TaskSpec | SideSpec) -> dict[str, float]:
+    """The metrics of an episode, for one side or for all robots."""
+    own = metrics_of_side(episode, measured) if isinstance(measured, SideSpec) else {}
+    return {**episode_metrics(episode, task), **own}
+
+
+def _team(
+    policy: Policy | str,
+    spec: TaskSpec,
+    side: str | SideSpec | None,
+    opponents: Policy | str | None,
+) -> tuple[Policy, TaskSpec | SideSpec]:
+    """Who acts, and what is measured; arguments as of `evaluate`."""
+    if isinstance(side, str) and opponents is not None:
+        who = opponents if isinstance(opponents, str) else type(opponents).__name__
+        team = play_sides(spec, side, policy, opponents)
+        return team, SideSpec(whole=spec, side=side, opponents=who)
+    if isinstance(side, str) or opponents is not None:
+        raise SpecError(
+            f"got side {side!r} and opponents {opponents!r}, expected both, or neither for a "
+            "policy of the whole task"
+        )
+    acting = make_policy(policy, spec) if isinstance(policy, str) else policy
+    return acting, spec if side is None else side
 
 
 def check_comparable(results: Sequence[EvalResult]) -> None:

@@ -1,6 +1,6 @@
 """The metrics of an episode, and its score relative to the references of a task."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
 
@@ -8,6 +8,9 @@ import numpy as np
 
 from swarmdata.interfaces import Task
 from swarmdata.registry.components import TASKS, resolve
+from swarmdata.rollouts.side_policy import episode_of_side
+from swarmdata.specs.origins import SideSpec
+from swarmdata.specs.rules import rules_model
 from swarmdata.specs.state_layout import Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Double, Episode, Int, Metric
@@ -51,7 +54,35 @@ def metrics_of(task: str) -> Mapping[str, Metric]:
     Raises:
         UnknownNameError: no task has this name.
     """
-    return {**EPISODE_METRICS, **resolve("task", TASKS, task).metrics}
+    own = resolve("task", TASKS, task).metrics
+    names = rules_model(task).side_names
+    return {**EPISODE_METRICS, **(_metrics_of_sides(names) if len(names) > 1 else {}), **own}
+
+
+def _metrics_of_sides(names: Sequence[str]) -> dict[str, Metric]:
+    returns, successes = (
+        "sum over time of the mean reward over the robots of this side",
+        "1 if this side succeeded, else 0",
+    )
+    return {
+        metric: found
+        for name in names
+        for metric, found in (
+            (f"{name}_return", Metric(f"return of {name}", "", "higher", returns)),
+            (f"{name}_success", Metric(f"success of {name}", "", "higher", successes)),
+        )
+    }
+
+
+def _of_sides(episode: Episode, spec: TaskSpec) -> dict[str, float]:
+    """Return and success of each side, if there are several."""
+    found: dict[str, float] = {}
+    sides = spec.sides
+    for side in sides if len(sides) > 1 else ():
+        own = episode.rewards[:, side.agents.start : side.agents.stop]
+        found[f"{side.name}_return"] = float(own.mean(axis=1, dtype=np.float64).sum())
+        found[f"{side.name}_success"] = float(episode.success == (side == sides[0]))
+    return found
 
 
 def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
@@ -79,7 +110,22 @@ def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
         "contact_steps": float(np.count_nonzero(touched)),
         "min_separation": _min_separation(positions, spec),
         "path_length": float(_norm(positions[1:] - positions[:-1]).sum(axis=0).mean()),
+        **_of_sides(episode, spec),
         **task.episode_metrics(episode),
+    }
+
+
+def metrics_of_side(episode: Episode, spec: SideSpec) -> dict[str, float]:
+    """The metrics that differ for a side of an episode: its own return and success.
+
+    Its success is clean if its own robots touched nothing.
+    """
+    own = episode_of_side(episode, spec.agents)
+    return {
+        "return": own.team_return,
+        "success": float(own.success),
+        "clean_success": float(own.success and not own.events.any()),
+        "time_to_goal": len(own) * spec.time_step if own.success else float("nan"),
     }
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.registry.components import make_policy
+from swarmdata.rollouts.side_policy import SidePolicy
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds
@@ -37,6 +38,13 @@ def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None
         spec: the task.
         folder: the dataset's folder, which may contain checkpoints; None: only the package's.
     """
+    if source.opponents:
+        first = source.model_copy(update={"opponents": ()})
+        names = [side.name for side in spec.sides]
+        seats = zip(names, (first, *source.opponents), strict=True)
+        return SidePolicy(
+            spec, {name: make_source_policy(each, spec, folder) for name, each in seats}
+        )
     options: dict[str, Any] = {
         "checkpoint": source.checkpoint,
         "sha256": source.sha256,

@@ -24,7 +24,7 @@ MOST_POLICIES = 256
 class PolicySource(Extended):
     """One behavior policy of a recipe, and its share of the joint steps."""
 
-    later_fields: ClassVar[tuple[str, ...]] = ("convention",)
+    later_fields: ClassVar[tuple[str, ...]] = ("convention", "opponents")
 
     label: Label  # unique in the recipe, such as "expert-0"
     name: Label  # registered policy
@@ -33,6 +33,23 @@ class PolicySource(Extended):
     noise: Deviation = 0.0  # standard deviation of the Gaussian action noise
     share: Positive = 1.0  # relative share of the joint steps
     convention: Label | None = None  # of a scripted team (`behavior_policies.coop_nav_controller`)
+    opponents: "tuple[PolicySource, ...]" = ()
+    """Who plays the sides after the first one, labelled as these are; empty: this policy does."""
+
+    @model_validator(mode="after")
+    def _check_opponents(self) -> Self:
+        for each in self.opponents:
+            if each.checkpoint is not None or each.opponents or each.share != 1:
+                raise ValueError(
+                    f"the opponent {each.label} has a checkpoint, a share or opponents of its own, "
+                    "expected a registered policy with noise at most"
+                )
+        return self
+
+    @property
+    def title(self) -> str:
+        """The names of the policies that play."""
+        return " against ".join([self.name, *(each.name for each in self.opponents)])
 
 
 def _unique_labels(policies: tuple[PolicySource, ...]) -> tuple[PolicySource, ...]:
@@ -107,6 +124,14 @@ class Recipe(Extended):
 
     @model_validator(mode="after")
     def _check_part(self) -> Self:
+        others = [side.name for side in self.spec.sides[1:]]
+        for policy in self.policies:
+            named = [each.label for each in policy.opponents]
+            if named and named != others:
+                raise ValueError(
+                    f"policy {policy.label} has opponents for the sides {', '.join(named)}, "
+                    f"expected {', '.join(others) or 'none: the task has one side'}"
+                )
         if problem := part_excess(self.spec, self.part_episodes):
             raise ValueError(problem)
         return self

@@ -36,6 +36,7 @@ PACKAGE_RULES: Mapping[str, str] = {
     "intersection": "swarmdata.envs.intersection.intersection_rules:IntersectionRules",
     "search": "swarmdata.envs.search.search_rules:SearchRules",
     "pursuit": "swarmdata.envs.pursuit.pursuit_rules:PursuitRules",
+    "tag": "swarmdata.envs.tag.tag_rules:TagRules",
 }
 """The model of the rules of each task of the package; a user's task has its own as `Rules`."""
 
@@ -50,7 +51,7 @@ class Rewards(Frozen):
     robot_collision: Weight = 1.0  # per contact with a robot that begins
     obstacle_collision: Weight = 1.0  # per contact with an obstacle or wall that begins
     proximity: Weight = 0.05  # per step, times how deep in the last 0.1 m before contact
-    team_share: Probability = 0.0  # part of each reward that is the mean over the team
+    team_share: Probability = 0.0  # part of each reward that is the mean over the team, or side
 
 
 def changed_weights(weights: Rewards, changes: Mapping[str, float | str]) -> Rewards:
@@ -76,6 +77,13 @@ class Payload(Frozen):
     friction: Force = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
 
 
+class Side(NamedTuple):
+    """Robots that share a reward, against others."""
+
+    name: str  # such as "pursuers"
+    agents: range  # their indices, consecutive
+
+
 class TaskDemand(NamedTuple):
     """What a task adds to the demand of a world (`specs.budget`): rather too much than too little.
 
@@ -99,11 +107,13 @@ class TaskRules(Frozen):
         card_limits: known limits of all datasets of the task, whole sentences for their cards.
         naive_teams: registered policies of this task alone whose robots do not act together, and
             what they do; its reference tables compare the scripted team with them.
+        side_names: names of the sides, in the order of `sides`; most tasks have one.
     """
 
     payload_field: ClassVar[str | None] = None
     card_limits: ClassVar[tuple[str, ...]] = ()
     naive_teams: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    side_names: ClassVar[tuple[str, ...]] = ("team",)
 
     if TYPE_CHECKING:  # not fields here, so that those of each task keep their order
         task: str
@@ -118,6 +128,13 @@ class TaskRules(Frozen):
     def has_own_targets(self) -> bool:
         """Whether each robot has a target that the other robots do not change."""
         return False
+
+    def sides(self, spec: "TaskSpec") -> tuple[Side, ...]:
+        """The sides of a spec, whose rules these are; together they are all robots, in agent order.
+
+        The first side succeeds where the task is solved, the others where an episode ends unsolved.
+        """
+        return (Side(self.side_names[0], range(spec.n_agents)),)
 
     def demand(self, spec: "TaskSpec") -> TaskDemand:
         """What the task adds to the demand of the world of a spec, whose rules these are."""

@@ -13,7 +13,7 @@ from pydantic import (
     model_validator,
 )
 
-from swarmdata.errors import SpecError, SwarmdataError
+from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.runtime.own_components import import_component
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.communication_names import communication_model
@@ -36,7 +36,7 @@ from swarmdata.specs.quantities import (
     TurnRate,
 )
 from swarmdata.specs.randomization import PAYLOAD_RANGES, Randomization
-from swarmdata.specs.rules import Rules, TaskRules, rules_model
+from swarmdata.specs.rules import Rules, Side, TaskRules, rules_model
 from swarmdata.specs.sensing_models import (
     AnyCommunicationModel,
     AnyObservationModel,
@@ -276,6 +276,11 @@ class TaskSpec(Extended):
                 "Set it, for example with drift-0.02, or leave landmarks out"
             )
         problems += _unsimulated(self)
+        if self.on_collision == "fail" and len(self.rules.side_names) > 1:
+            problems.append(
+                f"on_collision fail ends an episode in which no side of {self.task} has won. Use "
+                "on_collision continue"
+            )
         if twice := repeated(role.name.casefold() for role in self.team):
             problems.append(
                 f"team has several roles named {', '.join(twice)}, expected a `name` of its own "
@@ -346,6 +351,30 @@ class TaskSpec(Extended):
     def n_agents(self) -> int:
         """Number of robots, N."""
         return sum(role.count for role in self.team)
+
+    @property
+    def sides(self) -> tuple[Side, ...]:
+        """The sides of the task, in agent order; one side with all robots in most tasks."""
+        return self.rules.sides(self)
+
+    def side(self, name: str) -> Side:
+        """The side of this name.
+
+        Raises:
+            UnknownNameError: the task has no such side.
+            SpecError: the task has one side only.
+        """
+        sides = {side.name: side for side in self.sides}
+        if len(sides) == 1:
+            raise SpecError(f"{self.task} has one side, got side {name!r}. Leave it out")
+        if name not in sides:
+            raise UnknownNameError("side", name, sides)
+        return sides[name]
+
+    @property
+    def side_bounds(self) -> tuple[int, ...]:
+        """The first agent of each side, and after the last side N."""
+        return (*(side.agents.start for side in self.sides), self.n_agents)
 
     @property
     def half_size(self) -> tuple[float, float]:

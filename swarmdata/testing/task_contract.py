@@ -185,13 +185,19 @@ def _check_rewards(steps: list[Step], env: VecEnv) -> None:
     weights = np.array([term.signed_weight for term in terms])
     names = [term.name for term in terms]
     first = names.index("robot_contact")
+    ended: Bool = np.zeros(len(steps[0].seeds), dtype=np.bool_)
     for step in steps:
-        expected = weighted_rewards(step.reward_terms, weights, share)
+        expected = weighted_rewards(step.reward_terms, weights, share, env.spec.side_bounds)
         assert np.array_equal(step.rewards, expected), "rewards are not their terms times weights"
         contacts = step.reward_terms[..., first : first + len(EVENTS)]
         assert np.array_equal(contacts, step.events), "terms of contacts are not the events"
-        solved = step.reward_terms[..., names.index("success")] > 0
-        assert (solved >= step.successes[:, None]).all(), "a success without its term"
+        won = step.reward_terms[..., names.index("success")] > 0
+        (_, *others), first_end = env.spec.sides, env.spec.side_bounds[1]
+        assert (won[:, :first_end] >= step.successes[:, None]).all(), "a success without its term"
+        if others:
+            held = (step.truncations & ~ended)[:, None]
+            assert (won[:, first_end:] == held).all(), "sides succeed only if the first does not"
+        ended = step.ended
 
 
 def _check_words(env: VecEnv) -> None:

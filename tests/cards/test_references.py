@@ -23,7 +23,7 @@ from swarmdata.types import EvalResult
 
 METRICS = metrics_of("coop_nav")
 
-NOT_MEASURED = {"pursuit-easy", "pursuit-hard", "pursuit-n6"}
+NOT_MEASURED = {"pursuit-easy", "pursuit-hard", "pursuit-n6", "tag"}
 """Presets without references, as their pages say."""
 
 

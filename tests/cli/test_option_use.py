@@ -43,12 +43,14 @@ SAMPLES = {
     "--note": "license=mit",
     "--observation": "lidar",
     "--offline-share": "0.25",
+    "--opponents": "scripted",
     "--out": "elsewhere.gif",
     "--part": "1/2",
     "--policy": "scripted=3",
     "--randomize": "mass=1..2",
     "--regulariser": "bc",
     "--reward": "time=2",
+    "--side": "evader",
     "--set": "batch_size=7",
     "--task": "formation",
     "--unfinished": "drop",
@@ -213,6 +215,11 @@ CASES = (
              ("--out", "--episodes", "--task", "--label", "--validation", "--again",
               "--observation", "--communication", "--backend", "--randomize", "--threads",
               "--workers", "--engine", "--part", "--collect"), "evaluation is a stub here")),
+    Case("evaluate idle --task tag --side pursuers --opponents random",
+         (f"{RESULTS}.target_evaluation:evaluate_target",
+          f"{RESULTS}.evaluation_jobs:run_evaluations"),
+         idle={"--budget": "read after the evaluation",
+               "--task": "no other preset has sides"}),
     Case("evaluate idle --out a", (f"{RESULTS}.evaluation_jobs:run_evaluations",
                                    f"{RESULTS}.evaluation_jobs:collect_evaluations"),
          idle={"--budget": "read after the evaluation"}),
@@ -387,7 +394,7 @@ def shown(value: Any) -> str:
     if isinstance(value, tuple | list):
         return str([shown(each) for each in value])
     if hasattr(value, "spec") and hasattr(value, "provenances"):
-        return f"{value.spec.hash()} {value.provenances}"
+        return f"{value.measured.hash()} {value.provenances}"
     return re.sub(r" at 0x[0-9a-f]+", "", str(value))
 
 

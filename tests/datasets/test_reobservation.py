@@ -66,8 +66,10 @@ WORLDS = [
 
 
 def short(name: str, observation: str = "state", communication: str = "none") -> TaskSpec:
-    """A world whose episodes are short and of different lengths."""
-    spec = preset(name).with_updates(horizon=30, on_collision="fail")
+    """A world whose episodes are short and, of one team, of different lengths."""
+    spec = preset(name).with_updates(horizon=30)
+    if len(spec.sides) == 1:
+        spec = spec.with_updates(on_collision="fail")
     return with_models(spec, observation, communication)
 
 

@@ -37,15 +37,24 @@ def test_a_plain_loop_has_the_same_bits(
     rng = np.random.default_rng(seed)
     terms = rng.normal(size=shape).astype(np.float32)
     weights = rng.normal(size=shape[2])
-    found = weighted_rewards(terms, weights, share)
+    found = weighted_rewards(terms, weights, share, (0, terms.shape[1]))
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found, plain(terms, weights, share))
+
+
+def test_the_share_is_that_of_the_side() -> None:
+    terms = np.random.default_rng(0).normal(size=(7, 5, 3)).astype(np.float32)
+    weights = np.array([2.0, -0.1, 0.7])
+    found = weighted_rewards(terms, weights, 0.4, (0, 3, 5))
+    for agents in (slice(0, 3), slice(3, 5)):
+        np.testing.assert_array_equal(found[:, agents], plain(terms[:, agents], weights, 0.4))
+    assert (found != plain(terms, weights, 0.4)).any()
 
 
 def test_terms_may_be_a_view() -> None:
     terms = np.arange(48, dtype=np.float32).reshape(2, 4, 6)
     weights = np.array([1.0, -0.5])
-    found = weighted_rewards(terms[..., 1:3], weights, 0.25)
+    found = weighted_rewards(terms[..., 1:3], weights, 0.25, (0, terms.shape[1]))
     np.testing.assert_array_equal(found, plain(terms[..., 1:3], weights, 0.25))
 
 
@@ -53,7 +62,7 @@ def test_terms_may_be_a_view() -> None:
 def test_the_share_keeps_the_sum_over_the_team(share: float) -> None:
     terms = np.random.default_rng(0).normal(size=(7, 5, 3)).astype(np.float32)
     weights = np.array([2.0, -0.1, 0.7])
-    shared = weighted_rewards(terms, weights, share)
+    shared = weighted_rewards(terms, weights, share, (0, terms.shape[1]))
     np.testing.assert_allclose(shared.sum(1), (terms @ weights).sum(1), atol=1e-5)
     if share == 1.0:
         assert (shared == shared[:, :1]).all()

@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE, evaluation_seeds
+from swarmdata.registry.components import make_policy
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.action_probabilities import noisy_log_probs
 from swarmdata.rollouts.evaluate import check_comparable, evaluate
+from swarmdata.rollouts.function_policy import FunctionPolicy
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Float, Int, Step
@@ -68,3 +71,24 @@ def test_only_results_of_one_spec_and_the_same_seeds_compare() -> None:
         check_comparable([result(), result("short", n=4)])
     with pytest.raises(SchemaError, match="no results to compare"):
         check_comparable([])
+
+
+def test_a_side_is_measured_against_opponents() -> None:
+    spec = preset("tag").with_updates(horizon=30)
+    options: dict[str, Any] = {"n_episodes": 3, "progress": False}
+    whole = evaluate(make_policy("scripted", spec), spec, **options)
+    named = evaluate("scripted", spec, side="evader", opponents="scripted", **options)
+    assert named.task == "tag: evader against scripted"
+    assert named.spec_hash != whole.spec_hash
+    assert named.metrics["success"].tolist() == [1, 1, 1]
+    assert whole.metrics["success"].tolist() == [0, 0, 0]
+    np.testing.assert_array_equal(named.metrics["return"], whole.metrics["evader_return"])
+    assert named.metrics["time_to_goal"].tolist() == pytest.approx([3.0] * 3)
+    still = FunctionPolicy(lambda observations: 0.0 * observations[..., :2])
+    idle = evaluate(still, spec, side="evader", opponents=still, **options)
+    assert idle.metrics["path_length"].tolist() == [0, 0, 0]
+    for side, opponents in (("evader", None), (None, "idle")):
+        with pytest.raises(SpecError, match="expected both, or neither"):
+            evaluate(still, spec, side=side, opponents=opponents, **options)
+    with pytest.raises(SchemaError, match=r"of the evader returned .* are named, and not built"):
+        evaluate(make_policy("idle", spec), spec, side="evader", opponents="idle", **options)

@@ -57,7 +57,10 @@ def reward_part(spec: TaskSpec) -> Html:
         "their weights: "
     )
     if share:
-        note = f"A robot gets {1 - share:g} of its own sum and {share:g} of the team's mean. {note}"
+        whose = "team" if len(spec.sides) == 1 else "side"
+        note = (
+            f"A robot gets {1 - share:g} of its own sum and {share:g} of its {whose}'s mean. {note}"
+        )
     code = element("code", "dataset.with_rewards(robot_collision=2.0)")
     return element(
         "section",

@@ -37,7 +37,8 @@ Behaviors = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME[=SHARE]",
-        help="with --task: run folder, policy or tier; may be repeated. Shares of the joint steps "
+        help="with --task: run folder, policy or tier, or a policy for each side, as in "
+        "scripted,random; may be repeated. Shares of the joint steps "
         "are equal unless given, as in scripted=0.3",
     ),
 ]

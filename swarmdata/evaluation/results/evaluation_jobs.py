@@ -17,6 +17,7 @@ from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -37,16 +38,20 @@ class TargetName(Frozen):
     label: str | None = None  # None: the target's own
     backend: str | None = None
     randomization: Randomization | None = None
+    side: str | None = None
+    opponents: Annotated[str | None, BeforeValidator(portable_source)] = None
 
     @property
     def changes_the_world(self) -> bool:
         """Whether the target meets another world than that of its training, or of its tier."""
-        return bool(self.model_dump(exclude={"name", "label"}, exclude_none=True))
+        return bool(
+            self.model_dump(exclude={"name", "label", "side", "opponents"}, exclude_none=True)
+        )
 
     def find(self) -> Target:
         """Returns the target; raises as `find_target` and `Target.labelled` do."""
         models = (self.observation, self.communication, self.backend, self.randomization)
-        found = find_target(self.name, self.task, *models)
+        found = find_target(self.name, self.task, *models, side=self.side, opponents=self.opponents)
         return found if self.label is None else found.labelled(self.label)
 
 
@@ -57,6 +62,7 @@ class Evaluation(Frozen):
     policy: int  # its index in the target
     provenance: Provenance  # of the policy, as it was found
     spec: TaskSpec  # to evaluate it in
+    side: SideSpec | None = None  # that is measured
     n_episodes: int  # number of seeds
     block: SeedBlock  # of seeds
     folder: Path  # of its result file
@@ -81,7 +87,7 @@ class Evaluation(Frozen):
     def result(self) -> Result | None:
         """The result, if it is there."""
         seeds = block_seeds(self.block, self.n_episodes)
-        return kept_result(self.spec, self.provenance, seeds, self.folder)
+        return kept_result(self.side or self.spec, self.provenance, seeds, self.folder)
 
 
 def evaluations_of(
@@ -104,7 +110,9 @@ def evaluations_of(
         block: the reserved `evaluation` seeds, or the `validation` seeds.
     """
     found = target.spec if spec is None else spec
-    shared: dict[str, Any] = {"source": source, "spec": found, "n_episodes": n_episodes}
+    shared: dict[str, Any] = {
+        "source": source, "spec": found, "side": target.side, "n_episodes": n_episodes,
+    }  # fmt: skip
     return [
         Evaluation(policy=index, provenance=provenance, block=block, folder=folder, **shared)
         for index, provenance in enumerate(target.provenances)
@@ -181,7 +189,7 @@ def evaluator() -> Handler:
                 f"where the evaluation was asked for ({wanted.provenance}). All processes need the "
                 "same version of swarmdata and the same files; start again when the run has ended."
             )
-        return Target(wanted.spec, known.policies[policy : policy + 1], found)
+        return Target(wanted.spec, known.policies[policy : policy + 1], found, wanted.side)
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         wanted = Evaluation.parse(payload["evaluation"])

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.runs.named_policies import open_run
@@ -26,9 +27,10 @@ from swarmdata.registry.recipes import (
     sources,
 )
 from swarmdata.rollouts.recipe_episodes import make_source_policy
+from swarmdata.rollouts.side_policy import play_sides
 from swarmdata.runtime.own_components import defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
-from swarmdata.specs.origins import Origin, task_of
+from swarmdata.specs.origins import Origin, SideSpec, task_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.recognition import is_dataset as is_dataset_folder
@@ -40,6 +42,10 @@ DEFAULT_TASK = "coop_nav"
 """Preset in which policies and tiers act unless another is named."""
 
 
+if TYPE_CHECKING:
+    from swarmdata.evaluation.runs.trained_policies import Trained
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """A named team: one policy, or one for each training seed or checkpoint."""
@@ -47,6 +53,12 @@ class Target:
     spec: TaskSpec
     policies: tuple[Policy, ...]
     provenances: tuple[Provenance, ...]  # one per policy, all with the same label
+    side: SideSpec | None = None  # the side that is measured; its policies play all sides
+
+    @property
+    def measured(self) -> TaskSpec | SideSpec:
+        """What results are of: the spec, or one side with its opponents."""
+        return self.spec if self.side is None else self.side
 
     @property
     def label(self) -> str:
@@ -91,6 +103,9 @@ def find_target(
     communication: Source | None = None,
     backend: str | None = None,
     randomization: Ranges | None = None,
+    *,
+    side: str | None = None,
+    opponents: str | None = None,
 ) -> Target:
     """Finds the team that a name means.
 
@@ -106,6 +121,10 @@ def find_target(
         communication: communication model, such as `lossy-30`, likewise.
         backend: simulator, such as `mujoco`, likewise.
         randomization: ranges from which episodes draw, such as {"mass": (1, 2)}, likewise.
+        side: the side that a registered policy plays, in a task of several; runs that were trained
+            for a side play that.
+        opponents: who plays the other sides: a registered policy, or a run that was trained for
+            another side, of which the first seed plays.
 
     Raises:
         UnknownNameError: nothing has that name, or there is no such simulator.
@@ -120,7 +139,10 @@ def find_target(
         randomization=randomization,
     )  # fmt: skip
     if (run := find_run(name)) is not None:
-        return _run_target(run, task, choose)
+        return _run_target(open_run(run), side, opponents, task, choose)
+    is_registered = name in POLICIES and name not in CHECKPOINT_POLICIES
+    if not is_registered:
+        _refuse_sides(name, side, opponents)
     if is_dataset(name):
         check_no_task(name, task)
     elif (own := own_dataset(name)) is not None:
@@ -130,9 +152,9 @@ def find_target(
     if name.endswith(ONNX_SUFFIX) and Path(name).is_file():
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=True)
         return onnx_target([Path(name)], spec, Path(name).stem)
-    if name in POLICIES and name not in CHECKPOINT_POLICIES:
+    if is_registered:
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=False)
-        return Target(spec, (make_policy(name, spec),), (Provenance(label=name),))
+        return _registered_target(name, spec, side, opponents)
     if name in TRAINED_TIERS and (found := sources(task, name, 0.0)):
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
@@ -230,8 +252,101 @@ def _recorded_target(
     return Target(spec, policies, _numbered(name, [origin.hash()] * len(policies)))
 
 
-def _run_target(folder: Path, task: str | None, choose: Choose) -> Target:
-    found = open_run(folder)
+def _side_run_target(
+    found: "Trained",
+    trained: SideSpec,
+    side: str | None,
+    opponents: str | None,
+    task: str | None,
+    choose: Choose,
+) -> Target:
+    """The policies of a run that was trained for a side, each against the opponents."""
+    folder = found.folder
+    if side not in (None, trained.side):
+        raise SpecError(f"{folder} was trained for the side {trained.side}, got side {side!r}")
+    if opponents is None:
+        raise SpecError(
+            f"{folder} was trained for the side {trained.side} of {trained.whole.task}, and needs "
+            "opponents: a registered policy such as scripted, or a run of another side"
+        )
+    if task is not None:
+        raise SpecError(
+            f"{folder} was trained for one side, which plays in the task of its training, not in "
+            f"{task}; leave the task (--task) out"
+        )
+    spec = _evaluation_spec(str(folder), trained.whole, choose, is_fixed=True)
+    who, label = _opponents(opponents, trained.side, spec)
+    policies = tuple(play_sides(spec, trained.side, each, who) for each in found.policies())
+    played = SideSpec(whole=spec, side=trained.side, opponents=label)
+    return Target(spec, policies, found.provenances, played)
+
+
+def _registered_target(
+    name: str, spec: TaskSpec, side: str | None, opponents: str | None
+) -> Target:
+    """A registered policy, of the whole team or on one side."""
+    provenances = (Provenance(label=name),)
+    if side is None and opponents is None:
+        return Target(spec, (make_policy(name, spec),), provenances)
+    if side is None or opponents is None:
+        raise SpecError(
+            f"got side (--side) {side!r} and opponents (--opponents) {opponents!r} for {name}, "
+            "expected both: it plays one side, and they the others"
+        )
+    spec.side(side)
+    who, label = _opponents(opponents, side, spec)
+    played = SideSpec(whole=spec, side=side, opponents=label)
+    return Target(spec, (play_sides(spec, side, name, who),), provenances, played)
+
+
+def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
+    """Who plays against a side, as `play_sides` takes it, and its name in results.
+
+    Raises:
+        UnknownNameError: nothing has that name.
+        SpecError: a run was not trained for another side of this task.
+    """
+    if (run := find_run(name)) is not None:
+        found = open_run(run)
+        other = found.side
+        if other is None or other.side == side or other.whole.rules != spec.rules:
+            raise SpecError(
+                f"{name} was not trained for another side of {spec.task} than {side}, and cannot "
+                "play against it"
+            )
+        first = found.provenances[0]
+        return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
+    known = {*POLICIES} - {*CHECKPOINT_POLICIES}
+    if name not in known:
+        raise UnknownNameError("registered policy or run folder", name, known)
+    return name, name
+
+
+def _refuse_sides(name: str, side: str | None, opponents: str | None) -> None:
+    """Refuses sides for what plays all of them.
+
+    Raises:
+        SpecError: there are some.
+    """
+    given = {"side": side, "opponents": opponents}
+    if named := [f"{each} (--{each})" for each, value in given.items() if value is not None]:
+        raise SpecError(
+            f"{name} is of a whole team and does not take {' and '.join(named)}; registered "
+            "policies and runs that were trained for a side do"
+        )
+
+
+def _run_target(
+    found: "Trained",
+    side: str | None,
+    opponents: str | None,
+    task: str | None,
+    choose: Choose,
+) -> Target:
+    folder = found.folder
+    if found.side is not None:
+        return _side_run_target(found, found.side, side, opponents, task, choose)
+    _refuse_sides(str(folder), side, opponents)
     advice = (
         "Evaluate it with swarmdata.evaluate_parallel and the environment, or compare runs by the "
         "data alone with `swarmdata rank`."

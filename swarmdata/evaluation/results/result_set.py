@@ -257,7 +257,9 @@ def _case(group: Sequence[Result], data: Sequence[Path | str]) -> Case:
         dataset=provenance.dataset_key,
         spec=spec,
         reference=reference_of(spec),
-        data=_data_figures(provenance.dataset, provenance.digest, data),
+        data=None  # of all sides
+        if "side" in provenance.changes
+        else _data_figures(provenance.dataset, provenance.digest, data),
         runs=MappingProxyType(
             {label: tuple(runs[label]) for label in sorted(runs, key=mean_return)}
         ),

@@ -19,6 +19,7 @@ from swarmdata.registry.published import TaskReferences
 from swarmdata.registry.recipes import TIERS, sources
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult, Seeds
 
@@ -63,7 +64,7 @@ def evaluate_target(
         kept = (
             None
             if out is None
-            else kept_result(target.spec, provenance, block_seeds(block, n_episodes), out)
+            else kept_result(target.measured, provenance, block_seeds(block, n_episodes), out)
         )
         if kept is None or again:
             evaluation = evaluate(
@@ -72,18 +73,19 @@ def evaluate_target(
                 name=target.label,
                 n_episodes=n_episodes,
                 block=block,
+                side=target.side,
                 n_threads=n_threads,
                 progress=progress,
                 report=report,
             )
-            kept = Result(evaluation, provenance, target.spec)
+            kept = Result(evaluation, provenance, target.measured)
             if out is not None:
                 save_result(kept, out)
         results.append(kept)
     return results
 
 
-def kept_result(spec: TaskSpec, provenance: Provenance, seeds: Seeds, out: Path) -> Result | None:
+def kept_result(spec: Spec, provenance: Provenance, seeds: Seeds, out: Path) -> Result | None:
     """Reads the result of exactly this policy, spec, seeds and code, if a folder has it.
 
     Raises:

@@ -58,7 +58,8 @@ def behaviors_of(
 
     Args:
         name: a registered policy such as `scripted`, a tier such as `expert` of a preset that has
-            its checkpoints, or a training run, by its folder or as `zoo:ALGORITHM/DATASET`.
+            its checkpoints, or a training run, by its folder or as `zoo:ALGORITHM/DATASET`; or a
+            registered policy for each side of the task, such as `tag-greedy,scripted`.
         share: of the joint steps, which the policies have in equal parts.
         spec: the task.
         noise: standard deviation of the Gaussian noise on the actions; policies that take none,
@@ -71,7 +72,9 @@ def behaviors_of(
         SpecError: the run was trained on a recording of another environment.
         MissingExtraError: a run folder needs torch.
     """
-    if (run := find_run(name)) is not None:
+    if "," in name:
+        found: tuple[Behavior, ...] = (Behavior(_of_sides(name, spec, noise)),)
+    elif (run := find_run(name)) is not None:
         found = tuple(_copied(run, spec, noise, folder))
     elif name in POLICIES and name not in CHECKPOINT_POLICIES:
         std = noise if takes_noise(name, spec) else 0.0
@@ -87,8 +90,30 @@ def behaviors_of(
     )
 
 
+def _of_sides(names: str, spec: TaskSpec, noise: float) -> PolicySource:
+    """The policy of several, separated by commas, which play the sides in turn."""
+    sides, each = [side.name for side in spec.sides], names.split(",")
+    if len(each) != len(sides):
+        raise SpecError(
+            f"{names} names {len(each)} policies, but {spec.task} has the sides "
+            f"{', '.join(sides)}. Name one policy for each, in this order"
+        )
+    for name in each:
+        if name not in POLICIES or name in CHECKPOINT_POLICIES:
+            known = {*POLICIES} - {*CHECKPOINT_POLICIES}
+            raise UnknownNameError("registered policy, as sides take them", name, known)
+    seats = [
+        PolicySource(label=side, name=name, noise=noise if takes_noise(name, spec) else 0.0)
+        for side, name in zip(sides, each, strict=True)
+    ]
+    first = seats[0].model_copy(update={"label": "-vs-".join(each)})
+    return first.model_copy(update={"opponents": tuple(seats[1:])})
+
+
 def takes_noise(name: str, spec: TaskSpec) -> bool:
-    """Whether the policies that a name means have action noise."""
+    """Whether the policies that a name means have action noise, or one of several sides has."""
+    if "," in name:
+        return any(takes_noise(each, spec) for each in name.split(","))
     if name not in POLICIES or name in CHECKPOINT_POLICIES:
         return True
     return "noise" in inspect.signature(policy_class(name, spec)).parameters

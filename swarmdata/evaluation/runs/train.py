@@ -64,6 +64,7 @@ class OfflineTraining(Frozen):
     observation: Model
     communication: Model
     rewards: dict[str, float | str] | str | None
+    side: str | None
     frame: str
     curve_every: int
     keep: bool
@@ -78,7 +79,10 @@ class OfflineTraining(Frozen):
 
     def data(self, *, progress: bool) -> Dataset | Mixture:
         """Opens what is trained on, as it is seen and rewarded."""
-        view = {name: getattr(self, name) for name in ("observation", "communication", "rewards")}
+        view = {
+            name: getattr(self, name)
+            for name in ("observation", "communication", "rewards", "side")
+        }
         return open_data(self.dataset_id, self.weights, {**view, "progress": progress})
 
     def chosen(self, *, progress: bool) -> Self:
@@ -158,6 +162,11 @@ class OnlineTraining(Frozen):
             begin = read_start(self.start)
             check_task(begin, spec)
             settings = kind.settings_of(begin, features_of(make_task(spec)))
+        if len(spec.sides) > 1:
+            raise SpecError(
+                f"{spec.task} has several sides, and {self.algorithm} trains one team. Train one "
+                "side on data, with train and side"
+            )
         config = override(kind.Config(), {**settings, **self.changes})
         data, recorded = None, None
         if self.data is not None:
@@ -199,6 +208,7 @@ def train(
     observation: Source | None = None,
     communication: Source | None = None,
     rewards: RewardChoice | None = None,
+    side: str | None = None,
     frame: str = "auto",
     curve_every: int = 1000,
     keep: bool = False,
@@ -230,6 +240,8 @@ def train(
         communication: communication model, likewise.
         rewards: weights of rewards to learn from, as `load` takes them; learning curves and
             evaluations stay on those of the task.
+        side: the side to learn for, in a task of several; it has no learning curve, since that
+            takes opponents.
         frame: anchor of the frame of observations and actions, as `frames.find_frame` takes it.
         curve_every: updates between two points of the learning curve.
         keep: whether to keep all checkpoints, so that `rank` can compare them.
@@ -255,14 +267,13 @@ def train(
         BuildError: `out` holds other groups of seeds, or training failed in another process.
     """
     arguments = {
-        "algorithm": algorithm,
-        "dataset_id": _portable_names(dataset_id),
+        "algorithm": algorithm, "dataset_id": _portable_names(dataset_id),
         "weights": None if weights is None else list(weights),
         "changes": as_texts(changes or {}),
         "observation": portable_source(observation),
         "communication": portable_source(communication),
         "rewards": dict(rewards) if isinstance(rewards, Mapping) else rewards,
-        "frame": frame, "curve_every": curve_every, "keep": keep, "device": device,
+        "side": side, "frame": frame, "curve_every": curve_every, "keep": keep, "device": device,
         "compile": compile,
     }  # fmt: skip
     training = OfflineTraining.parse(arguments, "the arguments of train")

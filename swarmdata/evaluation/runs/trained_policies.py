@@ -24,6 +24,7 @@ from swarmdata.online_algos.runs.online_training import OnlineRun, read_online_r
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.specs.model_choice import check_senses
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -37,6 +38,12 @@ class Trained(NamedTuple):
     files: list[Path]  # of online policies; or the folders of an offline run
     folder: Path  # of the whole run
 
+    @property
+    def side(self) -> SideSpec | None:
+        """The side that it was trained for, None for whole teams."""
+        is_side = self.spec.get("kind") == "side"
+        return SideSpec.parse(self.spec, str(self.folder)) if is_side else None
+
     def task(self, advice: str) -> TaskSpec:
         """Returns the task of the training.
 
@@ -44,8 +51,13 @@ class Trained(NamedTuple):
             advice: what to do with a run on a recording, as a sentence.
 
         Raises:
-            SpecError: it was trained on a recording of another environment.
+            SpecError: it was trained on a recording of another environment, or for one side.
         """
+        if (own := self.side) is not None:
+            raise SpecError(
+                f"{self.folder} was trained for the side {own.side} of {own.whole.task}, and does "
+                "not act alone. Evaluate it with opponents (--opponents NAME)"
+            )
         if self.spec.get("kind") == "recorded":
             raise SpecError(
                 f"{self.folder} was trained on a recording of {self.spec['task']}, which this "

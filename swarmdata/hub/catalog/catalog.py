@@ -142,6 +142,7 @@ def load(
     observation: Source | None = None,
     communication: Source | None = None,
     rewards: "RewardChoice | None" = None,
+    side: str | None = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     offline: bool | None = None,
@@ -190,6 +191,7 @@ def load(
     observation: Source | None = None,
     communication: Source | None = None,
     rewards: "RewardChoice | None" = None,
+    side: str | None = None,
     path: Path | str | None = None,
     verify: Verify = "fast",
     offline: bool | None = None,
@@ -220,6 +222,7 @@ def load(
             name of a set in `specs.rules`: `"safe"`, or `"team"`, which gives every
             robot the mean reward of the team; see `Dataset.with_rewards`.
             None: the recorded rewards.
+        side: the side whose agents are wanted alone, such as `pursuers`; see `Dataset.side`.
         path: the folder of the dataset of a shipped recipe, where it is not in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
         offline: whether no remote is asked; None: whether SWARMDATA_OFFLINE or HF_HUB_OFFLINE is
@@ -228,7 +231,8 @@ def load(
         progress: whether to show a bar while fetching or building.
 
     Raises:
-        UnknownNameError: no such dataset, model or reward weight; the message has the nearest name.
+        UnknownNameError: no such dataset, model, reward weight or side; the message has the nearest
+            name.
         AddressError: a malformed address.
         SpecError: a malformed model, learned messages that were not recorded, wrong weights of a
             mixture.
@@ -243,7 +247,7 @@ def load(
         "observation": observation, "communication": communication, "progress": progress,
     }  # fmt: skip
     if stream:
-        _refuse_streamed(verify, rewards=rewards, path=path, workers=workers)
+        _refuse_streamed(verify, rewards=rewards, side=side, path=path, workers=workers)
         from swarmdata.hub.catalog.streams import open_streamed  # noqa: PLC0415  (all of streaming)
 
         wanted = None if stream is True else stream
@@ -252,11 +256,8 @@ def load(
         )
     else:
         own: dict[str, Any] = {
-            "path": path,
-            "rewards": rewards,
-            "verify": verify,
-            "workers": workers,
-        }
+            "path": path, "rewards": rewards, "side": side, "verify": verify, "workers": workers,
+        }  # fmt: skip
         open_one = partial(_open, offline=offline, **own, **shared)
     if isinstance(dataset_id, str | Path):
         return open_one(dataset_id)
@@ -288,6 +289,7 @@ def _open(
     observation: Source | None,
     communication: Source | None,
     rewards: "RewardChoice | None",
+    side: str | None,
     verify: Verify,
     offline: bool | None,
     workers: int | None,
@@ -295,7 +297,7 @@ def _open(
 ) -> Dataset:
     """Opens one dataset, as `load` does."""
     request = parse_request(dataset_id, path)
-    _check_view(request, observation, communication, rewards)
+    _check_view(request, observation, communication, rewards, side)
     found = cached(request)
     if found is None:  # what fetches and builds is imported only then
         from swarmdata.hub.catalog.sources import Rebuild, Remotes, obtain  # noqa: PLC0415
@@ -318,7 +320,8 @@ def _open(
         from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
 
         dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
-    return dataset.reobserve(observation, communication, progress=progress)
+    dataset = dataset.reobserve(observation, communication, progress=progress)
+    return dataset if side is None else dataset.side(side)
 
 
 def _check_view(
@@ -326,10 +329,12 @@ def _check_view(
     observation: Source | None,
     communication: Source | None,
     rewards: "RewardChoice | None",
+    side: str | None,
 ) -> None:
     """Refuses what a dataset of a recipe cannot be seen as, before it is built in minutes."""
     has_models = observation is not None or communication is not None
-    recipe = request.recipe if has_models or rewards else None  # that takes time to make
+    is_plain = not (has_models or rewards or side)
+    recipe = None if is_plain else request.recipe  # that takes time to make
     if recipe is None:
         return
     spec = recipe.spec
@@ -339,6 +344,8 @@ def _check_view(
         from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
 
         changed_weights(spec.rules.rewards, chosen_weights(rewards, spec.rules))
+    if side is not None:
+        spec.side(side)
 
 
 def _refuse_streamed(verify: Verify, **options: object) -> None:

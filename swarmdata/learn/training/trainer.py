@@ -111,6 +111,7 @@ def train_seeds(
     keep_freed_memory()
     config = kind.Config() if config is None else config
     schedule = schedule or Schedule()
+    _check_side(algorithm, dataset)
     _check_actions(algorithm, dataset)
     if compile:
         _check_compilable(algorithm, kind, config)
@@ -150,6 +151,17 @@ def _check_compilable(algorithm: str, kind: type, config: Any) -> None:
         raise SchemaError(
             f"{algorithm} has nothing to compile: no method of {kind.__name__} is marked with "
             "swarmdata.learn.networks.compilation.compilable. Train it without compiling."
+        )
+
+
+def _check_side(algorithm: str, dataset: Data) -> None:
+    """Raises SchemaError if the dataset has the rows of several sides."""
+    world = dataset.spec.world
+    if world is not None and len(world.sides) > 1:
+        names = ", ".join(side.name for side in world.sides)
+        raise SchemaError(
+            f"{dataset.id} has the rows of all sides ({names}), and {algorithm} learns for one. "
+            "Train on dataset.side(NAME), with side=NAME or with --side NAME."
         )
 
 

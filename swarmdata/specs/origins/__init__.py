@@ -13,7 +13,7 @@ from swarmdata.specs.origins.origin_kinds import (
     task_of,
 )
 from swarmdata.specs.origins.recorded_spec import MAX_COLUMNS, RecordedAgent, RecordedSpec
-from swarmdata.specs.origins.spec_kinds import SPEC_KINDS, AnySpec, Spec
+from swarmdata.specs.origins.spec_kinds import SPEC_KINDS, AnySpec, SideSpec, Spec
 
 __all__ = [
     "MAX_COLUMNS",
@@ -23,6 +23,7 @@ __all__ = [
     "Origin",
     "RecordedAgent",
     "RecordedSpec",
+    "SideSpec",
     "Spec",
     "check_installed",
     "parse_origin",

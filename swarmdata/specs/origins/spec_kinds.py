@@ -1,12 +1,14 @@
-"""Spec, the protocol of everything that can be recorded, and the table of its kinds."""
+"""Spec, the protocol of everything that can be recorded, one side of a task, and all kinds."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, Self, Union
 
-from pydantic import Discriminator, Tag
+from pydantic import Discriminator, Tag, model_validator
 
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Extended, Frozen
 from swarmdata.specs.origins.recorded_spec import RecordedSpec
+from swarmdata.specs.plain_names import Name, Text
+from swarmdata.specs.rules import Side
 from swarmdata.specs.spaces import Space
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -92,7 +94,90 @@ class Spec(Protocol):
         ...
 
 
-SPEC_KINDS: dict[str, type[Frozen]] = {"task": TaskSpec, "recorded": RecordedSpec}
+class SideSpec(Extended):
+    """One side of a task. Nobody can simulate it alone: that takes policies for the other sides."""
+
+    later_fields: ClassVar[tuple[str, ...]] = ("opponents",)
+    world: ClassVar[None] = None
+    library: ClassVar[str] = "swarmdata"
+    action_kind: ClassVar[Literal["unit"]] = "unit"
+    facts: ClassVar[tuple[()]] = ()
+    limits: ClassVar[tuple[()]] = ()
+
+    kind: Literal["side"] = "side"
+    whole: TaskSpec  # the task of all sides
+    side: Name  # whose robots these are
+    opponents: Text | None = None  # who played the other sides, of results
+
+    @model_validator(mode="after")
+    def _check_side(self) -> Self:
+        self.whole.side(self.side)
+        return self
+
+    @property
+    def agents(self) -> Side:
+        """The side, with the indices of its agents in the task."""
+        return self.whole.side(self.side)
+
+    @property
+    def task(self) -> str:
+        """The task, the side, and its opponents if they are known."""
+        against = "" if self.opponents is None else f" against {self.opponents}"
+        return f"{self.whole.task}: {self.side}{against}"
+
+    @property
+    def n_agents(self) -> int:
+        """Number of agents of the side, N."""
+        return len(self.agents.agents)
+
+    @property
+    def agent_names(self) -> tuple[str, ...]:
+        """Their names in agent order, N long."""
+        return tuple(self.whole.agent_names[i] for i in self.agents.agents)
+
+    @property
+    def observation_size(self) -> int:
+        """Columns of an observation, O, which are those of the task."""
+        return self.whole.observation_size
+
+    @property
+    def state_size(self) -> int:
+        """Columns of a state, S, which is that of all sides."""
+        return self.whole.state_size
+
+    @property
+    def action_size(self) -> int:
+        """Columns of an action, A."""
+        return self.whole.action_size
+
+    @property
+    def action_spaces(self) -> tuple[Space, ...]:
+        """The space of each agent's actions, N long."""
+        return tuple(self.whole.action_spaces[i] for i in self.agents.agents)
+
+    def observation_spaces(self, n_columns: int) -> tuple[Space, ...]:
+        """The space of each agent's observations, N long; they have `n_columns`."""
+        return self.whole.observation_spaces(n_columns)[: self.n_agents]
+
+    @property
+    def horizon(self) -> int:
+        """Most joint steps of an episode."""
+        return self.whole.horizon
+
+    @property
+    def time_step(self) -> float:
+        """Duration of a joint step, s."""
+        return self.whole.time_step
+
+    @property
+    def state_meaning(self) -> str:
+        """What a row of `states` holds."""
+        return self.whole.state_meaning
+
+
+SPEC_KINDS: dict[str, type[Frozen]] = {
+    "task": TaskSpec, "recorded": RecordedSpec, "side": SideSpec,
+}  # fmt: skip
 """Every kind of spec by its `kind`; plain data without one are a task."""
 
 

@@ -48,6 +48,17 @@ TERMS_FORMULA = (
 )
 """What `numerics.weighted_terms` computes."""
 
+
+def sides_note(spec: TaskSpec) -> str:
+    """What the formulas mean by the agents in a task of several sides; empty for one team."""
+    if len(spec.sides) == 1:
+        return ""
+    sides = ", ".join(
+        f"{side.name} {side.agents.start} to {side.agents.stop - 1}" for side in spec.sides
+    )
+    return f" The mean is over the agents of the same side: {sides}."
+
+
 PRECISION_NOTE = (
     "The terms are computed from the float32 states and the events, partly in float32, and rounded "
     "to float32. Terms and rewards that are computed again in float64 agree within 1e-5, except in "
@@ -210,7 +221,7 @@ def _of_columns(columns: Sequence[Column]) -> Attributes:
 
 def _of_rewards(task: Task) -> Attributes:
     return {
-        "details": REWARD_FORMULA,
+        "details": REWARD_FORMULA + sides_note(task.spec),
         "terms": [term._asdict() | {"formula": term.formula} for term in reward_terms(task)],
         "team_share": task.spec.rules.rewards.team_share,
         "precision": PRECISION_NOTE,
@@ -220,7 +231,7 @@ def _of_rewards(task: Task) -> Attributes:
 def _of_reward_terms(task: Task) -> Attributes:
     """Columns with their weights and signs, so that rewards can be computed from this array."""
     return {
-        "details": TERMS_FORMULA,
+        "details": TERMS_FORMULA + sides_note(task.spec),
         "columns": [
             column | {"value": term.value, "weight": term.weight, "sign": term.sign}
             for column, term in zip(_plain(term_columns(task)), reward_terms(task), strict=True)

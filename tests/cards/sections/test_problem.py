@@ -23,7 +23,9 @@ def test_independent_rewards_are_named_on_the_card(name: str) -> None:
     spec = preset(name)
     rules = spec.rules.model_dump()
     is_shared = rules.get("goals") == "unassigned" or rules.get("slots") == "assigned"
-    assert says_so(spec) == (spec.task not in ("transport", "search", "pursuit") and not is_shared)
+    assert says_so(spec) == (
+        spec.task not in ("transport", "search", "pursuit", "tag") and not is_shared
+    )
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])

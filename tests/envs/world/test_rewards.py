@@ -198,6 +198,24 @@ def robots_of(task: Task, before: Step, now: Step) -> tuple[Any, Any]:
     return robots(before.states, n), robots(now.states, n)
 
 
+def tag(task: Task, before: Step, now: Step) -> Values:
+    old, new = robots_of(task, before, now)
+    gaps = [length(r[:, :-1, :2] - r[:, -1:, :2]) for r in (old, new)]
+    n_near = (gaps[1] <= 0.45).sum(-1, keepdims=True)
+    pursuers = {
+        "advance": gaps[0] - gaps[1],
+        "captured": 1.0 * (n_near >= 3) * np.ones_like(gaps[0]),
+        "step": np.ones_like(gaps[0]),
+    }
+    own = {
+        name: np.concatenate([values, -values.mean(-1, keepdims=True)], axis=-1)
+        for name, values in pursuers.items()
+    }
+    is_evader = np.arange(old.shape[1]) == old.shape[1] - 1
+    won = np.where(is_evader, now.truncations[:, None], now.successes[:, None])
+    return {**own, "won": won}
+
+
 VALUES: dict[str, Callable[[Task, Step, Step], Values]] = {
     "coop_nav": navigation,
     "coop_nav-unassigned": unassigned,
@@ -210,6 +228,7 @@ VALUES: dict[str, Callable[[Task, Step, Step], Values]] = {
     "search": search,
     "pursuit-n6": pursuit,
     "pursuit-sight": pursuit,
+    "tag": tag,
 }
 
 

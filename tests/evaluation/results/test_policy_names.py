@@ -22,7 +22,9 @@ from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.generated_dataset import generate
+from swarmdata.evaluation.runs.named_policies import make_policy
 from swarmdata.evaluation.runs.provenance import file_name
+from swarmdata.evaluation.runs.train import train, train_online
 from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import evaluation_seeds
@@ -32,6 +34,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.registry.published import TaskReferences
 from swarmdata.registry.recipes import checkpoints
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.rollouts.side_policy import step_of_side
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
@@ -323,3 +326,113 @@ def test_own_datasets_are_drawn(cached: Path, tmp_path: Path) -> None:
         assert drawn.seed == Dataset.open(cached)[1].seed
     with pytest.raises(SpecError, match="is a dataset, whose policies act in its own task"):
         draw_target(str(cached), tmp_path / "x.png", 0, "coop_nav")
+
+
+TAG = preset("tag").with_updates(horizon=40)
+
+
+@pytest.fixture(scope="module")
+def tag_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A dataset of two sides, and a run for each."""
+    folder = tmp_path_factory.mktemp("tag")
+    opponent = PolicySource(label="evader", name="random")
+    team = (PolicySource(label="a", name="scripted", opponents=(opponent,)),)
+    data = make_tiny(folder / "tag-tiny-v0", id="tag-tiny-v0", spec=TAG, policies=team)
+    for side in ("pursuers", "evader"):
+        out, few = folder / side, {"n_updates": 5}
+        train("bc", data, out, side=side, n_seeds=2, changes=few, progress=False)
+    return {"data": data, "pursuers": folder / "pursuers", "evader": folder / "evader"}
+
+
+@pytest.mark.parametrize(("side", "rows"), [("pursuers", slice(0, 3)), ("evader", slice(3, 4))])
+def test_a_run_of_a_side_plays_against_opponents(
+    tag_runs: dict[str, Path], side: str, rows: slice
+) -> None:
+    target = find_target(str(tag_runs[side]), opponents="scripted")
+    assert target.side is not None
+    assert target.measured.task == f"tag: {side} against scripted"
+    step = make_env(TAG, 2).reset(evaluation_seeds(2))
+    own = make_policy(tag_runs[side], seed=1)
+    acting, scripted = target.policies[1], make_policy("scripted", TAG)
+    for policy in (acting, scripted):
+        policy.reset(step, np.arange(2))
+    actions, expected = acting.act(step), scripted.act(step)
+    seen = step_of_side(step, TAG.side(side))
+    np.testing.assert_array_equal(actions[:, rows], own.act(seen))
+    others = np.delete(np.arange(4), rows)
+    np.testing.assert_array_equal(actions[:, others], expected[:, others])
+
+
+def test_results_of_sides_name_them_and_have_no_score(
+    tag_runs: dict[str, Path], tmp_path: Path
+) -> None:
+    teams = {
+        "runs": find_target(str(tag_runs["evader"]), opponents=str(tag_runs["pursuers"])),
+        "greedy": find_target("tag-greedy", "tag", side="pursuers", opponents="scripted"),
+    }
+    for name, target in teams.items():
+        found = evaluate_target(target, 4, tmp_path / name, progress=False)
+        again = evaluate_target(target, 4, tmp_path / name, progress=False)
+        assert [each.path for each in again] == sorted((tmp_path / name).glob("*.json"))
+        (case, *rest) = (*group_results(again).cases, *group_results(again).baselines)
+        assert not rest
+        assert (case.reference, case.data) == (None, None)
+        assert case.spec == target.side
+        assert f"tag: {case.spec.side} against" in case_table(case).caption
+        np.testing.assert_array_equal(
+            found[0].evaluation.metrics["success"],
+            found[0].evaluation.metrics[f"{case.spec.side}_success"],
+        )
+        np.testing.assert_array_equal(
+            found[0].evaluation.metrics["return"],
+            found[0].evaluation.metrics[f"{case.spec.side}_return"],
+        )
+
+
+def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Path]) -> None:
+    run = str(tag_runs["pursuers"])
+    refused: list[tuple[str, dict[str, Any]]] = [
+        ("was trained for the side pursuers of tag, and needs opponents", {}),
+        ("was trained for the side pursuers, got side 'evader'", {"side": "evader"}),
+        ("not trained for another side of tag than pursuers", {"opponents": run}),
+        ("plays in the task of its training", {"opponents": "idle", "task": "tag"}),
+    ]
+    for words, arguments in refused:
+        with pytest.raises(SpecError, match=words):
+            find_target(run, **arguments)
+    with pytest.raises(UnknownNameError, match="unknown registered policy or run folder 'ilde'"):
+        find_target(run, opponents="ilde")
+    with pytest.raises(
+        SpecError, match=r"got side \(--side\) 'evader' and opponents \(--opponents\) None for idle"
+    ):
+        find_target("idle", "tag", side="evader")
+    with pytest.raises(SpecError, match="coop_nav has one side, got side 'evader'"):
+        find_target("idle", side="evader", opponents="idle")
+    with pytest.raises(SpecError, match="expert is of a whole team and does not take opponents"):
+        find_target("expert", opponents="idle")
+    with pytest.raises(SpecError, match="was trained for the side pursuers of tag, and does not"):
+        make_policy(run, TAG)
+    with pytest.raises(SchemaError, match=r"has the rows of all sides .* bc learns for one"):
+        train("bc", tag_runs["data"], tag_runs["data"].parent / "x", progress=False)
+    with pytest.raises(SpecError, match="tag has several sides, and mappo trains one team"):
+        train_online("mappo", TAG, tag_runs["data"].parent / "x", seeds=[0], progress=False)
+
+
+def test_the_command_line_trains_and_evaluates_sides(
+    tag_runs: dict[str, Path], tmp_path: Path
+) -> None:
+    def run(*words: str) -> str:
+        done = CliRunner().invoke(app, list(words))
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    out = str(tmp_path / "run")
+    run("train", "bc", str(tag_runs["data"]), "--side", "evader", "--seeds", "1", "--updates", "3",
+        "--out", out)  # fmt: skip
+    assert "tag: evader against tag-greedy" in run(
+        "evaluate", out, "--opponents", "tag-greedy", "--episodes", "2"
+    )
+    assert "tag: pursuers against idle" in run(
+        "evaluate", "random", "--task", "tag", "--side", "pursuers", "--opponents", "idle",
+        "--episodes", "2",
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""The task `tag`: pursuers capture an evader that is a robot too, and plays against them."""

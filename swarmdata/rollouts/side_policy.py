@@ -1,0 +1,183 @@
+"""One joint policy of a policy for each side, and what belongs to the robots of a side."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.interfaces import Policy
+from swarmdata.registry.components import make_policy
+from swarmdata.specs.rules import Side
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import END_REASONS, Episode, Float, Int, Step
+
+AGENT_ARRAYS = (
+    "observations", "actions", "log_probs", "rewards", "reward_terms", "events", "sent",
+)  # fmt: skip
+"""Arrays whose second axis are the agents: of steps, of episodes, and of datasets."""
+
+PAIR_ARRAYS = ("delivered", "ages")
+"""Those whose last axis are agents as well, if they have a channel."""
+
+
+def rows_of_side(name: str, array: NDArray[Any], side: Side) -> NDArray[Any]:
+    """The part of an array that belongs to a side, a view; of other arrays, all.
+
+    Args:
+        name: of the array.
+        array: [E, ...] or [T, ...].
+        side: of the task.
+    """
+    agents = slice(side.agents.start, side.agents.stop)
+    if name in AGENT_ARRAYS:
+        return array[:, agents]
+    if name in PAIR_ARRAYS:
+        return array[:, agents, agents]
+    return array
+
+
+def step_of_side(step: Step, side: Side) -> Step:
+    """The same step with the rows of a side's robots."""
+    fields = step._asdict()
+    return Step(**{name: rows_of_side(name, array, side) for name, array in fields.items()})
+
+
+class _Seat(NamedTuple):
+    side: Side
+    policy: Policy
+    is_own: bool  # whether the policy sees and moves this side alone
+
+
+class SidePolicy:
+    """Moves each side by a policy of its own.
+
+    Args:
+        spec: a task of several sides.
+        policies: of each side, by its name.
+        own: sides whose policies see the rows of their side alone, such as those trained on
+            `dataset.side(...)`; the other policies are of the whole task, and only the actions of
+            their side count.
+
+    Raises:
+        UnknownNameError: the task has no such side.
+        SpecError: the task has one side only, or a side has no policy.
+    """
+
+    def __init__(
+        self, spec: TaskSpec, policies: Mapping[str, Policy], own: Collection[str] = ()
+    ) -> None:
+        check_sides(spec, policies)
+        self._seats = [_Seat(side, policies[side.name], side.name in own) for side in spec.sides]
+        self._shape = (spec.n_agents, spec.action_size)
+        self._last: tuple[Step, list[Step]] | None = None
+
+    @property
+    def uses_state(self) -> bool:
+        """Whether one of the policies does."""
+        return any(seat.policy.uses_state for seat in self._seats)
+
+    def reset(self, step: Step, copies: Int) -> None:
+        """Clears the memory of every policy in `copies`."""
+        for seat in self._seats:
+            seat.policy.reset(step_of_side(step, seat.side) if seat.is_own else step, copies)
+
+    def act(self, step: Step) -> Float:
+        """Returns the actions of all sides, [E, N, A].
+
+        Raises:
+            SchemaError: a policy returned actions for another number of robots.
+        """
+        actions: Float = np.empty((len(step.seeds), *self._shape), dtype=np.float32)
+        for seat, seen in zip(self._seats, self._seen(step), strict=True):
+            found, expected = seat.policy.act(seen), seen.observations.shape[1]
+            if found.shape[1:] != (expected, self._shape[1]):
+                raise SchemaError(
+                    f"the policy of the {seat.side.name} returned actions of shape {found.shape}, "
+                    f"expected {(len(actions), expected, self._shape[1])}. Those of the whole task "
+                    "are named, and not built: opponents='scripted'"
+                )
+            agents = slice(seat.side.agents.start, seat.side.agents.stop)
+            actions[:, agents] = found if seat.is_own else found[:, agents]
+        return actions
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        """Returns those of each side under its policy, [E, N]."""
+        found: Float = np.empty(actions.shape[:2], dtype=np.float32)
+        for seat, seen in zip(self._seats, self._seen(step), strict=True):
+            own = rows_of_side("actions", actions, seat.side)
+            logs = seat.policy.log_probs(seen, own if seat.is_own else actions)
+            agents = slice(seat.side.agents.start, seat.side.agents.stop)
+            found[:, agents] = logs if seat.is_own else logs[:, agents]
+        return found
+
+    def _seen(self, step: Step) -> list[Step]:
+        """What each policy sees; the same objects for a step as before, as `log_probs` asks for."""
+        if self._last is None or self._last[0] is not step:
+            seen = [step_of_side(step, seat.side) if seat.is_own else step for seat in self._seats]
+            self._last = (step, seen)
+        return self._last[1]
+
+
+def play_sides(
+    spec: TaskSpec, side: str, policy: Policy | str, opponents: Policy | str
+) -> SidePolicy:
+    """Returns a policy for a side, with opponents on the others.
+
+    Args:
+        spec: a task of several sides.
+        side: that the policy plays.
+        policy: one that sees the rows of its side alone; or the name of a registered policy, which
+            is of the whole task.
+        opponents: likewise.
+
+    Raises:
+        UnknownNameError: the task has no such side, or there is no such policy.
+        SpecError: the task has one side only.
+    """
+    spec.side(side)
+    chosen = {each.name: policy if each.name == side else opponents for each in spec.sides}
+    own = [name for name, each in chosen.items() if not isinstance(each, str)]
+    made = {
+        name: make_policy(each, spec) if isinstance(each, str) else each
+        for name, each in chosen.items()
+    }
+    return SidePolicy(spec, made, own)
+
+
+def check_sides(spec: TaskSpec, names: Collection[str]) -> None:
+    """Checks that there is one name for each side of a task.
+
+    Raises:
+        UnknownNameError: the task has no such side.
+        SpecError: the task has one side only, or a side has no name.
+    """
+    for name in names:
+        spec.side(name)
+    missing = [side.name for side in spec.sides if side.name not in names]
+    if missing:
+        raise SpecError(
+            f"{spec.task} needs a policy for each side, got {', '.join(names) or 'none'}. Name one "
+            f"for {', '.join(missing)} too"
+        )
+
+
+def end_reason_for(side: Side, end_reason: int) -> int:
+    """How an episode ended for a side: one that is not the first wins what the task calls lost."""
+    if side.agents.start == 0:
+        return end_reason
+    won = END_REASONS[end_reason] == "success"
+    return END_REASONS.index("failure" if won else "success")
+
+
+def episode_of_side(episode: Episode, side: Side) -> Episode:
+    """The same episode with the rows of a side's robots, and its success."""
+    names = [*Step._fields, "actions", "log_probs"]
+    arrays: dict[str, Any] = {
+        name: rows_of_side(name, array, side)
+        for name in names
+        if (array := getattr(episode, name, None)) is not None
+    }
+    return replace(episode, **arrays, end_reason=end_reason_for(side, episode.end_reason))
