@@ -15,7 +15,7 @@ from docs.site.schema_pages import SCHEMAS, models
 from docs.site.staged_pages import BrokenLinkError, site_path, staged_text
 from swarmdata.interop.formats import FORMATS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, TASKS
-from swarmdata.registry.presets import preset_names
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import published
 
 FENCED = re.compile(r"^( *)(```+|~~~+).*?^ *\2 *$", re.MULTILINE | re.DOTALL)
@@ -86,7 +86,8 @@ def test_ranges_and_comments_reach_the_schema(pages: dict[str, str]) -> None:
 @pytest.mark.parametrize("task", TASKS)
 def test_every_column_of_a_task_is_on_its_page(task: str, pages: dict[str, str]) -> None:
     text = pages[f"reference/tasks/{task}.md"]
-    for row in ("| 0 | `own.x` | own position | m |", "| 0 | `robot_0.x` |", "`robot_onsets`"):
+    first = preset(task).agent_names[0]
+    for row in ("| 0 | `own.x` | own position | m |", f"| 0 | `{first}.x` |", "`robot_onsets`"):
         assert row in text
 
 
