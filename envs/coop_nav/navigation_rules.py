@@ -120,9 +120,9 @@ class NavigationRules(TaskRules):
 
     task: Literal["coop_nav"] = "coop_nav"
     goals: Literal["assigned", "unassigned"] = "assigned"  # unassigned: all must be covered
-    arrangement: AnyArrangement = RandomArrangement()  # of obstacles, starts and goals
+    arrangement: AnyArrangement = RandomArrangement.defaults()  # of obstacles, starts and goals
     goal_radius: Length = 0.15  # m, within which a goal is reached
-    rewards: NavigationRewards = NavigationRewards()  # weights of the terms
+    rewards: NavigationRewards = NavigationRewards.defaults()  # weights of the terms
 
     @property
     def conventions(self) -> tuple[str, ...]:

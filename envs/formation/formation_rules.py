@@ -47,7 +47,7 @@ class FormationRules(TaskRules):
     preview: Previews = (1.0, 2.0)  # s ahead at which robots see their slots
     tolerance: Length = 0.12  # m, root mean square deviation that counts as in formation
     hold_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6  # of the horizon in formation to solve
-    rewards: FormationRewards = FormationRewards()  # weights of the terms
+    rewards: FormationRewards = FormationRewards.defaults()  # weights of the terms
 
     @property
     def has_own_targets(self) -> bool:

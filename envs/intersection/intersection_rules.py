@@ -39,7 +39,7 @@ class IntersectionRules(TaskRules):
     headway: Duration = 6.0  # s between the trips of a robot's schedule
     goal_radius: Length = 0.15  # m, within which a gate is reached
     quota: Count = 10  # crossings of the team that solve the task
-    rewards: IntersectionRewards = IntersectionRewards()  # weights of the terms
+    rewards: IntersectionRewards = IntersectionRewards.defaults()  # weights of the terms
 
     @property
     def has_own_targets(self) -> bool:

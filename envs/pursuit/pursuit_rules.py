@@ -56,7 +56,7 @@ class PursuitRules(TaskRules):
     evader: EvaderName = "lookahead"  # how evaders flee
     sight_range: Length | None = None  # m, within which robots see evaders; None: everywhere
     start_size: Length = 1.0  # m, side of the square in a corner in which robots start
-    rewards: PursuitRewards = PursuitRewards()  # weights of the terms
+    rewards: PursuitRewards = PursuitRewards.defaults()  # weights of the terms
 
     def demand(self, spec: "TaskSpec") -> TaskDemand:
         memory = 0 if self.sight_range is None else 6 * spec.n_agents

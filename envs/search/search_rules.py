@@ -40,7 +40,7 @@ class SearchRules(TaskRules):
     sight_range: Length = 1.2  # m between centres, within which robots see victims
     goal_radius: Length = 0.3  # m, within which a victim is reached; `helpers` robots must fit
     cell_size: Length = 0.75  # m, of the squares in which a robot remembers what it has searched
-    rewards: SearchRewards = SearchRewards()  # weights of the terms
+    rewards: SearchRewards = SearchRewards.defaults()  # weights of the terms
 
     def demand(self, spec: "TaskSpec") -> TaskDemand:
         rows, columns = (

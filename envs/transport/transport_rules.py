@@ -36,11 +36,11 @@ class TransportRules(TaskRules):
     )
 
     task: Literal["transport"] = "transport"
-    payload: Payload = Payload()  # what is pushed
+    payload: Payload = Payload.defaults()  # what is pushed
     goal_radius: Length = 0.15  # m, of the payload's centre
     goal_angle: Angle | None = None  # rad, of a box; None: any direction will do
     room: Distance = 0.35  # m free around the payload's bounding circle at the start
-    rewards: TransportRewards = TransportRewards()  # weights of the terms
+    rewards: TransportRewards = TransportRewards.defaults()  # weights of the terms
 
     @model_validator(mode="after")
     def _check_angle(self) -> Self:

@@ -44,7 +44,7 @@ class WarehouseRules(TaskRules):
     stations: Count = 4  # places to deliver at
     goal_radius: Length = 0.15  # m, within which a place is reached
     quota: Count = 8  # deliveries of the team that solve the task
-    rewards: WarehouseRewards = WarehouseRewards()  # weights of the terms
+    rewards: WarehouseRewards = WarehouseRewards.defaults()  # weights of the terms
 
     @property
     def has_own_targets(self) -> bool:

@@ -269,10 +269,15 @@ def find_recipe(dataset_id: str) -> Recipe:
     """
     if not is_dataset(dataset_id):
         raise UnknownNameError("dataset", dataset_id, map(without_version, shipped_recipes()))
-    recipes, newest = shipped_recipes(), f"{dataset_id}-v{NEWEST_VERSION}"
-    return recipes[dataset_id if dataset_id in recipes else newest]
+    recipes = shipped_recipes()
+    return next(recipes[each] for each in versions_of(dataset_id) if each in recipes)
 
 
 def is_dataset(name: str) -> bool:
     """Whether a shipped recipe has this id, with or without its version."""
-    return any(each in shipped_recipes() for each in (name, f"{name}-v{NEWEST_VERSION}"))
+    return any(each in shipped_recipes() for each in versions_of(name))
+
+
+def versions_of(name: str) -> tuple[str, str]:
+    """The ids that a name may stand for: itself, and with the newest version."""
+    return name, f"{name}-v{NEWEST_VERSION}"

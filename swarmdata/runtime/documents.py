@@ -8,14 +8,9 @@ values, those that aliases repeat included.
 
 import json
 import math
-import re
 from collections import Counter
-from collections.abc import Iterator
-from itertools import count
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from swarmdata.errors import SpecError
 from swarmdata.runtime.regular_files import read_regular
@@ -29,14 +24,8 @@ MAX_JSON_BYTES = 1 << 24
 MAX_DEPTH = 32
 """Of mappings and sequences inside each other."""
 
-MAX_VALUES = 20_000
-"""In a text in YAML, keys and the values that aliases repeat included."""
-
 MAX_CONTAINERS = 400_000
 """Mappings and sequences in a text in JSON."""
-
-MAX_INTEGER = (1 << 64) - 1
-"""Largest absolute value of a whole number: seeds take 64 bits."""
 
 MAX_DIGITS = 64
 """Characters of a number."""
@@ -53,7 +42,7 @@ def read_document(path: Path) -> Any:
     """
     is_json = path.suffix == JSON_SUFFIX
     content = read_regular(path, MAX_JSON_BYTES if is_json else MAX_YAML_BYTES)
-    return parse_json(content, str(path)) if is_json else parse_yaml(content, str(path))
+    return parse_json(content, str(path)) if is_json else _parse_yaml(content, str(path))
 
 
 def parse_document(text: str | bytes, source: str) -> Any:
@@ -68,6 +57,12 @@ def parse_document(text: str | bytes, source: str) -> Any:
             return parse_json(text, source)
         except _MalformedError:
             pass
+    return _parse_yaml(text, source)
+
+
+def _parse_yaml(text: str | bytes, source: str) -> Any:
+    from swarmdata.runtime.yaml_documents import parse_yaml  # noqa: PLC0415  (a load reads none)
+
     return parse_yaml(text, source)
 
 
@@ -81,8 +76,8 @@ def parse_json(text: str | bytes, source: str) -> Any:
     Raises:
         SpecError: it is not JSON, with the place, or exceeds a bound.
     """
-    _check_size(text, MAX_JSON_BYTES, source)
-    decoded = _decoded(text, source)
+    check_size(text, MAX_JSON_BYTES, source)
+    decoded = decode(text, source)
     if decoded.count("[") + decoded.count("{") > MAX_CONTAINERS:
         raise SpecError(
             f"{source} has more than {MAX_CONTAINERS} lists and mappings, the most allowed."
@@ -97,7 +92,7 @@ def parse_json(text: str | bytes, source: str) -> Any:
         raise SpecError(f"{source} is nested too deeply for JSON.") from error
     except ValueError as error:
         at = decoded.find(error.text) if isinstance(error, _NumberError) else None
-        where = "" if at is None else _line_and_column(decoded, at)
+        where = "" if at is None else line_and_column(decoded, at)
         raise SpecError(f"{source} is not JSON: {where}{error}") from error
     if decoded.count("[") + decoded.count("{") > MAX_DEPTH:
         _check_depth(data, source)
@@ -106,38 +101,14 @@ def parse_json(text: str | bytes, source: str) -> Any:
     return data
 
 
-def parse_yaml(text: str | bytes, source: str) -> Any:
-    """Returns what text in YAML holds.
-
-    Raises:
-        SpecError: it is not YAML, with the place, or exceeds a bound.
-    """
-    _check_size(text, MAX_YAML_BYTES, source)
-    decoded, loader = _decoded(text, source), None
-    try:
-        loader = _BoundedLoader(decoded)
-        node = loader.get_single_node()
-        return None if node is None else _value(node, (), count(1))
-    except yaml.MarkedYAMLError as error:
-        place = _place(error.problem_mark or error.context_mark)
-        problem = ", ".join(filter(None, (error.context, error.problem)))
-        raise SpecError(f"{source} is neither YAML nor JSON: {place}{problem}") from error
-    except yaml.reader.ReaderError as error:
-        raise SpecError(
-            f"{source} is neither YAML nor JSON: {_line_and_column(decoded, error.position)}the "
-            f"character {decoded[error.position]!a}, which YAML does not allow"
-        ) from error
-    finally:
-        if loader is not None:
-            loader.dispose()
-
-
-def _check_size(text: str | bytes, most: int, source: str) -> None:
+def check_size(text: str | bytes, most: int, source: str) -> None:
+    """Refuses text of more than `most` characters."""
     if len(text) > most:
         raise SpecError(f"{source} has {len(text)} characters, expected at most {most}.")
 
 
-def _decoded(text: str | bytes, source: str) -> str:
+def decode(text: str | bytes, source: str) -> str:
+    """Returns text of UTF-8 with no half characters."""
     try:
         decoded = text.decode("utf-8-sig") if isinstance(text, bytes) else text
         decoded.encode("utf-8")
@@ -162,7 +133,8 @@ class _NumberError(ValueError):
         self.text = text
 
 
-def _finite(text: str) -> float:
+def finite(text: str) -> float:
+    """Returns a number that is neither infinite nor undefined."""
     value = float(text)
     if not math.isfinite(value):
         raise _NumberError(f"{text:.100} is not a finite number", text)
@@ -178,8 +150,8 @@ def _whole(text: str) -> int:
 
 _HOOKS: Any = {
     "object_pairs_hook": _unique_keys,
-    "parse_constant": _finite,
-    "parse_float": _finite,
+    "parse_constant": finite,
+    "parse_float": finite,
     "parse_int": _whole,
 }
 
@@ -206,124 +178,6 @@ def _check_surrogates(data: Any, source: str) -> None:
         raise SpecError(f"{source} has half a character (a lone surrogate): {error}") from error
 
 
-class _BoundedLoader(yaml.SafeLoader):
-    """Composes the nodes of a document of bounded size and depth; it constructs no objects."""
-
-    _depth = _n_values = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-        is_inner = isinstance(event, yaml.CollectionStartEvent)
-        self._n_values += 1
-        if self._n_values > MAX_VALUES:
-            raise _error(_TOO_MANY, event.start_mark)
-        if is_inner and self._depth == MAX_DEPTH:
-            raise _error(_TOO_DEEP, event.start_mark)
-        self._depth += is_inner
-        node = super().compose_node(parent, index)
-        self._depth -= is_inner
-        return node
-
-
-_TOO_MANY = f"there are more than {MAX_VALUES} values, the most allowed"
-_TOO_DEEP = f"values are nested deeper than {MAX_DEPTH}, the most allowed"
-
-
-def _without_dates() -> dict[str, list[tuple[str, Any]]]:
-    """Which plain scalars are no text, by their first character."""
-    left_out = {"tag:yaml.org,2002:timestamp", "tag:yaml.org,2002:merge", "tag:yaml.org,2002:value"}
-    return {
-        first: [pair for pair in pairs if pair[0] not in left_out]
-        for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
-
-
-_BoundedLoader.yaml_implicit_resolvers = _without_dates()
-# YAML 1.1 reads 5e-05, which JSON writes, as text
-_BoundedLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
-
-_KINDS = {"int": "whole number", "float": "finite number", "bool": "boolean", "null": "null"}
-
-_SCALARS = yaml.constructor.SafeConstructor()
-
-
-def _value(node: yaml.Node, path: tuple[str, ...], number: "count[int]") -> Any:
-    """What a node stands for, once for each alias of it."""
-    if next(number) > MAX_VALUES:
-        raise _error(_TOO_MANY, node.start_mark)
-    if len(path) == MAX_DEPTH and isinstance(node, yaml.CollectionNode):
-        raise _error(_TOO_DEEP, node.start_mark)
-    kind = node.tag.removeprefix("tag:yaml.org,2002:")
-    if isinstance(node, yaml.SequenceNode) and kind == "seq":
-        return [_value(each, (*path, str(k)), number) for k, each in enumerate(node.value)]
-    if isinstance(node, yaml.MappingNode) and kind == "map":
-        return dict(_entries(node, path, number))
-    if isinstance(node, yaml.ScalarNode) and kind in ("str", "null", "bool", "int", "float"):
-        return _scalar(node, kind, path)
-    raise _error(
-        f"a value tagged {node.tag!r:.100}, expected a mapping, a list, text, a number, a boolean "
-        "or null",
-        node.start_mark,
-        path,
-    )
-
-
-def _entries(
-    node: yaml.MappingNode, path: tuple[str, ...], number: "count[int]"
-) -> Iterator[tuple[Any, Any]]:
-    """Keys and values of a mapping; keys are scalars, each given once."""
-    seen = set()
-    for key_node, value_node in node.value:
-        if not isinstance(key_node, yaml.ScalarNode):
-            raise _error(
-                "a key that is a mapping or a list, expected text", key_node.start_mark, path
-            )
-        if key_node.value == "<<" and key_node.style is None:
-            problem = "a merge key <<, which is not supported; write the keys out"
-            raise _error(problem, key_node.start_mark, path)
-        key = _value(key_node, path, number)
-        if key in seen:
-            raise _error(f"key {key!r:.100} is given twice", key_node.start_mark, path)
-        seen.add(key)
-        yield key, _value(value_node, (*path, str(key)), number)
-
-
-def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:
-    text: str = node.value
-    if kind == "str":
-        if not text.isascii() and re.search("[\ud800-\udfff]", text):
-            raise _error("half a character (a lone surrogate)", node.start_mark, path)
-        return text
-    if kind in ("int", "float") and len(text) > MAX_DIGITS:
-        problem = f"a number of {len(text)} characters, expected at most {MAX_DIGITS}"
-        raise _error(problem, node.start_mark, path)
-    construct = getattr(_SCALARS, f"construct_yaml_{kind}")
-    try:
-        value = construct(node)
-        if kind == "float":
-            _finite(str(value))
-    except (ValueError, KeyError, IndexError, OverflowError) as error:
-        problem = f"{text!r:.100} is no {_KINDS[kind]}"
-        raise _error(problem, node.start_mark, path) from error
-    if kind == "int" and abs(value) > MAX_INTEGER:
-        raise _error(
-            f"the whole number {text:.100}, expected at most 2**64 - 1", node.start_mark, path
-        )
-    return value
-
-
-def _error(problem: str, mark: yaml.Mark, path: tuple[str, ...] = ()) -> yaml.MarkedYAMLError:
-    where = f"{'.'.join(path)}: {problem}" if path else problem
-    return yaml.MarkedYAMLError(problem=f"{where:.400}", problem_mark=mark)
-
-
-def _line_and_column(text: str, at: int) -> str:
+def line_and_column(text: str, at: int) -> str:
+    """Where a character of a text is, for the beginning of a sentence."""
     return f"line {text.count(chr(10), 0, at) + 1}, column {at - text.rfind(chr(10), 0, at)}: "
-
-
-def _place(mark: yaml.Mark | None) -> str:
-    return "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "

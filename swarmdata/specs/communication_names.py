@@ -22,7 +22,10 @@ COMMUNICATION_KINDS: dict[str, type[NoCommunication] | type[Broadcast]] = {
     "none": NoCommunication,
     "broadcast": Broadcast,
 }
-_ALONE: dict[str, AnyCommunicationModel] = {"none": NoCommunication(), "perfect": Broadcast()}
+_ALONE: dict[str, AnyCommunicationModel] = {
+    "none": NoCommunication.defaults(),
+    "perfect": Broadcast.defaults(),
+}
 _PART = re.compile(r"([a-z]+)(?:-(.*))?")
 
 

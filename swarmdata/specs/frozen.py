@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypeVar, get_args
 
-import yaml
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -61,12 +60,19 @@ class Frozen(BaseModel):
             name = cls.model_config.get("title") or cls.__name__
             raise SpecError(f"invalid {name}{where}: {_explain_all(cls, error)}") from error
 
+    @classmethod
+    def defaults(cls) -> Self:
+        """The model of all defaults; unlike a call of the class, this builds no validator."""
+        return cls.model_construct()
+
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no spaces, every default written out."""
         return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
 
     def to_yaml(self) -> str:
         """The same content as readable YAML, in field order."""
+        import yaml  # noqa: PLC0415  (a load writes none)
+
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
 
     def hash(self) -> str:

@@ -55,7 +55,7 @@ _BARE = {"no-velocities", "body-frame", "ways"}
 
 def observation_model(
     source: str | Path | Mapping[str, Any] | AnyObservationModel,
-    own: AnyObservationModel = StateModel(),  # noqa: B008  (frozen)
+    own: AnyObservationModel = StateModel.defaults(),  # noqa: B008  (frozen)
 ) -> AnyObservationModel:
     """Returns the observation model that `source` names or describes.
 

@@ -102,7 +102,7 @@ class Recipe(Extended):
     n_steps: Annotated[int, Field(ge=1, le=10**12)] = 1_000_000  # least joint steps
     part_episodes: Annotated[int, Field(ge=1, le=1 << 16)] = 256
     """Episodes that a worker makes at a time."""
-    splits: Splits = Splits()  # shares of train, validation and test
+    splits: Splits = Splits.defaults()  # shares of train, validation and test
     metadata: dict[Text, Text] = Field(default_factory=dict)  # author, license and so on
 
     @model_validator(mode="after")

@@ -70,14 +70,14 @@ class ObservationModel(Extended):
     noises: ClassVar[tuple[str, ...]] = ("position", "velocity", "direction")
     """Fields of `SensorNoise` that the model uses."""
 
-    noise: SensorNoise = SensorNoise()  # of the measurements
+    noise: SensorNoise = SensorNoise.defaults()  # of the measurements
     dropout: Probability = 0.0  # chance that an object, beam or cell is missed
     delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
     stack: Annotated[int, Field(ge=1, le=10**12)] = 1  # frames
     goal_steps: Annotated[int, Field(ge=0, le=10**12)] | None = None  # None: always shown
     velocities: bool = True  # the own one, and those of others relative to it
     ways: bool = False  # around obstacles, to the places that are observed
-    drift: Drift = Drift()  # of the own pose
+    drift: Drift = Drift.defaults()  # of the own pose
     landmarks: Positive | None = None  # m, from which they tell the pose; None: there are none
 
     @property

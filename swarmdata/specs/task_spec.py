@@ -170,7 +170,7 @@ class Role(Frozen):
 
     name: Name = "robot"  # unique in the team, whatever the case of its letters
     count: Count = 4  # robots of this kind
-    robot: Robot = Robot()  # what they are
+    robot: Robot = Robot.defaults()  # what they are
 
 
 class Arena(Frozen):
@@ -235,21 +235,23 @@ class TaskSpec(Extended):
     rules: Rules = Field(default_factory=lambda: rules_model("coop_nav").parse({}))
     """The kind of task, its goals and rewards; by default those of `coop_nav`."""
     version: Annotated[CountOrNone, AfterValidator(_simulated)] = WORLD_VERSION  # of the worlds
-    team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role(),)
+    team: Annotated[tuple[Role, ...], Field(min_length=1, max_length=64)] = (Role.defaults(),)
     """The robots, role by role."""
-    arena: Arena = Arena()  # size of the arena
-    obstacles: Obstacles = Obstacles()  # numbers and sizes of obstacles
-    spawn: Spawn = Spawn()  # distances at the start
+    arena: Arena = Arena.defaults()  # size of the arena
+    obstacles: Obstacles = Obstacles.defaults()  # numbers and sizes of obstacles
+    spawn: Spawn = Spawn.defaults()  # distances at the start
     horizon: Count = 160  # control steps of an episode, at most
     control_dt: Duration = 0.1  # s, between two commands
     physics_dt: Duration = 0.05  # s, of a physics step
     backend: Backend = "pymunk"  # what simulates it; kinematic: everything passes through all else
     on_collision: Literal["continue", "fail"] = "continue"  # fail: a collision ends the episode
-    observation: Annotated[AnyObservationModel, _named(observation_model)] = StateModel()
+    observation: Annotated[AnyObservationModel, _named(observation_model)] = StateModel.defaults()
     """What robots sense."""
-    communication: Annotated[AnyCommunicationModel, _named(communication_model)] = NoCommunication()
+    communication: Annotated[AnyCommunicationModel, _named(communication_model)] = (
+        NoCommunication.defaults()
+    )
     """What robots hear."""
-    randomization: Randomization = Randomization()  # what each episode draws anew
+    randomization: Randomization = Randomization.defaults()  # what each episode draws anew
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:

@@ -10,7 +10,7 @@ import math
 import re
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import (
@@ -73,7 +73,9 @@ class _Section(BaseModel):
     promises that the data can be read without it.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="ignore", strict=True, allow_inf_nan=False, defer_build=True
+    )
 
     def __repr__(self) -> str:
         """Shows the first and the last fields."""
@@ -285,17 +287,23 @@ def recipe_hash(recipe: Recipe) -> str:
     return recipe.hash()
 
 
-def check_recipe(folder: Path, manifest: Manifest, recipe: Recipe) -> None:
+class MadeFrom(NamedTuple):
+    """Which recipe a dataset is made from."""
+
+    id: str  # the recipe's
+    hash: str  # of its content
+
+
+def check_recipe(folder: Path, manifest: Manifest, expected: MadeFrom) -> None:
     """Checks that a dataset was made from a recipe.
 
     Raises:
         RecipeConflictError: it was made from another one.
     """
-    expected = recipe_hash(recipe)
-    if manifest.recipe_hash != expected:
+    if manifest.recipe_hash != expected.hash:
         raise RecipeConflictError(
             f"{folder} holds {manifest.id} made from another recipe "
-            f"({manifest.recipe_hash[:12]}, expected {expected[:12]} of {recipe.id}). "
+            f"({manifest.recipe_hash[:12]}, expected {expected.hash[:12]} of {expected.id}). "
             "Choose another folder, or move it away."
         )
 
@@ -309,7 +317,7 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
     """
     if is_vacant(out):
         return False
-    check_recipe(out, read_manifest(out), recipe)
+    check_recipe(out, read_manifest(out), MadeFrom(recipe.id, recipe_hash(recipe)))
     return (out / CARD).exists()
 
 

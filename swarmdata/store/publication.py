@@ -12,9 +12,12 @@ from swarmdata.store.table import EpisodeTable, clean_successes
 def publication(stored: StoredDataset) -> Published:
     """Returns the entry that is published for a built dataset."""
     manifest, table = stored.manifest, stored.table
+    spec = stored.recipe.spec
     labels = [source.label for source in stored.recipe.policies]
     return Published(
         **figures_of(table).model_dump(),
+        task=spec.task,
+        n_agents=spec.n_agents,
         recipe_hash=manifest.recipe_hash,
         digest=manifest.digest,
         transport_digest=manifest.transport_digest,

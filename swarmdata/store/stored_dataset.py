@@ -27,7 +27,6 @@ from swarmdata.errors import (
 from swarmdata.runtime.documents import MAX_JSON_BYTES, parse_json
 from swarmdata.runtime.mapped_pages import mapping_of, release_pages
 from swarmdata.specs.origins import Origin, parse_origin
-from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
     CHECKPOINTS,
@@ -47,11 +46,11 @@ from swarmdata.store.arrays.row_shapes import (
     team_row_shapes,
 )
 from swarmdata.store.manifest import (
+    MadeFrom,
     Manifest,
     check_recipe,
     file_changed,
     read_manifest,
-    recipe_hash,
     repair_hint,
 )
 from swarmdata.store.recognition import linked_hint, links_in, no_folder, root_attributes
@@ -103,7 +102,7 @@ class StoredDataset:
 
 
 def open_store(
-    path: Path, verify: Verify = "fast", *, widths: bool = False, recipe: Recipe | None = None
+    path: Path, verify: Verify = "fast", *, widths: bool = False, made_from: MadeFrom | None = None
 ) -> StoredDataset:
     """Opens a dataset's folder.
 
@@ -115,7 +114,7 @@ def open_store(
         widths: whether observations, states, messages and layouts of a task are compared with the
             spec as well; that takes the task's code. The team and its actions, and all sizes of a
             recording, are always compared.
-        recipe: that the dataset must have been made from; None: any.
+        made_from: the recipe that the dataset must have been made from; None: any.
 
     Raises:
         RecipeConflictError: the dataset is of another recipe.
@@ -131,8 +130,8 @@ def open_store(
             f"{linked_hint(path) or f' {repair_hint(path)}'}"
         )
     manifest = read_manifest(path)
-    if recipe is not None:
-        check_recipe(path, manifest, recipe)
+    if made_from is not None:
+        check_recipe(path, manifest, made_from)
     check_listing(path, manifest)
     _check_sizes(path, manifest)
     small_files = _read_small_files(path, manifest, is_checked=verify != "none")
@@ -145,7 +144,7 @@ def open_store(
 
         check_everything(path, manifest, raw)
     arrays = typed_arrays(manifest, raw)
-    origin = read_origin(path, manifest, small_files[RECIPE], recipe)
+    origin = read_origin(path, manifest, small_files[RECIPE])
     check_spec(path, manifest, origin, widths=widths)
     table = read_table(path, manifest, origin, arrays)
     return StoredDataset(path, manifest, origin, arrays, table)
@@ -424,18 +423,15 @@ def _check_chunks(path: Path, manifest: Manifest, raw: Mapping[str, NDArray[np.u
         )
 
 
-def read_origin(path: Path, manifest: Manifest, content: bytes, known: Recipe | None) -> Origin:
-    """Reads `recipe.json`; where it is the text of a recipe that is known, nothing is parsed."""
+def read_origin(path: Path, manifest: Manifest, content: bytes) -> Origin:
+    """Reads `recipe.json`."""
     # of the file, as written: what later versions add to a recipe does not change it
     written = hashlib.sha256(content).hexdigest()
-    file = path / RECIPE
-    origin: Origin
-    if known is not None and written == recipe_hash(known):
-        origin = known
-    else:
-        origin = _parsed(path, manifest, content)
+    origin = _parsed(path, manifest, content)
     if (origin.id, written) != (manifest.id, manifest.recipe_hash):
-        raise _disagrees(path, manifest, f"{file} is the recipe of another dataset, {origin.id}")
+        raise _disagrees(
+            path, manifest, f"{path / RECIPE} is the recipe of another dataset, {origin.id}"
+        )
     return origin
 
 

@@ -16,4 +16,4 @@ def test_only_one_module_parses_yaml() -> None:
         for path in (ROOT / folder).rglob("*.py")
         if parsing.search(path.read_text(encoding="utf-8"))
     }
-    assert found == {"swarmdata/runtime/documents.py"}
+    assert found == {"swarmdata/runtime/yaml_documents.py"}

@@ -60,6 +60,7 @@ def test_every_published_dataset_has_a_recipe_and_a_card() -> None:
         assert entry.recipe_hash == shipped_recipes()[key].hash()
         assert entry.recipe_hash in card
         recipe = shipped_recipes()[key]
+        assert (entry.task, entry.n_agents) == (recipe.spec.task, recipe.spec.n_agents)
         assert tier_section(recipe) in card
         task = make_task(recipe.spec)
         assert reward_section(task) in card

@@ -103,6 +103,7 @@ def test_shipped_references_are_of_the_shipped_specs() -> None:
     assert set(references()) <= set(preset_names())
     for name, table in references().items():
         assert table.spec_hash == preset(name).hash()
+        assert references_of(table.spec_hash) == table
         assert table.n_episodes == (200 if name == "pursuit-sight" else 1000)
         assert set(table.policies) >= {"idle", "random", "straight", "scripted"}
     assert references_of("0" * 64) is None

@@ -13,13 +13,12 @@ from swarmdata.errors import SpecError
 from swarmdata.runtime.documents import (
     MAX_DEPTH,
     MAX_JSON_BYTES,
-    MAX_VALUES,
     MAX_YAML_BYTES,
     parse_document,
     parse_json,
-    parse_yaml,
     read_document,
 )
+from swarmdata.runtime.yaml_documents import MAX_VALUES, parse_yaml
 
 VALUES = st.recursive(
     st.none()

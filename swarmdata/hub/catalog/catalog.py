@@ -16,11 +16,11 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, SpecError, SwarmdataError
 from swarmdata.hub.catalog.identity import judge, misnamed
-from swarmdata.hub.catalog.request import cached, cached_ids, is_offline, parse_request
+from swarmdata.hub.catalog.request import Request, cached, cached_ids, is_offline, parse_request
 from swarmdata.registry.published import (
     Reference,
-    TaskReferences,
     published,
+    references,
     references_of,
 )
 from swarmdata.registry.recipes import FAMILY_SPECS, Outline, outlines, shipped_recipes
@@ -30,7 +30,6 @@ from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import changed_weights
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays.layout import RECIPE
 from swarmdata.store.cache import cache_folder
@@ -77,20 +76,18 @@ def _dataset_folder(dataset_id: str) -> Path:
 
 def list_datasets() -> list[DatasetInfo]:
     """Returns every dataset of this version of the package, in the order of their ids."""
-    anchors = {family: references_of(spec.hash()) for family, spec in FAMILY_SPECS.items()}
-    return [
-        _info(dataset_id, outline, anchors[outline.family])
-        for dataset_id, outline in sorted(outlines().items())  # without a recipe, which takes 1 ms
-    ]
+    return [_info(dataset_id, outline) for dataset_id, outline in sorted(outlines().items())]
 
 
-def _info(dataset_id: str, outline: Outline, anchors: TaskReferences | None) -> DatasetInfo:
-    entry, spec = published().get(dataset_id), FAMILY_SPECS[outline.family]
+def _info(dataset_id: str, outline: Outline) -> DatasetInfo:
+    """Neither the recipe nor, of what is published, the spec is read: each takes milliseconds."""
+    entry, anchors = published().get(dataset_id), references().get(outline.family)
+    known = entry or FAMILY_SPECS[outline.family]
     return DatasetInfo(
         id=dataset_id,
-        task=spec.task,
+        task=known.task,
         tier=outline.tier,
-        n_agents=spec.n_agents,
+        n_agents=known.n_agents,
         n_steps=entry.n_steps if entry else outline.n_steps,
         n_episodes=entry.n_episodes if entry else None,
         n_bytes=entry.n_bytes if entry else None,
@@ -121,7 +118,7 @@ def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
 def _info_of_folder(folder: Path) -> DatasetInfo:
     manifest = read_manifest(folder)
     check_listing(folder, manifest)
-    recipe = read_origin(folder, manifest, read_regular(folder / RECIPE, MAX_JSON_BYTES), None)
+    recipe = read_origin(folder, manifest, read_regular(folder / RECIPE, MAX_JSON_BYTES))
     if (sentence := misnamed(folder, manifest)) is not None:
         raise DatasetError(f"{sentence}.")
     return DatasetInfo(
@@ -298,15 +295,14 @@ def _open(
 ) -> Dataset:
     """Opens one dataset, as `load` does."""
     request = parse_request(dataset_id, path)
-    if request.recipe is not None:
-        _check_view(request.recipe.spec, observation, communication, rewards)
+    _check_view(request, observation, communication, rewards)
     found = cached(request)
     if found is None:  # what fetches and builds is imported only then
         from swarmdata.hub.catalog.sources import Rebuild, Remotes, obtain  # noqa: PLC0415
 
         remotes = Remotes(offline=is_offline(offline), progress=progress)
         found = obtain(request, remotes, Rebuild(remotes, workers, progress))
-    stored = open_store(found.folder, verify, recipe=request.recipe)
+    stored = open_store(found.folder, verify, made_from=request.made_from)
     whole, arrays = np.arange(stored.manifest.n_episodes), stored.arrays
     references = references_for(stored.recipe, arrays, arrays.__getitem__)
     dataset = Dataset(stored, whole, references, found.source)
@@ -326,13 +322,18 @@ def _open(
 
 
 def _check_view(
-    spec: TaskSpec,
+    request: Request,
     observation: Source | None,
     communication: Source | None,
     rewards: "RewardChoice | None",
 ) -> None:
     """Refuses what a dataset of a recipe cannot be seen as, before it is built in minutes."""
-    if observation is not None or communication is not None:
+    has_models = observation is not None or communication is not None
+    recipe = request.recipe if has_models or rewards else None  # that takes time to make
+    if recipe is None:
+        return
+    spec = recipe.spec
+    if has_models:
         check_messages(with_models(spec, observation, communication), spec)
     if rewards:
         from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
@@ -358,7 +359,7 @@ def find_folder(name: str | Path) -> Path:
         AddressError: the name is empty, or a malformed address.
     """
     request = parse_request(name)
-    if request.folder is not None and (request.recipe or request.source == "folder"):
+    if request.folder is not None and (request.made_from or request.source == "folder"):
         return request.folder
     found = cached(request)
     if found is None:

@@ -3,20 +3,23 @@
 import hashlib
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.remotes.outside_names import is_address, is_folder, is_id, looks_like_path
-from swarmdata.registry.recipes import find_recipe
+from swarmdata.registry.published import published
+from swarmdata.registry.recipes import find_recipe, versions_of
 from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.origins import parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE
 from swarmdata.store.cache import cache_folder
-from swarmdata.store.manifest import is_finished, read_manifest
+from swarmdata.store.manifest import MadeFrom, is_finished, read_manifest, recipe_hash
 from swarmdata.store.recognition import no_folder
 
 if TYPE_CHECKING:  # what is in the cache needs no remote
@@ -38,10 +41,17 @@ class Request:
     """The dataset's own folder; None: only a remote knows which version is the newest."""
     source: Literal["cache", "folder"] = "cache"
     """What the dataset's source is called where it is in `folder` already."""
-    recipe: Recipe | None = None  # that makes it, if the package has one
+    made_from: MadeFrom | None = None  # the recipe that makes it, if the package has one
+    make_recipe: Callable[[], Recipe] | None = None
+    """Returns that recipe, which takes longer than to open a dataset of it."""
     address: "Address | None" = None  # of the dataset, if `text` is one
     release: "tuple[Remote, Release] | None" = None
     """At that address, once the remote has been asked."""
+
+    @property
+    def recipe(self) -> Recipe | None:
+        """The recipe that makes it, if the package has one."""
+        return None if self.make_recipe is None else self.make_recipe()
 
 
 @dataclass(frozen=True)
@@ -64,8 +74,8 @@ def cached(request: Request) -> Found | None:
     folder = request.folder
     if folder is None or lost_edit(folder) is not None:
         return None
-    if request.recipe is not None:
-        is_there = (folder / CARD).exists() or is_finished(folder, request.recipe)
+    if request.make_recipe is not None:
+        is_there = (folder / CARD).exists() or is_finished(folder, request.make_recipe())
     elif request.source == "folder":  # `open_store` says whether it is a dataset
         is_there = True
     else:
@@ -114,9 +124,13 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
                 f"the name of a dataset is {str(each)!r}, expected an id such as "
                 "'coop_nav-medium', an address or a folder; the current folder is '.'."
             )
-    recipe = shipped_recipe(name) if isinstance(name, str) else None
-    if recipe is not None:
-        return request_of_recipe(recipe, None if path is None else Path(path))
+    folder = None if path is None else Path(path)
+    if isinstance(name, str):
+        if (dataset_id := _published_id(name)) is not None:
+            made_from = MadeFrom(dataset_id, published()[dataset_id].recipe_hash)
+            return _request_of(made_from, partial(find_recipe, dataset_id), folder)
+        if (recipe := shipped_recipe(name)) is not None:
+            return request_of_recipe(recipe, folder)
     if path is not None:
         raise SpecError(
             f"path is where the dataset of a shipped id is or shall be, got it with {str(name)!r}. "
@@ -141,10 +155,22 @@ def shipped_recipe(name: str) -> Recipe | None:
 
 def request_of_recipe(recipe: Recipe, folder: Path | None = None) -> Request:
     """Asks for the dataset of a recipe, by default in the cache."""
+    return _request_of(MadeFrom(recipe.id, recipe_hash(recipe)), lambda: recipe, folder)
+
+
+def _request_of(
+    made_from: MadeFrom, make_recipe: Callable[[], Recipe], folder: Path | None
+) -> Request:
     if folder is not None:
-        return Request(recipe.id, folder.parent, folder, "folder", recipe)
+        return Request(made_from.id, folder.parent, folder, "folder", made_from, make_recipe)
     place = cache_folder() / "datasets"
-    return Request(recipe.id, place, place / recipe.id, recipe=recipe)
+    folder = place / made_from.id
+    return Request(made_from.id, place, folder, "cache", made_from, make_recipe)
+
+
+def _published_id(name: str) -> str | None:
+    """The id of a published dataset, with its version; None if there is none."""
+    return next((each for each in versions_of(name) if each in published()), None)
 
 
 def request_of_id(name: str) -> Request:

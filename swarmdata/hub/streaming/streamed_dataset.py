@@ -182,7 +182,7 @@ def open_stream(
         manifest = fetch_manifest(remote, release, folder, refuse)
         check_listing(folder, manifest)
         fetch_file(remote, release, manifest, RECIPE, folder / RECIPE)
-        origin = read_origin(folder, manifest, (folder / RECIPE).read_bytes(), None)
+        origin = read_origin(folder, manifest, (folder / RECIPE).read_bytes())
         check_spec(folder, manifest, origin, widths=True)
         cache = ChunkCache(cache_folder() / STREAMS, stream.cache_bytes)
         source = RemoteArrays(remote, release, manifest, cache)

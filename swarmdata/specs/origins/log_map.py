@@ -222,7 +222,7 @@ class LoggedRobot(LogSource):
 
     name: Name  # unique in the team
     clock_offset: ClockOffset = 0.0  # s, added to its times
-    pose: PoseSignal = PoseSignal()  # where it was
+    pose: PoseSignal = PoseSignal.defaults()  # where it was
     command: CommandSignal  # what it was told to do
     goal: GoalSignal | None = None  # where it should go, if that was logged
     scan: ScanSignal | None = None  # what its scanner measured, if it had one
@@ -316,7 +316,7 @@ class LogMap(Extended):
     """The team, in order; a name alone takes everything from `each`."""
     max_gap: Positive = 0.5  # s; a signal is unknown between samples that are farther apart
     gaps: Literal["mask", "cut"] = "mask"  # a robot with a gap is absent, or the episode is cut
-    episodes: EpisodeCuts = EpisodeCuts()  # where they begin and end
+    episodes: EpisodeCuts = EpisodeCuts.defaults()  # where they begin and end
     policy: Label = "logged"  # who commanded
     world: Text = "world"  # frame of the dataset
     transforms: tuple[StaticTransform, ...] = ()  # beside those of the bags

@@ -46,7 +46,7 @@ class ImportedLogs(Extended):
     spec: AnySpec
     policies: Policies
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
-    splits: Splits = Splits()
+    splits: Splits = Splits.defaults()
     files: Annotated[tuple[LogFile, ...], Field(min_length=1)]
     log_map: LogMap
     clocks: tuple[EstimatedClock, ...] = ()  # that the map asked to estimate

@@ -136,6 +136,7 @@ def parse_origin(data: Any, source: str) -> Origin:
     kind = data.get("kind") if isinstance(data, Mapping) else None
     known = kind if isinstance(kind, str) and kind in ORIGIN_KINDS else "recipe"
     model: type[Origin] = import_component(ORIGIN_KINDS[known])
+    TaskSpec.model_rebuild()  # first, so that models with a spec take over what it has built
     return model.parse(data, source)
 
 

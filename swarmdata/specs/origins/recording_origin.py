@@ -32,7 +32,7 @@ class Recording(Frozen):
     spec: AnySpec
     policies: Policies  # their shares have no meaning
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
-    splits: Splits | None = Splits()  # None: each episode keeps the split of its source
+    splits: Splits | None = Splits.defaults()  # None: each episode keeps the split of its source
     source: Text  # "recorder", or the format it was converted from
     source_sha256: Sha256 | None = None  # of the file that was converted
     metadata: dict[Text, Text] = Field(default_factory=dict)  # author, license and so on

@@ -11,7 +11,8 @@ import pytest
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog import catalog, identity, request
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
-from swarmdata.registry.published import Published
+from swarmdata.registry.published import Published, published
+from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import chosen_weights
 from swarmdata.store import open_store
 from swarmdata.store.cache import note_build
@@ -153,3 +154,21 @@ def test_folder_without_manifest_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetNotFoundError, match="nothing that only a dataset"):
         load("x", path=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("name", ["formation-expert-mini", "formation-expert-mini-v1"])
+def test_the_recipe_of_a_published_dataset_is_made_when_it_is_asked_for(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def find_recipe(name: str) -> Recipe:
+        made.append(name)
+        return TINY
+
+    monkeypatch.setattr(request, "find_recipe", find_recipe)
+    found = request.parse_request(name)
+    published_id = "formation-expert-mini-v1"
+    assert found.made_from == (published_id, published()[published_id].recipe_hash)
+    assert not made
+    assert (found.recipe, made) == (TINY, [published_id])

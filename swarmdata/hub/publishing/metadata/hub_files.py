@@ -18,7 +18,7 @@ from swarmdata.hub.publishing.metadata.episode_parquet import (
     parquet_bytes,
 )
 from swarmdata.registry.published import license_of
-from swarmdata.runtime.documents import parse_yaml
+from swarmdata.runtime.yaml_documents import parse_yaml
 from swarmdata.store import SPLITS, write_file
 
 SIZE_CATEGORIES = (
