@@ -17,6 +17,7 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "intersection": {"success": 0.9, "clean_success": 0.75},
         "search": {"success": 0.9, "clean_success": 0.75},
         "pursuit": {"success": 0.95, "clean_success": 0.5},
+        "coop_nav-corridor-strict": {"success": 0.95},
         "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-ranks": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-n8-strict": {"success": 0.5},
