@@ -119,7 +119,7 @@ def _bands(subject: Subject, family: str, tier: str, known: TaskReferences) -> R
     low, high = MEDIUM_SUCCESS
     if (
         tier == "medium"
-        and subject.origin.spec.on_collision == "continue"  # or else noise ends most episodes
+        and FAMILY_SPECS[family].on_collision == "continue"  # or else noise ends most episodes
         and not low - NOISE_SUCCESS_LOSS <= found["success"] <= high + NOISE_SUCCESS_LOSS
     ):
         yield problem(

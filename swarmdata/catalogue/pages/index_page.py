@@ -50,7 +50,7 @@ QUESTIONS = (
     ),
     (
         "need a team?",
-        ("pursuit-medium-replay", "pursuit-expert", "search-strict-expert"),
+        ("pursuit-medium-replay", "coop_nav-corridor-strict-medium-expert", "search-strict-expert"),
         "robots that ignore each other solve nothing",
     ),
 )
