@@ -101,7 +101,7 @@ quickstart-%:
 	$(BIN)/swarmdata train $* $(QUICK_DATA) --seeds 3 --updates 1500 --curve-every 500 --out quickstart/$*
 
 clips: $(STAMPS)/package
-	for task in coop_nav formation transport warehouse intersection search pursuit; do \
+	for task in coop_nav formation transport warehouse intersection search pursuit tag; do \
 	  $(BIN)/swarmdata task play $$task --size 240 --out cards/worlds/$$task-scripted.gif; done
 	$(BIN)/swarmdata task play coop_nav --observation lidar --communication lossy-30 --size 320 \
 	  --out cards/worlds/coop_nav-lidar-lossy.gif
