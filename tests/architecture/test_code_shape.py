@@ -20,7 +20,7 @@ def code_lines(function: Function) -> int:
     first = function.body[0]
     begin = first.lineno if is_command(function) else function.lineno
     length = (function.end_lineno or function.lineno) - begin + 1
-    if ast.get_docstring(function) is None:
+    if ast.get_docstring(function, clean=False) is None:
         return length
     return length - ((first.end_lineno or first.lineno) - first.lineno + 1)
 

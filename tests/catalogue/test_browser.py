@@ -301,6 +301,7 @@ def test_code_is_copied(visit: Visit) -> None:
     assert "swarmdata.load(" in visit.run("navigator.clipboard.readText()")
 
 
+@pytest.mark.slow
 def test_the_leaderboard_is_sorted_and_filtered(visit: Visit) -> None:
     visit.open("results.html#dataset=coop_nav-medium-v1")
     board = ".leaderboard:not([hidden])"

@@ -59,6 +59,7 @@ def test_there_is_a_page_for_each_dataset(site: Path, shown: dict[str, Path]) ->
     assert len(shown) == len(data & pages)
 
 
+@pytest.mark.slow
 def test_results_of_committed_studies_have_a_page_each(site: Path) -> None:
     pages = {path.stem for path in (site / "results").iterdir()}
     assert "result-goals-maddpg_bc-coop_nav-medium-v1" in pages

@@ -108,6 +108,7 @@ def test_links_of_staged_pages_lead_somewhere(tree: Path) -> None:
             assert (page.parent / target).exists(), f"{page.relative_to(tree)}: {target}"
 
 
+@pytest.mark.slow
 def test_the_sidebar_has_every_page_of_the_documentation(tree: Path) -> None:
     home = (tree / "index.md").read_text(encoding="utf-8")
     for page in [*(tree / "docs").glob("*.md"), *(tree / "docs/tutorials").glob("*.ipynb")]:

@@ -57,6 +57,7 @@ def load_without_network(*names: str, **variables: str) -> list[str]:
     return out.splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variable", ["SWARMDATA_OFFLINE", *slow("HF_HUB_OFFLINE")])
 def test_offline_a_warm_cache_works_and_a_cold_one_says_what_to_run(
     cache_folder: Path, record: Callable[..., Path], variable: str

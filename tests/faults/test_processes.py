@@ -17,6 +17,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from tests.faults.kill_points import survive
 from tests.faults.load_one import load_tiny
 from tests.support.at_once import Forked
+from tests.support.pairs import slow
 
 ROOT = Path(__file__).parents[2]
 
@@ -127,7 +128,7 @@ def add_ten_remotes(_: str, letter: str) -> None:
         assert found.exit_code == 0, found.output
 
 
-@pytest.mark.parametrize("what", ["registry", "remotes"])
+@pytest.mark.parametrize("what", ["registry", *slow("remotes")])
 def test_no_update_of_two_processes_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:

@@ -27,6 +27,7 @@ from tests.hub.remotes.conftest import ID, NEXT, is_pulled
 from tests.hub.remotes.faults import Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub, Repository
 from tests.hub.remotes.static_host import StaticHost
+from tests.support.pairs import slow
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
@@ -122,7 +123,7 @@ def test_the_nearest_dataset_is_suggested(on_a_hub: Served) -> None:
         lambda at: Fault(at, 503, times=1),
         pytest.param(lambda at: Fault(at, 500, times=1), marks=pytest.mark.slow),
         lambda at: Fault(at, 429, {"Retry-After": "0"}, times=1),
-        lambda at: Fault(at, cut=700, times=1),
+        *slow(lambda at: Fault(at, cut=700, times=1)),
         pytest.param(lambda at: Fault(at, cut=0, times=1), marks=pytest.mark.slow),
         lambda at: Fault(at, lose=True, times=1),
         lambda at: Fault(at, drip=500, pause=0.02, times=1),
@@ -331,7 +332,7 @@ def test_two_pushers(hub: LoopbackHub, remote: HubRemote, dataset: Path, success
     assert HubRemote("hf://org").publish(successor, NEXT).id == NEXT
 
 
-@pytest.mark.parametrize("is_ours", [False, True], ids=["another commit", "ours"])
+@pytest.mark.parametrize("is_ours", [False, *slow(True)], ids=["another commit", "ours"])
 def test_a_tag_that_somebody_else_made_meanwhile(
     hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path, is_ours: bool
 ) -> None:

@@ -22,6 +22,7 @@ from tests.hub.remotes.faults import Clock, Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
 from tests.support.at_once import Forked
+from tests.support.pairs import slow
 from tests.support.tiny import TINY
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
@@ -52,7 +53,7 @@ def one_file_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swarmdata.hub.remotes.pull_dataset.N_WORKERS", 1)
 
 
-@pytest.mark.parametrize("fault", [slow_headers("GET"), Fault("GET", trickle=60.0)])
+@pytest.mark.parametrize("fault", [slow_headers("GET"), *slow(Fault("GET", trickle=60.0))])
 def test_a_deadline_on_headers(
     host: StaticHost, clock: Clock, backoff: Backoff, fault: Fault
 ) -> None:
@@ -99,6 +100,7 @@ def test_the_next_source_is_asked(
     assert found.source == f"{good.url}/{TINY.id}"
 
 
+@pytest.mark.slow
 def test_a_slow_bucket_is_left(
     tmp_path: Path, dataset: Path, clock: Clock, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,10 +162,8 @@ def interrupted(server: FaultyServer, *arguments: str) -> tuple[int | None, str]
     return code, words
 
 
-@pytest.mark.parametrize(
-    ("file", "fault"),
-    [(ARRAY, slow_body), pytest.param("manifest.json", slow_headers, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("file", "fault"), [(ARRAY, slow_body), ("manifest.json", slow_headers)])
 def test_ctrl_c_ends_a_pull_from_a_slow_server(
     host: StaticHost, tmp_path: Path, file: str, fault: Callable[[str], Fault]
 ) -> None:

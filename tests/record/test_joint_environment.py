@@ -127,6 +127,7 @@ def test_copies_of_gymnasium_are_refused(tmp_path: Path) -> None:
         Recorder(copies, id="cartpole_v1-mine-v0", path=tmp_path / "ds")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "task", "horizon"),
     [("CartPole-v1", "cartpole_v1", 500), ("Pendulum-v1", "pendulum_v1", 200)],

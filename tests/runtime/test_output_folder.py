@@ -150,10 +150,8 @@ def test_an_error_leaves_everything(tmp_path: Path) -> None:
     assert texts(tmp_path / "old") == {"a": "1"}
 
 
-@pytest.mark.parametrize(
-    ("stride", "has_own"),
-    [(4, True), *(pytest.param(1, k, marks=pytest.mark.slow) for k in (True, False))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("stride", "has_own"), [(4, True), (1, True), (1, False)])
 def test_a_kill_before_any_change_of_the_disk_loses_nothing(
     tmp_path: Path, stride: int, has_own: bool
 ) -> None:

@@ -14,6 +14,11 @@ def slow(*cases: Any) -> list[Any]:
     return [pytest.param(case, marks=pytest.mark.slow) for case in cases]
 
 
+def every(step: int, cases: Sequence[Any]) -> list[Any]:
+    """Cases of one parameter, for `parametrize`, of which every `step`-th is fast."""
+    return [case if k % step == 0 else slow(case)[0] for k, case in enumerate(cases)]
+
+
 def pairwise(*choices: Sequence[Any]) -> list[Any]:
     """All cases of a product, for `parametrize`; those that add no pair are slow.
 

@@ -18,7 +18,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Bool, Double, Episode, Float, Seeds
-from tests.support.pairs import slow
+from tests.support.pairs import every, slow
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
 NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
@@ -54,7 +54,7 @@ def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
     return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", every(3, PRESETS))
 def test_robots_start_clear_of_all_and_with_their_first_order(name: str) -> None:
     spec = preset(name)
     n, radius = spec.n_agents, spec.robots[0].radius

@@ -128,6 +128,7 @@ def test_a_run_that_was_made_small_has_every_criterion_but_those_of_its_critics(
         assert found[whole.seed] == whole.model_copy(update={"td_error": None})
 
 
+@pytest.mark.slow
 def test_runs_of_one_name_are_told_apart(made: Made, tmp_path: Path) -> None:
     copy = tmp_path / "bc"
     shutil.copytree(made.runs[0], copy)

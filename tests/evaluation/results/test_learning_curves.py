@@ -114,6 +114,7 @@ def test_malformed_curves_are_refused(tmp_path: Path, text: str, message: str) -
         read_curve([write(tmp_path / "curve.csv", text)], "success")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", MAGIC)
 def test_figures_are_saved_by_suffix(tmp_path: Path, suffix: str) -> None:
     pytest.importorskip("matplotlib")

@@ -109,6 +109,7 @@ def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> 
         assert ("score" in [column.key for column in table.columns]) == has_score
 
 
+@pytest.mark.slow
 def test_a_run_on_a_view_is_evaluated_under_its_models(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

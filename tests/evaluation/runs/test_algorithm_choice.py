@@ -1,5 +1,6 @@
 """`train auto`: statistics by hand, the rule, and what it would have lost on measured datasets."""
 
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -105,6 +106,13 @@ def test_what_no_measured_dataset_tells_apart_is_said() -> None:
     assert "if success was not recorded" in choose_algorithm(EpisodeStatistics(0, 0, 0)).line
 
 
+@cache
+def chosen() -> tuple[list[Row], dict[str, list[str]]]:
+    """The measured datasets, and what each way of choosing takes on them."""
+    rows = read_rows()
+    return rows, choices(rows)
+
+
 def test_the_thresholds_are_fitted_to_the_published_scores() -> None:
     fitted = fit(read_rows())
     assert {name: rounded(each) for name, each in fitted.items()} == THRESHOLDS
@@ -120,8 +128,7 @@ def test_measured_datasets_leave_no_doubt_but_that_nothing_is_solved() -> None:
 @pytest.mark.slow
 def test_left_out_datasets_lose_little() -> None:
     """The goal: a mean regret of at most 2, and of at most 10 on any dataset."""
-    rows = read_rows()
-    picked = choices(rows)
+    rows, picked = chosen()
     found = {way: regrets(rows, names) for way, names in picked.items()}
     auto = found["auto, leave one dataset out"]
     assert len(rows) == 29
@@ -141,8 +148,7 @@ def test_the_page_of_measurements_has_these_tables(
     page = measuring.PAGE.read_text(encoding="utf-8")
     committed = {file.name: file.read_bytes() for file in measuring.TABLES.iterdir()}
     monkeypatch.setattr(measuring, "TABLES", tmp_path / "measurements")
-    rows = read_rows()
-    tables = long_tables_as_files("Choosing an algorithm", report(rows, choices(rows)))
+    tables = long_tables_as_files("Choosing an algorithm", report(*chosen()))
     ways, datasets = tables.split("\n\n")
     assert ways.strip() in page
     assert datasets.strip() in page, "a link"
@@ -151,8 +157,8 @@ def test_the_page_of_measurements_has_these_tables(
 
 
 def test_pages_quote_these_regrets() -> None:
-    rows = read_rows()
-    lost = {way: regrets(rows, picked) for way, picked in choices(rows).items()}
+    rows, picked = chosen()
+    lost = {way: regrets(rows, names) for way, names in picked.items()}
     dataset, task = lost["auto, leave one dataset out"], lost["auto, leave one task out"]
     clones = lost["always `filtered_bc`"]
     learning, claims = (

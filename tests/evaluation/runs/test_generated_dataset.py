@@ -65,6 +65,7 @@ def test_a_run_becomes_one_behavior_policy_for_each_seed(mine: swarmdata.Dataset
     np.testing.assert_allclose(steps / steps.sum(), np.array([2, 2, 1, 1, 1, 1]) / 8, atol=0.05)
 
 
+@pytest.mark.slow
 def test_it_passes_the_audit_and_its_card_marks_inexact_networks(mine: swarmdata.Dataset) -> None:
     assert problems_of(mine.path) == ()
     card = (mine.path / "card.md").read_text()

@@ -89,6 +89,7 @@ def test_the_spec_has_the_fit(twin: Twin) -> None:
     assert TaskSpec.from_text(twin.to_yaml()) == spec
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["kinematic", "pymunk"])
 def test_the_twin_drives_as_the_robots_did(twin: Twin, backend: str) -> None:
     """Under the same commands; they start elsewhere, so that lengths are compared, and turns."""

@@ -90,6 +90,7 @@ def test_a_robot_remembers(tiny: Dataset, tmp_path: Path) -> None:
     assert all(np.abs(each).max() > 0 for each in memory)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_refused(
     tiny: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

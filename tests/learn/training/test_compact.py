@@ -23,6 +23,7 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.rollouts.function_policy import FunctionPolicy
 from swarmdata.runtime import own_components
 from swarmdata.testing.sample_batches import sample_step
+from tests.support.pairs import every
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def data(tiny: Path) -> Dataset:
     return Dataset.open(tiny).split("train")
 
 
-@pytest.mark.parametrize("name", sorted(OFFLINE_ALGORITHMS))
+@pytest.mark.parametrize("name", every(3, sorted(OFFLINE_ALGORITHMS)))
 def test_policies_of_every_algorithm_survive(name: str, data: Dataset, tmp_path: Path) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config
     layers = {each.name for each in fields(kind) if isinstance(each.default, tuple)}

@@ -111,9 +111,10 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("algorithm", "offline"),
-    [PAIRS[1], *(pytest.param(*pair, marks=pytest.mark.slow) for pair in PAIRS[2:4])],
+    PAIRS[1:4],
 )
 def test_the_first_policies_are_those_of_the_offline_run(
     algorithm: str, offline: str, runs: dict[str, Path], task: str, tmp_path: Path
@@ -274,6 +275,7 @@ def started(run: Path, folder: Path, **changes: str) -> tuple[MADDPG, list[str]]
     return online, online.start_from(begin)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("algorithm", "changes"),
     [("maddpg_bc", {"critic": "decentralized"}), ("cfcql", {}), ("iql", {})],

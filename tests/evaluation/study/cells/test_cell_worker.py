@@ -66,6 +66,7 @@ def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
     assert metadata["update"] == 20
 
 
+@pytest.mark.slow
 def test_a_cell_learns_from_its_rewards_and_is_measured_by_the_tasks(
     make_study: Make, tmp_path: Path
 ) -> None:

@@ -59,6 +59,7 @@ def rows(file: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(file.read_text())))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_everything_is_written_and_again_the_same(study: Study, finished: StudyOptions) -> None:
     before = (finished.out / "report.md").read_text()

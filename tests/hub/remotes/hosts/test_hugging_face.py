@@ -13,6 +13,7 @@ from swarmdata.testing.synthetic import RELEASE_CARD
 from tests.hub.remotes.conftest import ID, NEXT, TOKEN, is_pulled
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.loopback_hub import LoopbackHub
+from tests.support.pairs import slow
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
@@ -34,6 +35,7 @@ def test_a_push_is_one_commit_and_a_tag(
     assert remote.ids() == (ID,)
 
 
+@pytest.mark.slow
 def test_a_next_version_replaces_the_data_and_nothing_else(
     remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path, beside: Path
 ) -> None:
@@ -91,7 +93,7 @@ def test_offline_asks_nothing(
     assert hub.log == []
 
 
-@pytest.mark.parametrize("status", [401, 403])
+@pytest.mark.parametrize("status", [401, *slow(403)])
 def test_refusals_say_what_to_do_and_hide_the_token(
     remote: HubRemote, hub: LoopbackHub, dataset: Path, successor: Path, status: int
 ) -> None:

@@ -184,6 +184,7 @@ def test_a_watched_call_returns_or_raises() -> None:
         watched(fail, Meter(Pace(), "x"))
 
 
+@pytest.mark.slow
 def test_a_watched_call_that_is_too_slow_is_left(hanging: Callable[[], None]) -> None:
     with pytest.raises(TooSlowError, match=r"x did not answer within 0\.1 s"):
         watched(hanging, Meter(Pace(answer_seconds=0.1), "x"))
