@@ -43,7 +43,6 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, Step, Term
 
 EVADER_ROLE = "evader"
-
 """The name of the last role."""
 
 

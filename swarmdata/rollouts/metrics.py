@@ -77,11 +77,10 @@ def _metrics_of_sides(names: Sequence[str]) -> dict[str, Metric]:
 def _of_sides(episode: Episode, spec: TaskSpec) -> dict[str, float]:
     """Return and success of each side, if there are several."""
     found: dict[str, float] = {}
-    sides = spec.sides
-    for side in sides if len(sides) > 1 else ():
-        own = episode.rewards[:, side.agents.start : side.agents.stop]
-        found[f"{side.name}_return"] = float(own.mean(axis=1, dtype=np.float64).sum())
-        found[f"{side.name}_success"] = float(episode.success == (side == sides[0]))
+    for side in spec.sides if len(spec.sides) > 1 else ():
+        own = episode_of_side(episode, side)
+        found[f"{side.name}_return"] = own.team_return
+        found[f"{side.name}_success"] = float(own.success)
     return found
 
 

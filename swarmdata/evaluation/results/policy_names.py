@@ -267,7 +267,8 @@ def _side_run_target(
     if opponents is None:
         raise SpecError(
             f"{folder} was trained for the side {trained.side} of {trained.whole.task}, and needs "
-            "opponents: a registered policy such as scripted, or a run of another side"
+            f"opponents, which only evaluate gives it: swarmdata evaluate {folder} --opponents "
+            "scripted, or a run of another side"
         )
     if task is not None:
         raise SpecError(
