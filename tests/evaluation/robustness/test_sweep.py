@@ -233,18 +233,6 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
-def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
-    sight = parse_axis("range=2,1", "observation")
-    (found,) = run_sweep([Path("expert")], [sight], tmp_path, n_episodes=2)
-    assert found.as_trained
-    assert "score" in [column.key for column in found.columns]
-    (line,) = found.lines
-    assert [point.value for point in line.points] == [None, 2.0, 1.0]
-    assert line.trained.estimates[found.column("score_change")] == (0.0, 0.0, 0.0)
-
-
 @pytest.mark.usefixtures("without_figures")
 def test_another_simulator_is_not_called_that_of_training(tmp_path: Path) -> None:
     delay = parse_axis("command_delay=0,1", "body")
