@@ -15,6 +15,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.envs.world.pettingzoo import ParallelWorld
 from swarmdata.errors import ResultsError, SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.results import policy_names
+from swarmdata.evaluation.results.clips import draw_target
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
 from swarmdata.evaluation.results.result_set import group_results
@@ -316,6 +317,16 @@ def test_datasets_without_their_policies_are_refused(
         find_target(str(tmp_path / "empty"))
     with pytest.raises(UnknownNameError, match="unknown policy, tier, dataset or run folder"):
         find_target("coop_nav-nothing-v0")
+
+
+@pytest.mark.slow
+def test_own_datasets_are_drawn(cached: Path, tmp_path: Path) -> None:
+    pytest.importorskip("PIL", reason="Pillow draws")
+    for name in (TINY.id, str(cached)):
+        drawn = draw_target(name, tmp_path / "x.png", 1, None)
+        assert drawn.seed == Dataset.open(cached)[1].seed
+    with pytest.raises(SpecError, match="is a dataset, whose policies act in its own task"):
+        draw_target(str(cached), tmp_path / "x.png", 0, "coop_nav")
 
 
 TAG = preset("tag").with_updates(horizon=40)
