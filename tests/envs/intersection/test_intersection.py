@@ -1,6 +1,5 @@
 """The intersection: trips and metrics, accounted for anew from recorded states."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,8 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, Int, Seeds
+from swarmdata.types import Episode, Float, Int, Seeds
+from tests.support.made_episodes import cut
 from tests.support.pairs import slow
 
 
@@ -107,15 +107,6 @@ def test_a_robot_in_its_entry_waits_until_its_trip_is_due() -> None:
     assert n_waited * 0.1 == pytest.approx(due, abs=0.1)
     assert step.observations[0, 0, names.index("crossing")] == 1.0
     assert own_of(step.states, 1)[0, 0].tolist() == [1.0, 0.0, 0.0]
-
-
-def cut(episode: Episode, states: Float) -> Episode:
-    """An episode with these states, and as many rows of the other fields."""
-    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
-    rows |= {
-        name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
-    }
-    return replace(episode, **rows | {"states": states})
 
 
 def test_metrics_are_what_their_names_say() -> None:

@@ -1,6 +1,5 @@
 """The warehouse: orders and metrics against an independent account of recorded states."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,8 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Bool, Double, Episode, Float, Seeds
+from swarmdata.types import Bool, Double, Episode, Float, Seeds
+from tests.support.made_episodes import cut
 from tests.support.pairs import every, slow
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
@@ -155,15 +155,6 @@ def test_metrics_are_what_their_names_say() -> None:
     assert values["throughput"] == pytest.approx(3 / 2 / (6.0 / 60))
     assert values["deadlocks"] == 1.0
     assert values["carrying_time"] == pytest.approx(20 / 60 / 2)
-
-
-def cut(episode: Episode, states: Float) -> Episode:
-    """An episode with these states, and as many rows of the other fields."""
-    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
-    rows |= {
-        name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
-    }
-    return replace(episode, **rows | {"states": states})
 
 
 def test_drawn_obstacles_are_refused() -> None:
