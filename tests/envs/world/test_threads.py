@@ -1,5 +1,6 @@
 """Copies stepped by several threads: the bits of one thread, its errors, and nothing shared."""
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SchemaError, SpawnError
 from swarmdata.interfaces import VecEnv
-from swarmdata.registry.components import TASKS, make_env
+from swarmdata.registry.components import TASKS, make_env, make_policy
 from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Seeds, Step
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Seeds, Step
 from tests.support.pairs import once_each
 
 MODELS: dict[str, dict[str, Any]] = {
@@ -63,6 +66,25 @@ def test_every_number_of_threads_gives_the_same_bits(task: str, models: str) -> 
         env = make_env(spec, 7, n_threads=n_threads)
         assert_same(drive(env, 30), expected)
         env.close()
+
+
+def test_episodes_and_results_are_the_same() -> None:
+    spec = preset("coop_nav").with_updates(horizon=20)
+    policy, ids = make_policy("scripted", spec), some_seeds(11)
+    env = make_env(spec, 4, n_threads=3)
+    for one, two in zip(
+        rollout(make_env(spec, 4), policy, ids), rollout(env, policy, ids), strict=True
+    ):
+        for name in (*STATE_FIELDS, *STEP_FIELDS):
+            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    env.close()
+    results = [
+        evaluate(policy, spec, name="scripted", n_episodes=9, n_threads=n, progress=False)
+        for n in (1, 2)
+    ]
+    for name, values in results[0].metrics.items():
+        np.testing.assert_array_equal(values, results[1].metrics[name])
+    assert not any(each.name == "swarmdata-step" for each in threading.enumerate())
 
 
 @pytest.mark.parametrize("n_threads", [1, 2])

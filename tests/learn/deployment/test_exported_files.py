@@ -34,7 +34,7 @@ Robot = Callable[[Float, int, Float | None], tuple[Float, Float]]
 """Rows of observations and of memories of a robot, by number, to its actions and memories."""
 
 
-def export_to(path: Path) -> Callable[..., None]:
+def export_to(path: Path) -> Callable[..., Path]:
     if path.suffix == ".py":
         from swarmdata.learn.deployment.numpy_file import export_numpy
 
@@ -61,7 +61,7 @@ def of_python(path: Path) -> tuple[Robot, dict[str, Any]]:
     policy = runpy.run_path(str(path))["Policy"]()
 
     def act(rows: Float, robot: int, memory: Float | None) -> tuple[Float, Float]:
-        memories = [None] * len(rows) if memory is None else memory
+        memories: Any = [None] * len(rows) if memory is None else memory
         answers = [
             policy.step(row, robot, *([] if each is None else [each]))
             for row, each in zip(rows, memories, strict=True)
@@ -80,8 +80,8 @@ def of_onnx(path: Path) -> tuple[Robot, dict[str, Any]]:
         if memory is None:
             (actions,) = session.run(["action"], inputs)
             return actions, np.zeros((len(rows), 0), np.float32)
-        actions, memory = session.run(["action", "next_memory"], {**inputs, "memory": memory})
-        return actions, memory
+        actions, later = session.run(["action", "next_memory"], {**inputs, "memory": memory})
+        return actions, later
 
     return act, json.loads(session.get_modelmeta().custom_metadata_map["swarmdata"])
 
