@@ -61,16 +61,19 @@ def pull(
     An interrupted download resumes: run the same command again.
     """
     from swarmdata.hub.catalog.identity import judge
-    from swarmdata.hub.catalog.sources import obtain_release
+    from swarmdata.hub.catalog.request import request_of_address
+    from swarmdata.hub.catalog.sources import Remotes, obtain, obtain_release
     from swarmdata.hub.remotes.addresses import configured_remotes
     from swarmdata.hub.remotes.outside_names import is_address
     from swarmdata.hub.remotes.release_lookup import find_release, locate
     from swarmdata.store import read_manifest
+    from swarmdata.store.cache import cache_folder
 
     if is_address(dataset) and origin is not None:
         raise typer.BadParameter("an address already names the remote", param_hint="--from")
-    if is_address(dataset) and out is None:
-        _pull_address(dataset)
+    if is_address(dataset) and out is None:  # into the folder where `load` of it looks
+        found = obtain(request_of_address(dataset), Remotes())
+        typer.echo(f"{found.folder}\nfrom {found.source}")
         return
     if is_address(dataset):
         remote, release = locate(dataset)
@@ -79,19 +82,10 @@ def pull(
         remote, release = find_release(
             _versioned(dataset), remotes, lambda problem: typer.echo(problem, err=True)
         )
-    folder = obtain_release(remote, release, out or _cached(release.id))
+    folder = obtain_release(remote, release, out or cache_folder() / "datasets" / release.id)
     manifest = read_manifest(folder)
     typer.echo(f"{folder}\nfrom {release.address}, digest {manifest.digest}")
     typer.echo(judge(manifest).sentence)
-
-
-def _pull_address(address: str) -> None:
-    """Fetches into the folder where `load` of the same address looks."""
-    from swarmdata.hub.catalog.request import request_of_address
-    from swarmdata.hub.catalog.sources import Remotes, obtain
-
-    found = obtain(request_of_address(address), Remotes())
-    typer.echo(f"{found.folder}\nfrom {found.source}")
 
 
 @remote_app.command("list")
@@ -154,12 +148,6 @@ def _warn_if_overridden() -> None:
 
     if "SWARMDATA_REMOTES" in os.environ:
         typer.echo("SWARMDATA_REMOTES is set, so this file is not used.", err=True)
-
-
-def _cached(dataset_id: str) -> Path:
-    from swarmdata.store.cache import cache_folder
-
-    return cache_folder() / "datasets" / dataset_id
 
 
 def _versioned(dataset: str) -> str:
