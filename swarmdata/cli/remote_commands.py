@@ -61,8 +61,7 @@ def pull(
     An interrupted download resumes: run the same command again.
     """
     from swarmdata.hub.catalog.identity import judge
-    from swarmdata.hub.catalog.request import request_of_address
-    from swarmdata.hub.catalog.sources import Remotes, obtain, obtain_release
+    from swarmdata.hub.catalog.sources import obtain_release
     from swarmdata.hub.remotes.addresses import configured_remotes
     from swarmdata.hub.remotes.outside_names import is_address
     from swarmdata.hub.remotes.release_lookup import find_release, locate
@@ -71,9 +70,8 @@ def pull(
 
     if is_address(dataset) and origin is not None:
         raise typer.BadParameter("an address already names the remote", param_hint="--from")
-    if is_address(dataset) and out is None:  # into the folder where `load` of it looks
-        found = obtain(request_of_address(dataset), Remotes())
-        typer.echo(f"{found.folder}\nfrom {found.source}")
+    if is_address(dataset) and out is None:
+        _pull_address(dataset)
         return
     if is_address(dataset):
         remote, release = locate(dataset)
@@ -86,6 +84,15 @@ def pull(
     manifest = read_manifest(folder)
     typer.echo(f"{folder}\nfrom {release.address}, digest {manifest.digest}")
     typer.echo(judge(manifest).sentence)
+
+
+def _pull_address(address: str) -> None:
+    """Fetches into the folder where `load` of the same address looks."""
+    from swarmdata.hub.catalog.request import request_of_address
+    from swarmdata.hub.catalog.sources import Remotes, obtain
+
+    found = obtain(request_of_address(address), Remotes())
+    typer.echo(f"{found.folder}\nfrom {found.source}")
 
 
 @remote_app.command("list")
