@@ -62,8 +62,7 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
 
     A sweep whose dataset has no results yet is left out.
     """
-    families = {label: each.family for label, each in found.study.algorithms.items()}
-    board = make_scoreboard(found.results, families, quantity_of(found.results).column.key)
+    board = make_scoreboard(found.results, found.families, quantity_of(found.results).column.key)
     planned = []
     for label, plan in found.study.sweeps.items():
         n_episodes = found.study.shifted_episodes(plan.episodes)
