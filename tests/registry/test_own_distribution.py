@@ -11,6 +11,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 pytest.importorskip("torch", reason="algorithms need the torch extra")
+pytest.importorskip("matplotlib", reason="studies and sweeps draw figures")
 
 MODULES = {
     "task": """
@@ -85,6 +86,17 @@ rules: {task: meeting, patience: 5}
 horizon: 40
 """
 
+STUDY = """
+name: mine
+datasets: [data]
+algorithms: [my_bc]
+seeds: 1
+budget: 0.001
+hidden: [8]
+settings: {batch_size: 16, patience: 4}
+episodes: 4
+"""
+
 SCRIPT = """
 import sys
 sys.path[:] = {path!r}
@@ -121,6 +133,19 @@ QUICK = """
     assert "meeting-slow-v0" in run("remote list shelf://box")
 """
 
+SLOW = """
+    run("generate --task meeting.yaml --policy slow --id meeting-slow-v0 --steps 1200 --workers 1 "
+        "--out data")
+    run("train my_bc data --updates 3 --seeds 1 --set hidden=8 --out runs/mine")
+    run("render runs/mine --out clip.png")
+    run("generate --task meeting.yaml --policy runs/mine --id meeting-mine-v0 --steps 400 "
+        "--workers 1 --out mine")
+    assert "no problems" in run("audit mine --sample 4")
+    run("sweep runs/mine --observation noise=0..0.1 --values 2 --episodes 4 --out sweep")
+    run("study study.yaml --out study --work work --workers 1")
+    assert "my_bc" in open("study/report.md").read()
+"""
+
 
 def install(site: Path) -> None:
     """Writes a package and the metadata that an installer writes."""
@@ -138,6 +163,7 @@ def play(folder: Path, body: str, cache_folder: Path) -> None:
     install(folder / "site")
     (folder / "shelf").mkdir()
     (folder / "meeting.yaml").write_text(TASK)
+    (folder / "study.yaml").write_text(STUDY)
     script = folder / "script.py"
     path = [str(folder / "site"), *sys.path]
     script.write_text(SCRIPT.format(path=path, body=body))
@@ -158,3 +184,7 @@ def test_its_components_act_learn_and_record(tmp_path: Path, cache_folder: Path)
     play(tmp_path, QUICK, cache_folder)
     recipe = json.loads((tmp_path / "data" / "recipe.json").read_text())
     assert recipe["spec"]["rules"]["patience"] == 5
+
+
+def test_its_components_take_part_in_sweeps_and_studies(tmp_path: Path, cache_folder: Path) -> None:
+    play(tmp_path, SLOW, cache_folder)

@@ -16,12 +16,13 @@ from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results import result_plots
 from swarmdata.evaluation.results.estimate_table import Column
-from swarmdata.evaluation.results.learning_curves import Curve, plot_curves
+from swarmdata.evaluation.results.learning_curves import Curve, plot_curves, plot_learning
 from swarmdata.evaluation.results.result_plots import (
     plot_differences,
     plot_estimates,
     plot_score_profiles,
 )
+from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import read_csv
 from swarmdata.evaluation.study.pages.row_differences import RowDifference, plot_row_differences
 from swarmdata.evaluation.study.pages.training_curves import plot_training_curves
@@ -50,6 +51,12 @@ def dots(path: Path) -> None:
     plot_by_dataset(found, {}, LOOKS, path, label="score", families=FAMILY_OF)
 
 
+def many_rows(path: Path) -> None:
+    labels = {f"maddpg_bc-setting-{k}": "actor-critic" for k in range(36)}
+    found = {DATASETS[0]: {label: at(float(k)) for k, label in enumerate(labels)}}
+    plot_by_dataset(found, {DATASETS[0]: 3.0}, family_looks(labels), path, label="score")
+
+
 def matrix(path: Path) -> None:
     families: dict[str, list[str]] = {}
     for label in LABELS:
@@ -72,6 +79,12 @@ def small_fronts(path: Path) -> None:
     plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return")
 
 
+def large_fronts(path: Path) -> None:
+    points = {label: (at(0.4 * k, 0.05), at(9.0 - 2 * k)) for k, label in enumerate(LABELS[:4])}
+    panels = {name: FrontPanel(points, LABELS[:2]) for name in DATASETS[:4]}
+    plot_fronts(panels, LOOKS, path, xlabel="collisions", ylabel="return")
+
+
 def curves(path: Path) -> None:
     """Lines of different lengths that end at almost the same height."""
     lengths = {"mappo": 5e6, "maddpg": 1e6, "vdn": 1e6, "qmix": 3e5}
@@ -88,6 +101,17 @@ def trials(path: Path) -> None:
     found = Curve(np.arange(1.0, 4.0), np.array([[40.0, 41.0, 41.5]]))
     plot_curves({"validation episodes": found, "the data alone": found}, path, xlabel="trials",
                 ylabel="expected score", references={"default": 40.1})  # fmt: skip
+
+
+def online(path: Path) -> None:
+    files: dict[str, dict[str, list[Path]]] = {}
+    for task in TASKS[:3]:
+        for k, name in enumerate(("mappo", "maddpg", "vdn", "qmix")):
+            file = path.with_name(f"{task}-{name}.csv")
+            rows = [f"{1e5 * n},{seed},{0.1 * n},{n - k}\n" for seed in (0, 1) for n in range(1, 9)]
+            file.write_text("frames,seed,success,return\n" + "".join(rows))
+            files.setdefault(task, {})[name] = [file]
+    plot_learning(files, path)
 
 
 def panels(path: Path) -> None:
@@ -126,20 +150,29 @@ def sweeps(path: Path) -> None:
     plot_sweeps(found, family_looks({**FAMILY_OF, "bc-gru": "recurrent cloning"}), path)
 
 
+def one_sweep(path: Path) -> None:
+    plot_degradation(read_csv(SWEEPS[0]), path)
+
+
 @pytest.mark.parametrize(
     ("module", "draw"),
     [
         (dot_plot, dots),
+        pytest.param(dot_plot, many_rows, marks=pytest.mark.slow),
         (matrix_plot, matrix),
         pytest.param(front_plot, small_fronts, marks=pytest.mark.slow),
+        pytest.param(front_plot, large_fronts, marks=pytest.mark.slow),
         (line_plot, curves),
         pytest.param(line_plot, trials, marks=pytest.mark.slow),
+        pytest.param(line_plot, online, marks=pytest.mark.slow),
         pytest.param(dot_plot, panels, marks=pytest.mark.slow),
         (result_plots, profiles),
         pytest.param(matrix_plot, pairs, marks=pytest.mark.slow),
+        pytest.param(dot_plot, differences(1, 9), marks=pytest.mark.slow),
         pytest.param(dot_plot, differences(4, 9), marks=pytest.mark.slow),
         pytest.param(matrix_plot, differences(12, 9), marks=pytest.mark.slow),
         pytest.param(line_plot, sweeps, marks=pytest.mark.slow),
+        pytest.param(line_plot, one_sweep, marks=pytest.mark.slow),
     ],
 )
 def test_labels_are_whole_and_apart_on_one_screen(

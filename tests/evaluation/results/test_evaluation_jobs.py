@@ -16,6 +16,7 @@ from swarmdata.evaluation.results.evaluation_jobs import (
     evaluator,
     run_evaluations,
 )
+from tests.support.at_once import run_at_once
 from tests.support.tiny import abandoned
 
 N = 2
@@ -43,6 +44,14 @@ def test_processes_leave_the_files_of_one_process(alone: Path, tmp_path: Path) -
     run_evaluations(every, workers=2, progress=False)
     assert len(files(tmp_path)) == len(every) > 2
     assert files(tmp_path) == files(alone)
+
+
+@pytest.mark.slow
+def test_two_commands_at_once_leave_the_same_files(alone: Path, tmp_path: Path) -> None:
+    command = ("evaluate", "expert", "scripted", "--episodes", str(N), "--out", tmp_path)
+    first, second = run_at_once(command, command)
+    assert files(tmp_path) == files(alone)
+    assert first.splitlines()[0] == second.splitlines()[0]
 
 
 def test_parts_are_collected_by_a_command_that_evaluates_nothing(
