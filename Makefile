@@ -144,7 +144,7 @@ notebooks: $(STAMPS)/docs
 	$(BIN)/python -m docs.site.make_notebooks $(ARGS)
 
 bench: $(STAMPS)/test
-	set -e; for file in $(filter-out %/bench_digests.py %/bench_leaderboard.py,$(wildcard tests/benchmarks/bench_*.py)); do \
+	set -e; for file in $(filter-out %/bench_digests.py,$(wildcard tests/benchmarks/bench_*.py)); do \
 	echo "== $$file"; $(BIN)/python -m tests.benchmarks.$$(basename $$file .py); done
 
 digests: $(STAMPS)/test

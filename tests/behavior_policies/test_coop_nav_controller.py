@@ -31,7 +31,7 @@ def run(name: str, policy_name: str, n_episodes: int) -> Step:
     return step
 
 
-@pytest.mark.parametrize("name", every(3, PRESETS))
+@pytest.mark.parametrize("name", every(6, PRESETS))
 def test_every_preset_is_solved(name: str) -> None:
     assert run(name, "scripted", 16).successes.mean() >= 0.8
 

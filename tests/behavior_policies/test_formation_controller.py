@@ -21,6 +21,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Step
+from tests.support.pairs import slow
 
 HALF = np.array([2.5, 2.5])
 
@@ -80,7 +81,7 @@ def test_a_slot_that_stays_blocked_has_no_free_position() -> None:
     assert not found[0]
 
 
-@pytest.mark.parametrize("name", ["formation", "formation-n8", "formation-unicycle"])
+@pytest.mark.parametrize("name", ["formation-unicycle", *slow("formation", "formation-n8")])
 def test_the_team_forms_and_bends_around_obstacles(name: str) -> None:
     spec = preset(name)
     env, policy = make_env(spec, 10), make_policy("scripted", spec)

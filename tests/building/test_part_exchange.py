@@ -6,13 +6,11 @@ from pathlib import Path
 
 import fsspec
 import pytest
-from typer.testing import CliRunner
 
 from swarmdata.building.build import build
 from swarmdata.building.part_exchange import PartExchange
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.building.shares import finish_parts, make_share, receive_parts
-from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, ChecksumError, HubError
 from swarmdata.hub.remotes.hosts.buckets import BucketRemote
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
@@ -20,6 +18,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.store import read_manifest
 from tests.support.at_once import run_at_once
+from tests.support.command_line import run
 from tests.support.tiny import TINY
 
 SMALL = TINY.model_copy(update={"part_episodes": 2})
@@ -131,6 +130,5 @@ def test_commands_on_machines_without_a_shared_folder(tmp_path: Path, whole: str
         return ("generate", recipe, "--out", tmp_path / name / "d", "--remote", remote, *options)
 
     run_at_once(line("a", "--part", "1/2"), line("b", "--part", "2/2"), line("c", "--part", "2/2"))
-    result = CliRunner().invoke(app, [*map(str, line("d", "--finish"))])
-    assert result.exit_code == 0, result.output
-    assert whole in result.output
+    result = run(*map(str, line("d", "--finish")))
+    assert whole in result

@@ -12,6 +12,7 @@ from swarmdata.cards.card import write_card
 from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD
+from tests.support.command_line import run
 
 RUNNER = CliRunner()
 
@@ -25,20 +26,18 @@ def dataset(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., Path
 
 
 def test_clean(dataset: Path) -> None:
-    result = RUNNER.invoke(app, ["audit", str(dataset)])
-    assert result.exit_code == 0
-    assert result.output.startswith("coop_nav-small-v0 (digest ")
-    assert result.output.endswith("checks, no problems\n")
+    result = run("audit", str(dataset))
+    assert result.startswith("coop_nav-small-v0 (digest ")
+    assert result.endswith("checks, no problems\n")
 
 
 def test_an_id_in_the_cache_with_problems(dataset: Path, cache_folder: Path) -> None:
     folder = cache_folder / "datasets" / dataset.name
     shutil.copytree(dataset, folder)
     (folder / CARD).write_text("typed by hand")
-    result = RUNNER.invoke(app, ["audit", dataset.name, "--sample", "0"])
-    assert result.exit_code == 1
-    assert "problem: card: line 1 of card.md is 'typed by hand'" in result.output
-    assert "note: replay: no episodes were replayed, as requested" in result.output
+    result = run("audit", dataset.name, "--sample", "0", code=1)
+    assert "problem: card: line 1 of card.md is 'typed by hand'" in result
+    assert "note: replay: no episodes were replayed, as requested" in result
     content = json.loads(RUNNER.invoke(app, ["audit", dataset.name, "--json"]).output)
     assert content["n_problems"] == 1
     assert content["findings"][0]["check"] == "card"

@@ -23,6 +23,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.command_line import run
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -31,12 +32,6 @@ COMMAND = [
     "-c",
     f"import sys; sys.path[:] = {sys.path!r}; from swarmdata.cli.main import main; main()",
 ]
-
-
-def run(*arguments: str | Path, code: int = 0) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 @pytest.fixture

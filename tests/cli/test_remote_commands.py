@@ -4,19 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from swarmdata.cards.card import write_card
-from swarmdata.cli.main import app
 from swarmdata.registry.recipes import FAMILY_SPECS
+from tests.support.command_line import run
 
 ID = "coop_nav-small-v0"
-
-
-def run(*arguments: str, code: int = 0) -> str:
-    result = CliRunner().invoke(app, list(arguments))
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 @pytest.fixture(scope="module")

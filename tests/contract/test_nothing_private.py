@@ -13,14 +13,13 @@ from pathlib import Path
 
 import pytest
 from platformdirs import user_cache_path
-from typer.testing import CliRunner
 
 import swarmdata
 from swarmdata.cards.card import write_card
-from swarmdata.cli.main import app
 from swarmdata.evaluation.study.plan import Study
 from tests.catalogue.conftest import little_published
 from tests.evaluation.study.conftest import here  # noqa: F401  # a fixture
+from tests.support.command_line import run
 from tests.support.tiny import TINY, make_tiny
 
 USER, HOST = "ursula_canary", "host-canary"
@@ -43,11 +42,6 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(platform, "node", lambda: HOST)
     monkeypatch.chdir(found)
     return found
-
-
-def run(*arguments: object) -> None:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
 
 
 def unpacked(path: Path) -> Iterator[bytes]:

@@ -108,10 +108,10 @@ def test_other_views_come_first(whole: swarmdata.Dataset) -> None:
         swarmdata.combine_datasets([side], Path("unused"), id="tag-other-v0")
 
 
-def test_sides_that_do_not_exist_are_refused(whole: swarmdata.Dataset, tmp_path: Path) -> None:
+def test_sides_that_do_not_exist_are_refused(whole: swarmdata.Dataset, tiny: Path) -> None:
     with pytest.raises(UnknownNameError, match="unknown side 'hunters'"):
         whole.side("hunters")
-    other = swarmdata.Dataset.open(make_tiny(tmp_path / "coop_nav-tiny-v0"))
+    other = swarmdata.Dataset.open(tiny)
     with pytest.raises(SpecError, match="coop_nav has one side, got side 'pursuers'"):
         other.side("pursuers")
     with pytest.raises(SpecError, match="stream does not go with side"):

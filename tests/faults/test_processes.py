@@ -9,17 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.task_spec import TaskSpec
 from tests.faults.kill_points import survive
 from tests.faults.load_one import load_tiny
 from tests.support.at_once import Forked
+from tests.support.command_line import run
 from tests.support.pairs import slow
-
-ROOT = Path(__file__).parents[2]
 
 
 def kill_points(operation: str, folder: Path, stride: int) -> dict[str, int]:
@@ -124,8 +121,7 @@ def put_ten_entries(file: str, letter: str) -> None:
 def add_ten_remotes(_: str, letter: str) -> None:
     """Changes the configuration."""
     for k in range(10):
-        found = CliRunner().invoke(app, ["remote", "add", f"hf://org{letter}-{k}"])
-        assert found.exit_code == 0, found.output
+        run("remote", "add", f"hf://org{letter}-{k}")
 
 
 @pytest.mark.parametrize("what", ["registry", *slow("remotes")])

@@ -145,32 +145,12 @@ def test_the_last_observation_is_asked_for(tmp_path: Path, take_in: TakeIn) -> N
     assert shorter.metadata["final"] == "cut"
 
 
-def test_no_timeouts_is_ambiguous(tmp_path: Path, take_in: TakeIn) -> None:
-    arrays = timeline([4] * 25 + [2], [True] * 25 + [False])
-    del arrays["timeouts"]
-    path = write_foreign(tmp_path / "x.hdf5", **arrays)
-    with pytest.raises(ConversionError, match="does not say which episodes a time limit truncated"):
-        take_in(path, "d4rl")
-    dataset = take_in(path, "d4rl", time_limit=4)
-    assert dataset.lengths == [4] * 25 + [2]
-    assert dataset.ends == ["horizon"] * 25 + ["ended"]
-    check_alignment(dataset.episodes, with_next=True)
-
-
 def test_a_limit_stored_as_a_termination_is_noticed(tmp_path: Path, take_in: TakeIn) -> None:
     path = write_foreign(tmp_path / "x.hdf5", **timeline([4] * 25, [False] * 25))
     with pytest.raises(ConversionError, match="as if a time limit had been stored"):
         take_in(path, "d4rl")
     assert set(take_in(path, "d4rl", time_limit=4).ends) == {"horizon"}
     assert set(take_in(path, "d4rl", time_limit=0).ends) == {"ended"}
-
-
-def test_a_lost_boundary_is_found_by_the_next_observation(tmp_path: Path, take_in: TakeIn) -> None:
-    arrays = timeline([3] * 24 + [5], [False] * 25)
-    arrays["terminals"][5] = False  # two episodes look like one
-    path = write_foreign(tmp_path / "x.hdf5", **arrays)
-    with pytest.raises(ConversionError, match=r"next_observations of row 5 differs .* of row 6"):
-        take_in(path, "d4rl")
 
 
 @pytest.mark.parametrize("axis", ["columns", "agents"])

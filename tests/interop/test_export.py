@@ -14,12 +14,13 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset, in_frame
-from swarmdata.interop.formats import FORMATS
+from swarmdata.interop.formats import FORMATS, find_format
 from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import in_world
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.specs.model_choice import with_models
+from tests.support.pairs import slow
 from tests.support.tiny import make_tiny
 
 
@@ -82,53 +83,32 @@ def test_a_policy_sees_and_acts_in_the_exported_frame(
     np.testing.assert_allclose(frame.recorded(recorded, acted), actions / norm, atol=1e-6)
 
 
+NEEDS = {
+    "lerobot": "pyarrow", "minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl",
+    "vault": "flashbax.vault",
+}  # fmt: skip
+TURNABLE = [name for name in FORMATS if name not in ("mcap", "rosbag2")]
+"""Bags hold commands of robots, in the world's frame alone."""
+
+
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name in ("torchrl", "vault") else [])
-        for name in FORMATS
-        if name not in ("mcap", "rosbag2")  # commands of robots, in the world's frame alone
-    ],
+    [name if name not in ("torchrl", "vault") else slow(name)[0] for name in TURNABLE],
 )
-@pytest.mark.parametrize("frame", ["world", "target"])
-def test_every_export_says_its_frame(
-    name: str, frame: str, tiny_dataset: Dataset, tmp_path: Path
+def test_a_turned_export_says_so_and_is_not_read_as_a_recording(
+    name: str, tiny_dataset: Dataset, tmp_path: Path
 ) -> None:
-    libraries = {
-        "lerobot": "pyarrow", "minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl",
-        "vault": "flashbax.vault",
-    }  # fmt: skip
-    pytest.importorskip(libraries.get(name, "h5py"), reason=f"the extra of {name}")
-    path = export_dataset(tiny_dataset, tmp_path / tiny_dataset.id, format=name, frame=frame)
-    match name:
-        case "d4rl":
-            with h5py.File(path) as file:
-                assert json.loads(file["metadata/swarmdata"][()])["frame"] == frame
-        case "d4rl-agents":
-            for each in path.iterdir():
-                with h5py.File(each) as file:
-                    assert file["metadata/frame"][()].decode() == frame
-        case "parquet":
-            assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
-            assert f"in the frame `{frame}`" in (path / "README.md").read_text()
-        case "lerobot":
-            assert json.loads((path / "meta/swarmdata.json").read_text())["frame"] == frame
-        case "torchrl" | "numpy":
-            assert json.loads((path / "swarmdata.json").read_text())["frame"] == frame
-        case "vault":
-            metadata = json.loads((path / "metadata.json").read_text())
-            assert json.loads(metadata["swarmdata"])["frame"] == frame
-        case "minari":
-            metadata = json.loads((path / "data/metadata.json").read_text())
-            assert json.loads(metadata["swarmdata"])["frame"] == frame
-        case _:
-            pytest.fail(f"this test does not know where {name} says its frame")
-
-
-def test_a_turned_export_is_not_read_as_a_recording(tiny_dataset: Dataset, tmp_path: Path) -> None:
-    path = export_dataset(tiny_dataset, tmp_path / "x.hdf5", format="d4rl", frame="target")
-    with pytest.raises(ConversionError, match="exported in the frame 'target', which cannot"):
-        import_dataset(path, tmp_path / "back", format="d4rl", id="coop_nav-back-v0")
+    pytest.importorskip(NEEDS.get(name, "h5py"), reason=f"the extra of {name}")
+    path = export_dataset(tiny_dataset, tmp_path / tiny_dataset.id, format=name, frame="target")
+    if find_format(name).read is not None:
+        with pytest.raises(ConversionError, match="exported in the frame 'target', which cannot"):
+            import_dataset(path, tmp_path / "back", format=name, id="coop_nav-back-v0")
+    elif name == "d4rl-agents":
+        for each in path.iterdir():
+            with h5py.File(each) as file:
+                assert file["metadata/frame"][()] == b"target"
+    else:
+        assert json.loads((path / "meta/swarmdata.json").read_text())["frame"] == "target"
 
 
 def test_frames_that_a_dataset_cannot_have(

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
+from tests.support.command_line import run
 
 PLACES = ("{name}", "./{name}", "below/{name}", "../beside/{name}", "{work}/{name}", "~/{name}")
 
@@ -51,6 +52,5 @@ def convert(source: str, target: str, text: Callable[[str], str], *options: str)
 
 
 def test_the_home_of_nobody_is_one_sentence() -> None:
-    result = CliRunner().invoke(app, ["convert", "~nobody-here/data", "out", "--to", "d4rl"])
-    assert result.exit_code == 1
-    assert "'~nobody-here' is no home folder of this machine" in result.output
+    result = run("convert", "~nobody-here/data", "out", "--to", "d4rl", code=1)
+    assert "'~nobody-here' is no home folder of this machine" in result

@@ -1,10 +1,11 @@
-"""Episodes made of arrays, without messages, events or obstacles."""
+"""Episodes made of arrays, without messages, events or obstacles, or of the states of others."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from swarmdata.types import Episode, no_messages
+from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, no_messages
 
 
 def made_episode(
@@ -45,3 +46,12 @@ def made_episode(
         policy=policy,
         end_reason=0 if ends else 2,
     )
+
+
+def cut(episode: Episode, states: Float) -> Episode:
+    """An episode with these states, and as many rows of the other fields."""
+    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
+    rows |= {
+        name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
+    }
+    return replace(episode, **rows | {"states": states})

@@ -3,15 +3,12 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from swarmdata.building.edit import filter_dataset
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.testing.synthetic import make_dataset
-
-RUNNER = CliRunner()
+from tests.support.command_line import run
 
 
 @pytest.fixture
@@ -20,12 +17,6 @@ def source(tmp_path: Path) -> Path:
         tmp_path / "source", [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]], n_steps=30
     )
     return tmp_path / "source"
-
-
-def run(*arguments: str) -> str:
-    result = RUNNER.invoke(app, list(arguments))
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def test_filter_combine_and_subsample(source: Path, cache_folder: Path, tmp_path: Path) -> None:

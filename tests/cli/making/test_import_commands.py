@@ -3,12 +3,11 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.record import Recorder
 from tests.record.worlds import Counting, play, steady
+from tests.support.command_line import run
 
 ID = "counting_v1-mine-v0"
 
@@ -19,12 +18,6 @@ def unfinished(tmp_path: Path) -> Path:
     play(recorder, 12, steady)
     recorder.pause()
     return tmp_path / "ds"
-
-
-def run(*arguments: str, code: int = 0) -> str:
-    result = CliRunner().invoke(app, list(arguments))
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 def test_an_unfinished_recording_is_shown_and_finished(unfinished: Path) -> None:

@@ -1,6 +1,5 @@
-"""The intersection: trips, rewards and metrics, accounted for anew from recorded states."""
+"""The intersection: trips and metrics, accounted for anew from recorded states."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,9 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, Int, Seeds
+from swarmdata.types import Episode, Float, Int, Seeds
+from tests.support.made_episodes import cut
 from tests.support.pairs import slow
-
-NO_SHARED_TERMS = {
-    "success": 0, "proximity": 0, "robot_contact": 0, "obstacle_contact": 0,
-    "robot_collision": 0, "obstacle_collision": 0,
-}  # fmt: skip
 
 
 def seeds(*values: int) -> Seeds:
@@ -45,11 +40,8 @@ def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
 
 
 @pytest.mark.parametrize("name", ["intersection", *slow("intersection-n8")])
-def test_trips_and_rewards_are_those_of_the_docstring(name: str) -> None:
-    base = preset(name)
-    rules = base.rules.model_dump()
-    rules["rewards"] |= NO_SHARED_TERMS
-    spec = base.with_updates(rules=rules, horizon=200)
+def test_trips_are_those_of_the_docstring(name: str) -> None:
+    spec = preset(name).with_updates(horizon=200)
     episode, n, junction = scripted_episode(spec), spec.n_agents, Junction.of(spec)
     robots, own = robots_of(episode.states, n).astype(np.float64), own_of(episode.states, n)
     r: Any = spec.rules
@@ -58,24 +50,21 @@ def test_trips_and_rewards_are_those_of_the_docstring(name: str) -> None:
         for i in range(n):
             target, (x, y) = robots[t, i, TX:], robots[t + 1, i, : Y + 1]
             crosses, trip = bool(own[t, i, 0]), int(own[t, i, 1])
-            lengths = [np.abs(target - robots[k, i, : Y + 1]).sum() for k in (t, t + 1)]
-            reward = r.rewards.progress * (lengths[0] - lengths[1]) - r.rewards.time
             arm = arm_at(*target)
             due = (trip + drawn(episode.seed, i, trip, 1)) * r.headway
             now = (t + 1) * spec.control_dt
             if np.hypot(*(target - (x, y))) <= r.goal_radius:
                 if crosses:
                     crosses, trip, target = False, trip + 1, junction.entries[arm]
-                    reward, n_left = reward + r.rewards.crossing, n_left + 1
+                    n_left += 1
                 elif due <= now:
                     goal = (arm + 1 + int(3 * drawn(episode.seed, i, trip, 0))) % 4
                     crosses, target = True, junction.exits[goal]
-                    reward, n_entered = reward + r.rewards.entry, n_entered + 1
+                    n_entered += 1
             due = (trip + drawn(episode.seed, i, trip, 1)) * r.headway
             wait = 0.0 if crosses else max(due - now, 0.0)
             np.testing.assert_allclose(own[t + 1, i], [crosses, trip, wait], atol=1e-5)
             np.testing.assert_allclose(robots[t + 1, i, TX:], target, atol=1e-6)
-            assert episode.rewards[t, i] == pytest.approx(reward, abs=1e-5)
     assert n_left >= 3
     assert n_entered >= n_left
 
@@ -118,15 +107,6 @@ def test_a_robot_in_its_entry_waits_until_its_trip_is_due() -> None:
     assert n_waited * 0.1 == pytest.approx(due, abs=0.1)
     assert step.observations[0, 0, names.index("crossing")] == 1.0
     assert own_of(step.states, 1)[0, 0].tolist() == [1.0, 0.0, 0.0]
-
-
-def cut(episode: Episode, states: Float) -> Episode:
-    """An episode with these states, and as many rows of the other fields."""
-    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
-    rows |= {
-        name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
-    }
-    return replace(episode, **rows | {"states": states})
 
 
 def test_metrics_are_what_their_names_say() -> None:

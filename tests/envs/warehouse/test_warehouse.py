@@ -1,12 +1,11 @@
-"""The warehouse: orders, rewards and metrics against an independent account of recorded states."""
+"""The warehouse: orders and metrics against an independent account of recorded states."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from swarmdata.envs.warehouse.floor_plan import FloorPlan, shortest_path_length
+from swarmdata.envs.warehouse.floor_plan import FloorPlan
 from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
 from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
 from swarmdata.errors import SpawnError, SpecError
@@ -17,11 +16,11 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Bool, Double, Episode, Float, Seeds
+from swarmdata.types import Bool, Double, Episode, Float, Seeds
+from tests.support.made_episodes import cut
 from tests.support.pairs import every, slow
 
 PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
-NO_CONTACTS = {"robot_contact": 0, "obstacle_contact": 0, "robot_collision": 0}
 
 
 def spec_of(n_agents: int = 4, robot: dict[str, Any] | None = None, **rules: Any) -> TaskSpec:
@@ -94,41 +93,30 @@ def test_more_robots_than_the_floor_holds_are_refused() -> None:
         make_env(spec, 1).reset(seeds(1))
 
 
-def account(spec: TaskSpec, episode: Episode) -> tuple[Double, Bool]:
-    """Own rewards [T, N] and whether solved [T], step by step from states; checks all states."""
+def account(spec: TaskSpec, episode: Episode) -> Bool:
+    """Whether solved [T], step by step from states; checks all states."""
     plan, n = FloorPlan.of(spec), spec.n_agents
     rules: Any = spec.rules
-    w = rules.rewards
     robots, own = robots_of(episode.states, n).astype(np.float64), own_of(episode.states, n)
-    rewards, solved = np.zeros((len(episode), n)), np.zeros(len(episode), dtype=np.bool_)
+    solved = np.zeros(len(episode), dtype=np.bool_)
     for t in range(len(episode)):
         for i in range(n):
-            target = robots[t, i, TX:]
-            old, new = robots[t, i, : Y + 1], robots[t + 1, i, : Y + 1]
-            lengths = [shortest_path_length(*p, *target, plan.lanes, plan.rows) for p in (old, new)]
-            served = np.linalg.norm(new - target) <= rules.goal_radius
+            away = robots[t + 1, i, : Y + 1] - robots[t, i, TX:]
             carries, order = bool(own[t, i, 0]), int(own[t, i, 1])
-            rewards[t, i] = w.progress * (lengths[0] - lengths[1]) - w.time
-            if served:
-                rewards[t, i] += w.delivery if carries else w.pickup
+            if np.linalg.norm(away) <= rules.goal_radius:
                 carries, order = not carries, order + carries
             assert own[t + 1, i].tolist() == [carries, order]
             expected = drawn_target(plan, episode.seed, i, order, carries)
             np.testing.assert_allclose(robots[t + 1, i, TX:], expected, atol=1e-6)
         solved[t] = own[t + 1, :, 1].sum() >= rules.quota
-    return rewards, solved
+    return solved
 
 
 @pytest.mark.parametrize("name", ["warehouse-hard", *slow("warehouse", "warehouse-easy")])
-def test_orders_and_rewards_are_those_of_the_docstring(name: str) -> None:
-    base = preset(name)
-    rules = base.rules.model_dump()
-    rules["rewards"] |= {"success": 0, "proximity": 0, "obstacle_collision": 0, **NO_CONTACTS}
-    spec = base.with_updates(rules=rules)
+def test_orders_are_those_of_the_docstring(name: str) -> None:
+    spec = preset(name)
     episode = scripted_episode(spec)
-    rewards, solved = account(spec, episode)
-    np.testing.assert_allclose(episode.rewards, rewards, atol=1e-6)
-    np.testing.assert_array_equal(solved, episode.terminations)
+    np.testing.assert_array_equal(account(spec, episode), episode.terminations)
     assert own_of(episode.states[-1], spec.n_agents)[:, 1].sum() >= 2
 
 
@@ -167,15 +155,6 @@ def test_metrics_are_what_their_names_say() -> None:
     assert values["throughput"] == pytest.approx(3 / 2 / (6.0 / 60))
     assert values["deadlocks"] == 1.0
     assert values["carrying_time"] == pytest.approx(20 / 60 / 2)
-
-
-def cut(episode: Episode, states: Float) -> Episode:
-    """An episode with these states, and as many rows of the other fields."""
-    rows = {name: getattr(episode, name)[: len(states)] for name in STATE_FIELDS}
-    rows |= {
-        name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
-    }
-    return replace(episode, **rows | {"states": states})
 
 
 def test_drawn_obstacles_are_refused() -> None:

@@ -11,12 +11,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="policies need torch")
 
-from typer.testing import CliRunner  # noqa: E402
 
 from swarmdata.catalogue.boards import boards  # noqa: E402
 from swarmdata.catalogue.pages.results_page import results_page  # noqa: E402
 from swarmdata.catalogue.result_sources import entry_sources  # noqa: E402
-from swarmdata.cli.main import app  # noqa: E402
 from swarmdata.errors import DatasetNotFoundError, SpecError  # noqa: E402
 from swarmdata.evaluation.leaderboard.entry import Description, policy_name, sha256, submit  # noqa: E402
 from swarmdata.evaluation.leaderboard.verify import (  # noqa: E402
@@ -37,6 +35,7 @@ from swarmdata.registry.published import published  # noqa: E402
 from swarmdata.registry.recipes import find_recipe  # noqa: E402
 from swarmdata.runtime.batches import Failures  # noqa: E402
 from swarmdata.specs.origins import task_of  # noqa: E402
+from tests.support.command_line import run  # noqa: E402
 
 DATASET, N_SEEDS, N_EPISODES = "coop_nav-random-mini-v1", 5, 4
 
@@ -207,9 +206,8 @@ def test_fresh_seeds_follow_from_the_policies(honest: Path) -> None:
 @pytest.mark.slow
 def test_the_command_says_why(forged: Path) -> None:
     change(forged / "entry.json", digest="0" * 64)
-    result = CliRunner().invoke(app, ["leaderboard", "verify", str(forged)])
-    assert result.exit_code == 1
-    assert result.output.startswith("rejected: its dataset has digest")
+    result = run("leaderboard", "verify", str(forged), code=1)
+    assert result.startswith("rejected: its dataset has digest")
 
 
 @pytest.mark.slow

@@ -18,7 +18,6 @@ from swarmdata.evaluation.results.learning_curves import (
 )
 from swarmdata.rollouts.score_intervals import SHARE
 
-MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 CURVE = Curve(np.arange(0.0, 5000.0, 1000.0), np.random.default_rng(0).random((3, 5)))
 
 
@@ -112,14 +111,6 @@ def test_files_without_seeds_are_one_run_each(tmp_path: Path) -> None:
 def test_malformed_curves_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(SchemaError, match=message):
         read_curve([write(tmp_path / "curve.csv", text)], "success")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("suffix", MAGIC)
-def test_figures_are_saved_by_suffix(tmp_path: Path, suffix: str) -> None:
-    pytest.importorskip("matplotlib")
-    plot_curves({"bc": CURVE}, tmp_path / f"a{suffix}", ylabel="success (%)", factor=100)
-    assert (tmp_path / f"a{suffix}").read_bytes().startswith(MAGIC[suffix])
 
 
 def test_labels_units_and_references_are_in_the_picture(tmp_path: Path) -> None:

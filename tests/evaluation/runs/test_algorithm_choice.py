@@ -23,7 +23,6 @@ from swarmdata.evaluation.runs.algorithm_choice import (
 from tests.benchmarks import measuring
 from tests.benchmarks.fit_auto import Row, choices, fit, read_rows, regrets, report, rounded
 from tests.benchmarks.measuring import long_tables_as_files
-from tests.support.tiny import make_tiny
 
 
 class Table(SimpleNamespace):
@@ -195,21 +194,21 @@ def test_thresholds_are_in_the_widest_gaps_that_lose_nothing() -> None:
     assert rounded(Threshold(0.4184, 0.6917)) == Threshold(0.42, 0.69)
 
 
-def test_without_differences_of_returns_everything_is_cloned(tmp_path: Path) -> None:
-    dataset = Dataset.open(make_tiny(tmp_path / "data"))
+def test_without_differences_of_returns_everything_is_cloned(tiny: Path) -> None:
+    dataset = Dataset.open(tiny)
     weights = {name: 0.0 for name, _ in dataset.task.rules.rewards}
     choice = choose_for(dataset.with_rewards(**weights))
     assert (choice.algorithm, choice.doubts) == ("bc", ())
     assert "the same return" in choice.line
 
 
-def test_a_choice_from_few_episodes_is_not_certain(tmp_path: Path) -> None:
-    dataset = Dataset.open(make_tiny(tmp_path / "data"))
+def test_a_choice_from_few_episodes_is_not_certain(tiny: Path) -> None:
+    dataset = Dataset.open(tiny)
     assert "episodes are few" in choose_for(dataset).line
 
 
-def test_mixtures_and_no_episodes_are_refused(tmp_path: Path) -> None:
-    dataset = Dataset.open(make_tiny(tmp_path / "data"))
+def test_mixtures_and_no_episodes_are_refused(tiny: Path) -> None:
+    dataset = Dataset.open(tiny)
     with pytest.raises(SpecError, match="one dataset, got a mixture"):
         choose_for(mix([dataset, dataset], [1.0, 2.0]))
     with pytest.raises(SpecError, match="no episodes"):

@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="training needs the torch extra")
 
-from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import load_result
@@ -36,20 +34,14 @@ from swarmdata.registry.published import Reference
 from swarmdata.registry.recipes import LEARNED_FAMILIES, checkpoints
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.command_line import run
 from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY, make_tiny
 
-ROOT = Path(__file__).parents[3]
 CONFIGS = sorted(
     Path(file.name).stem for file in (files("swarmdata.online_algos") / "configs").iterdir()
 )
 SMALL = {"n_copies": "4", "rollout_steps": "4", "hidden": "8", "minibatch": "64"}
-
-
-def run(*arguments: str | Path, code: int = 0) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    return result.output
 
 
 @pytest.fixture(autouse=True)

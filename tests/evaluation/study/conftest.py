@@ -58,9 +58,9 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def data(tiny: Path) -> Path:
     """Folder of a tiny dataset."""
-    return make_tiny(tmp_path_factory.mktemp("study") / "coop_nav-tiny-v0")
+    return tiny
 
 
 @pytest.fixture(scope="session")

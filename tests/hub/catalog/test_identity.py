@@ -32,6 +32,7 @@ from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.publication import publication
 from swarmdata.store.stored_dataset import Verify
+from tests.support.command_line import run
 from tests.support.signed_again import sign_again
 from tests.support.tiny import TINY, Shelf, flip, make_tiny
 
@@ -207,8 +208,7 @@ def test_what_was_built_here_is_known_to_be(
     elsewhere = judge(read_manifest(folder))
     assert elsewhere.kind == "another"
     assert "no record that they were built on this machine" in elsewhere.sentence
-    result = RUNNER.invoke(app, ["verify", str(folder)])
-    assert result.exit_code == 1
+    run("verify", str(folder), code=1)
 
 
 def test_a_record_is_of_one_dataset(dataset: Path) -> None:

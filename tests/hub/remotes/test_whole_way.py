@@ -3,29 +3,22 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="training needs the torch extra")
 pytest.importorskip("mpe2", reason="records simple_spread_v3 of mpe2")
 
 import swarmdata
 from swarmdata.audit import audit
-from swarmdata.cli.main import app
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.interface import Release
 from tests.examples import record_simple_spread as example
 from tests.hub.remotes.loopback_hub import LoopbackHub
+from tests.support.command_line import run
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning"),  # the client's
 ]
-
-
-def run(*arguments: str | Path) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def test_a_recording_is_shared_and_learned_from(

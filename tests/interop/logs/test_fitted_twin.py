@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 import swarmdata
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.logs.fitted_twin import Twin, fit_twin
@@ -26,6 +24,7 @@ from tests.interop.logs.driven_robots import (
     simulated,
     write_logs,
 )
+from tests.support.command_line import run
 
 TRUE = (
     Response(speed_gain=0.8, turn_gain=1.1, lag=0.15, delay=2),
@@ -185,10 +184,8 @@ def test_another_team_is_refused(twin: Twin, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_command_writes_a_spec(dataset: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "twin.yaml"
-    result = CliRunner().invoke(app, ["fit", str(dataset.path), "--out", str(out)])
-    assert result.exit_code == 0, result.output
-    assert "held-out episodes" in result.output
+    result = run("fit", str(dataset.path), "--out", str(out))
+    assert "held-out episodes" in result
     assert TaskSpec.from_file(out).n_agents == 2
-    again = CliRunner().invoke(app, ["fit", str(dataset.path), "--out", str(out)])
-    assert again.exit_code == 1
-    assert "exists" in again.output
+    again = run("fit", str(dataset.path), "--out", str(out), code=1)
+    assert "exists" in again

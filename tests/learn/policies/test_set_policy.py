@@ -22,14 +22,13 @@ from swarmdata.registry.presets import preset  # noqa: E402
 from swarmdata.rollouts.function_policy import frame_of  # noqa: E402
 from swarmdata.specs.model_choice import with_models  # noqa: E402
 from tests.learn.training.test_trainer import config_of  # noqa: E402
-from tests.support.tiny import make_tiny  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs of a perceptron and of networks over sets, of a clone and of an actor-critic."""
     folder = tmp_path_factory.mktemp("sets")
-    data = load(make_tiny(folder / "coop_nav-tiny-v0"))
+    data = load(tiny)
     for algorithm, network in (("bc", "mlp"), ("bc", "deep_sets"), ("maddpg_bc", "deep_sets")):
         train_seeds(
             algorithm, data, folder / f"{algorithm}-{network}", seeds=(0, 1),

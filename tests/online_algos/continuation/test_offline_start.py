@@ -1,6 +1,6 @@
 """Online training that starts from offline runs: equal actions, curves, and wrong combinations."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -33,9 +33,8 @@ from swarmdata.registry.components import (  # noqa: E402
 )
 from swarmdata.rollouts.function_policy import frame_of  # noqa: E402
 from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
-from tests.support.one_process import use_one_process  # noqa: E402
 from tests.support.pairs import slow  # noqa: E402
-from tests.support.tiny import TINY, make_tiny  # noqa: E402
+from tests.support.tiny import TINY  # noqa: E402
 
 SEEDS = (0, 1)
 OFFLINE: dict[str, dict[str, str]] = {
@@ -64,10 +63,8 @@ def small(algorithm: str) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        yield make_tiny(tmp_path_factory.mktemp("data") / TINY.id)
+def dataset(tiny: Path) -> Path:
+    return tiny
 
 
 @pytest.fixture(scope="module")
