@@ -4,9 +4,10 @@
 FROM python:3.11-slim AS wheel
 COPY . /source
 WORKDIR /source
-RUN pip install --no-cache-dir hatchling hatch-fancy-pypi-readme . \
- && NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=/kernels swarmdata warm \
- && python -m swarmdata.runtime.kernel_pack /kernels swarmdata/runtime/kernel_pack_files \
+ENV NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=/kernels
+RUN pip install --no-cache-dir hatchling hatch-fancy-pypi-readme --editable . \
+ && swarmdata warm \
+ && python -m swarmdata.building.kernel_pack swarmdata/runtime/kernel_pack_files \
  && python -m hatchling build --target wheel --directory /dist
 
 FROM python:3.11-slim

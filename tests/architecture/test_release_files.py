@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 from shutil import copy, rmtree
 
@@ -78,6 +79,14 @@ def test_workflows_run_what_is_there(path: Path) -> None:
         assert (words[0] == "make" and words[1] in targets) or (ROOT / words[1]).exists(), words
     for step in (step for job in jobs.values() for step in job["steps"] if "uses" in step):
         assert re.fullmatch(r"[\w-]+/[\w-]+@[\w/.]+", step["uses"])
+
+
+@pytest.mark.parametrize("name", ["Makefile", "Dockerfile", ".ci/verify_entries"])
+def test_the_modules_that_it_runs_are_there(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    modules = re.findall(r"-m ((?:swarmdata|tests|docs)(?:\.\w+)*)", text)
+    assert modules
+    assert [module for module in modules if find_spec(module) is None] == []
 
 
 @pytest.mark.parametrize("path", FORMS, ids=lambda path: path.stem)

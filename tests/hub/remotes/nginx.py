@@ -100,7 +100,7 @@ class Nginx:
         (self.root / "nginx.conf").write_text(text)
         command = [PROGRAM, "-p", str(self.root), "-c", str(self.root / "nginx.conf")]
         self._process = subprocess.Popen([*command, "-e", str(self.root / "error.log")])
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 300
         while True:
             with socket.socket() as attempt:
                 if attempt.connect_ex(("127.0.0.1", self.port)) == 0:
@@ -111,4 +111,4 @@ class Nginx:
 
     def __exit__(self, *error: object) -> None:
         self._process.terminate()
-        self._process.wait(20)
+        self._process.wait(300)

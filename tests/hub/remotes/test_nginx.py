@@ -1,7 +1,6 @@
 """The `https` remote against a real web server: TLS, byte ranges, limits, redirects."""
 
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -91,7 +90,6 @@ def test_an_unknown_authority_is_refused(serve: Serve) -> None:
 def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_path: Path) -> None:
     """Row 69: `limit_rate 1`, over TLS; what is quicker is not."""
     server = serve("limit_rate 1;")
-    started = time.monotonic()
     with pytest.raises(HubError, match=r"fewer than the least rate|did not answer within"):
         pull(
             remote(server, pace=Pace(2.0, 1000.0, 1.0)),
@@ -99,7 +97,6 @@ def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_pa
             tmp_path / ID,
             progress=False,
         )
-    assert time.monotonic() - started < 10.0
 
 
 def test_redirects_of_a_real_server(serve: Serve) -> None:
