@@ -100,6 +100,14 @@ def test_terms_come_first(host: StaticHost, folder: Path) -> None:
     assert not host.log
 
 
+def test_the_download_of_a_user(
+    host: StaticHost, folder: Path, tmp_path: Path, digest: str
+) -> None:
+    made = fetch_logs(NAME, tmp_path / "data", accept_terms=True, source=folder)
+    assert made.digest == digest
+    assert not host.log
+
+
 def test_a_download_that_is_another_one_is_refused(tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.mkdir()
