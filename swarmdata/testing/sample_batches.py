@@ -40,7 +40,6 @@ def sample_statistics() -> "Statistics":
         own_max_return=5.0,
         return_range=400.0,
         own_return_range=400.0,
-        episode_length=50.0,
     )
 
 

@@ -61,7 +61,6 @@ class Statistics:
     own_max_return: float  # as `max_return`, of any robot
     return_range: float  # of episodes' undiscounted returns: largest less smallest; 1 if all equal
     own_return_range: float  # as `return_range`, of each robot's own rewards
-    episode_length: float = 0.0  # mean joint steps of an episode; 0: an older version trained
 
     @classmethod
     def measure(cls, episodes: Episodes, discount: float) -> "Statistics":
@@ -92,8 +91,7 @@ class Statistics:
             np.stack(totals),
         )  # [steps or episodes, N]
         team_returns = own_returns.mean(axis=1)
-        lengths = [len(g) for g in returns]
-        each = None if weights is None else np.repeat(weights, lengths)
+        each = None if weights is None else np.repeat(weights, [len(g) for g in returns])
         return cls(
             observation_mean=episodes.moments.observation_mean,
             observation_std=episodes.moments.observation_std,
@@ -105,7 +103,6 @@ class Statistics:
             own_max_return=float(own_returns.max()),
             return_range=float(np.ptp(own_totals.mean(axis=1))) or 1.0,
             own_return_range=float(np.ptp(own_totals)) or 1.0,
-            episode_length=float(np.average(lengths, weights=weights)),
         )
 
 

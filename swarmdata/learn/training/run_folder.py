@@ -188,7 +188,7 @@ def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:
         name: tensor.numpy() if tensor.ndim else tensor.item()
         for name, tensor in checkpoint.part(tensors, "statistics").items()
     }
-    expected = {f.name for f in dataclasses.fields(Statistics) if f.default is dataclasses.MISSING}
+    expected = {field.name for field in dataclasses.fields(Statistics)}
     if missing := sorted(expected - values.keys()):
         raise CheckpointError(
             f"the checkpoint lacks the statistics {', '.join(missing)}: an older swarmdata wrote "
