@@ -15,10 +15,10 @@ as likely as in the data. So a sum of both would not do in one critic. No action
 a critic. lambda, `cost_weight`, says how many thousandths of the range of returns one event costs.
 
 Deviations:
-- lambda is a setting, not the multiplier that keeps a budget (as in CPQ or BCQ-Lag, which Liu et
-  al. 2023 run, arXiv 2306.09303): no offline estimate that was tried came near the collisions in
-  the simulator (docs/results/safety.md). Train some weights, and compare them with `swarmdata
-  evaluate --validation --budget`.
+- lambda is a setting, not the multiplier that keeps a budget, as in BCQ-Lag (Liu et al. 2023,
+  arXiv 2306.09303). That needs an estimate of the policy's costs from the data alone, which do not
+  tell of contacts that only the policy makes. So train several weights, and compare them with
+  `swarmdata evaluate --validation --budget`.
 - A robot's cost of a collision with another robot is half of it, the other half being that of the
   other robot; both prefer to avoid it alike.
 - All others of `offline_algos.iql`.
