@@ -99,7 +99,8 @@ def train_seeds(
     Raises:
         UnknownNameError: no such algorithm.
         SchemaError: the algorithm cannot learn the actions of a recorded environment, needs costs
-            that the dataset does not have, has nothing to compile, or has settings of a memory that do not fit each other.
+            that the dataset does not have, has nothing to compile, or has settings of a memory that
+            do not fit each other.
         ProgramError: `compile` found no working compiler.
         OutputError: the folder has files and holds no run.
         CheckpointError: the folder holds another run, or a damaged one.
