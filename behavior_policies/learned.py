@@ -5,21 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.behavior_policies.checkpoint_files import digest_of, read_checkpoint
-from swarmdata.behavior_policies.exact_actor import Actor, Saved, forward, load_actor, save_actor
+from swarmdata.behavior_policies.exact_actor import forward, load_actor
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
-
-__all__ = [
-    "Actor",
-    "Learned",
-    "Saved",
-    "forward",
-    "load_actor",
-    "own_actor",
-    "save_actor",
-]
 
 
 class Learned:

@@ -7,16 +7,29 @@ import numpy as np
 
 from swarmdata.analysis.coverage import places_of, sample_steps
 from swarmdata.cards.pictures.episode_paths import choose_episodes, draw_episode_paths
-from swarmdata.cards.pictures.panels import draw_actions, draw_lengths, draw_places, draw_returns
-from swarmdata.cards.pictures.recording_sheet import draw_recorded
+from swarmdata.cards.pictures.panels import (
+    draw_actions,
+    draw_lengths,
+    draw_places,
+    draw_returns,
+    draw_rows,
+    finish,
+    stack_lengths,
+)
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
 from swarmdata.envs.render.canvas import pillow
 from swarmdata.errors import SchemaError
-from swarmdata.specs.origins import task_of
+from swarmdata.specs.origins import Spec
+from swarmdata.specs.spaces import bounds
+from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Bool, Double, Float
 
 WIDTH, HEIGHT = 10.0, 6.25
 """Inches of the sheet; 1600 x 1000 pixels."""
+
+RECORDED_HEIGHT = 3.6
+"""Inches of the sheet of a recording of another environment."""
 
 MAX_PICTURE_BYTES = 120_000
 """Of the file, so that a hundred cards weigh little."""
@@ -25,7 +38,12 @@ PALETTE_SIZES = (256, 192, 128, 96, 64, 48)
 """Colors that the sheet is reduced to: the most with which the file has at most `MOST_BYTES`."""
 
 N_SAMPLED_STEPS = 20_000
-"""Joint steps whose commands are counted."""
+"""Joint steps whose actions are counted."""
+
+MAX_ACTION_ROWS = 40
+"""Columns of actions that are shown; of more, evenly spread ones."""
+
+N_ACTION_BINS = 36
 
 PATH_KEY = "○ start   ·   robot: end   ·   its color: its path and target"
 """Of the episodes below."""
@@ -50,43 +68,98 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     """
     if path.suffix.lower() != ".png":
         raise SchemaError(f"cannot draw to {str(path)!r}, expected a file that ends in '.png'.")
-    if dataset.recipe.spec.world is None:
-        draw_recorded(dataset, dataset.recipe.spec, path, purpose=PICTURE_PURPOSE)
-        _reduce(path)
-        return
-    table, recipe, spec = dataset.episodes, dataset.recipe, task_of(dataset.recipe, "the picture")
-    places, _ = places_of(dataset.stored, dataset.selection)
-    steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_SAMPLED_STEPS)
+    spec = dataset.recipe.spec
+    height = HEIGHT if spec.world is not None else RECORDED_HEIGHT
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure(
-        path, width=WIDTH, height=HEIGHT, purpose=PICTURE_PURPOSE, medium="screen"
+        path, width=WIDTH, height=height, purpose=PICTURE_PURPOSE, medium="screen"
     ) as sheet:
         sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
-        head, above, below = sheet.subfigures(3, 1, height_ratios=(0.5, 2.95, 2.8))
-        _write_head(head, dataset)
-        head.text(0.988, 0.12, PATH_KEY, fontsize=8, color=GRAY, ha="right", va="center")
-        axes = above.subplots(1, 4, width_ratios=(1.15, 0.95, 1.15, 1.0))
-        draw_returns(axes[0], table, recipe)
-        draw_lengths(axes[1], table, spec)
-        draw_places(axes[2], places, spec)
-        draw_actions(axes[3], dataset.stored.arrays["actions"][steps][..., :2], spec)
-        panels = below.subplots(1, 4)
-        for panel, index in zip(panels, choose_episodes(table), strict=True):
-            draw_episode_paths(panel, None if index is None else dataset[index], recipe)
+        if spec.world is not None:
+            _draw_episodes(sheet, dataset, spec.world)
+        else:
+            _draw_recorded(sheet, dataset, spec)
     _reduce(path)
 
 
-def _write_head(head: Any, dataset: Dataset) -> None:
-    table, spec = dataset.episodes, dataset.recipe.spec
+def _draw_episodes(sheet: Any, dataset: Dataset, spec: TaskSpec) -> None:
+    """Draws a dataset of a task."""
+    table, recipe = dataset.episodes, dataset.recipe
+    places, _ = places_of(dataset.stored, dataset.selection)
+    steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_SAMPLED_STEPS)
+    head, above, below = sheet.subfigures(3, 1, height_ratios=(0.5, 2.95, 2.8))
     made_by = len(np.unique(table.policy))
+    made = f"{made_by} {'policy' if made_by == 1 else 'policies'}"
+    _write_head(head, dataset, "robots", made, f"success {100 * table.success.mean():.0f} %")
+    head.text(0.988, 0.12, PATH_KEY, fontsize=8, color=GRAY, ha="right", va="center")
+    axes = above.subplots(1, 4, width_ratios=(1.15, 0.95, 1.15, 1.0))
+    draw_returns(axes[0], table, recipe)
+    draw_lengths(axes[1], table, spec)
+    draw_places(axes[2], places, spec)
+    draw_actions(axes[3], dataset.stored.arrays["actions"][steps][..., :2], spec)
+    panels = below.subplots(1, 4)
+    for panel, index in zip(panels, choose_episodes(table), strict=True):
+        draw_episode_paths(panel, None if index is None else dataset[index], recipe)
+
+
+def _draw_recorded(sheet: Any, dataset: Dataset, spec: Spec) -> None:
+    """Draws a recording of another environment."""
+    table, stored = dataset.episodes, dataset.stored
+    steps, states = sample_steps(stored.table, dataset.selection, N_SAMPLED_STEPS)
+    acting = np.ones((len(steps), spec.n_agents), np.bool_)
+    if "alive" in stored.arrays:
+        acting = stored.arrays["alive"][states]
+    head, panels = sheet.subfigures(2, 1, height_ratios=(0.5, 3.1))
+    _write_head(head, dataset, "agents", *(f"{name}: {value}" for name, value in spec.facts[:1]))
+    axes = panels.subplots(1, 3, width_ratios=(1.1, 0.9, 1.3))
+    draw_returns(axes[0], table, dataset.recipe)
+    stack_lengths(axes[1], table, spec.horizon or int(table.lengths.max()), "joint steps")
+    draw_choices(axes[2], stored.arrays["actions"][steps], acting, spec)
+
+
+def _write_head(head: Any, dataset: Dataset, who: str, *more: str) -> None:
     facts = (
-        f"{spec.task} with {spec.n_agents} robots",
-        f"{dataset.n_steps:,} joint steps in {len(table):,} episodes",
-        f"{made_by} {'policy' if made_by == 1 else 'policies'}",
-        f"success {100 * table.success.mean():.0f} %",
+        f"{dataset.recipe.spec.task} with {dataset.recipe.spec.n_agents} {who}",
+        f"{dataset.n_steps:,} joint steps in {dataset.n_episodes:,} episodes",
+        *more,
     )
     head.text(0.012, 0.62, dataset.id, fontsize=14, fontweight="bold", va="center")
     head.text(0.012, 0.12, "   ·   ".join(facts), fontsize=9, color=GRAY, va="center")
+
+
+def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
+    """How often each value of each column of an action was taken, a row for each.
+
+    Args:
+        axes: the panel.
+        actions: as recorded, [n, N, A].
+        acting: who took one, [n, N].
+        spec: of the recording.
+    """
+    labels, shares = [], []
+    for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
+        taken = actions[acting[:, index], index]
+        for column, (low, high) in enumerate(zip(*bounds(space), strict=True)):
+            labels.append(f"{name} {column}")
+            shares.append(_share(taken[:, column].astype(np.float64), low, high))
+    shown = np.unique(
+        np.linspace(0, len(labels) - 1, min(len(labels), MAX_ACTION_ROWS)).astype(int)
+    )
+    rows = [labels[k] for k in shown], [shares[k] for k in shown]
+    draw_rows(axes, *rows, np.linspace(0, 1, N_ACTION_BINS + 1))
+    finish(axes, "Actions", "from the lowest to the highest value; darker: more often")
+
+
+def _share(values: Double, low: float, high: float) -> Double:
+    """Shares of the values in equal bins of their range, [_BINS]; all 0 where nobody acted."""
+    if not len(values):
+        return np.full(N_ACTION_BINS, 1e-9)
+    first = low if np.isfinite(low) else float(values.min())
+    last = high if np.isfinite(high) else float(values.max())
+    span = (last - first) or 1.0
+    counts = np.histogram(np.clip((values - first) / span, 0, 1), N_ACTION_BINS, (0.0, 1.0))[0]
+    share: Double = counts / len(values)
+    return share
 
 
 def _reduce(path: Path) -> None:

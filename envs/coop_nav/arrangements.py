@@ -30,7 +30,7 @@ from swarmdata.envs.coop_nav.navigation_rules import (
     Ranks,
     Swap,
 )
-from swarmdata.envs.coop_nav.ranks import RankedGoals, arrange_ranks
+from swarmdata.envs.coop_nav.ranks import ROUNDING_MARGIN, RankedGoals, arrange_ranks
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
     check_fixed_layout,
@@ -47,9 +47,6 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds
 
 PASSAGE_MARGIN = 0.1
 """Smallest excess width (m) of a passage over the robots that must fit in it side by side."""
-
-ROUNDING_MARGIN = 1e-5
-"""Extra distance (m) between places, so that rounding to float32 cannot violate the limits."""
 
 
 @kernel

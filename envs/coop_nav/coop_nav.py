@@ -32,7 +32,6 @@ arrangements are fixed hard layouts (`arrangements`).
 import math
 from collections.abc import Mapping
 from itertools import chain
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -105,13 +104,11 @@ class CoopNav:
         SpecError: the spec is another task's, or contradicts itself.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "reached_fraction": Metric(
-                "goals reached", "", "higher", "share of goals reached or covered in the last state"
-            )
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "reached_fraction": Metric(
+            "goals reached", "", "higher", "share of goals reached or covered in the last state"
+        )
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules, n = spec.rules_as(NavigationRules), spec.n_agents

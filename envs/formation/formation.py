@@ -39,7 +39,6 @@ Metrics: `formation_rmse`, `time_in_formation`, `reference_error`; see `Formatio
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -165,28 +164,26 @@ class Formation:
         SpecError: the spec is another task's, or contradicts itself.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "formation_rmse": Metric(
-                "formation RMSE",
-                "m",
-                "lower",
-                "root mean square distance of robots to their slots, mean over steps",
-            ),
-            "time_in_formation": Metric(
-                "time in formation",
-                "",
-                "higher",
-                "share of steps with an RMSE within the tolerance",
-            ),
-            "reference_error": Metric(
-                "reference error",
-                "m",
-                "lower",
-                "distance of the robots' centroid from the reference, mean over steps",
-            ),
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "formation_rmse": Metric(
+            "formation RMSE",
+            "m",
+            "lower",
+            "root mean square distance of robots to their slots, mean over steps",
+        ),
+        "time_in_formation": Metric(
+            "time in formation",
+            "",
+            "higher",
+            "share of steps with an RMSE within the tolerance",
+        ),
+        "reference_error": Metric(
+            "reference error",
+            "m",
+            "lower",
+            "distance of the robots' centroid from the reference, mean over steps",
+        ),
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules, n = spec.rules_as(FormationRules), spec.n_agents

@@ -41,7 +41,6 @@ Metrics: see `Intersection.metrics`; `deadlocks` defines a deadlock.
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -278,28 +277,25 @@ class Intersection:
             for drawn obstacles.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "crossings": Metric("crossings", "", "higher", "trips that the team ended"),
-            "throughput": Metric(
-                "throughput", "1/min", "higher", "crossings of the team per minute of the episode"
-            ),
-            "waiting_time": Metric(
-                "waiting time",
-                "s",
-                "lower",
-                "time that a robot stands (below 0.05 m/s) though its trip is due, mean over "
-                "robots",
-            ),
-            "deadlocks": Metric(
-                "deadlocks",
-                "",
-                "lower",
-                "times that robots within 0.3 m of each other, with trips that are due, began to "
-                "stand still for 3 s",
-            ),
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "crossings": Metric("crossings", "", "higher", "trips that the team ended"),
+        "throughput": Metric(
+            "throughput", "1/min", "higher", "crossings of the team per minute of the episode"
+        ),
+        "waiting_time": Metric(
+            "waiting time",
+            "s",
+            "lower",
+            "time that a robot stands (below 0.05 m/s) though its trip is due, mean over robots",
+        ),
+        "deadlocks": Metric(
+            "deadlocks",
+            "",
+            "lower",
+            "times that robots within 0.3 m of each other, with trips that are due, began to "
+            "stand still for 3 s",
+        ),
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules_as(IntersectionRules)

@@ -33,7 +33,6 @@ Metrics: see `Pursuit.metrics`.
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -259,20 +258,18 @@ class Pursuit:
             can come so close, or the robots' square is larger than the arena.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "evaders_captured": Metric(
-                "evaders captured", "", "higher", "share of the evaders that are captured"
-            ),
-            "time_surrounded": Metric(
-                "time surrounded",
-                "",
-                "higher",
-                "share of the steps in which a free evader is in the convex hull of the robots "
-                "within 1.2 m of it",
-            ),
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "evaders_captured": Metric(
+            "evaders captured", "", "higher", "share of the evaders that are captured"
+        ),
+        "time_surrounded": Metric(
+            "time surrounded",
+            "",
+            "higher",
+            "share of the steps in which a free evader is in the convex hull of the robots "
+            "within 1.2 m of it",
+        ),
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules_as(PursuitRules)

@@ -37,7 +37,6 @@ Metrics: see `Search.metrics`.
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -257,21 +256,19 @@ class Search:
             fit around them.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "victims_found": Metric("victims found", "", "higher", "victims that a robot has seen"),
-            "victims_rescued": Metric("victims rescued", "", "higher", "victims that are rescued"),
-            "floor_searched": Metric(
-                "floor searched", "", "higher", "share of the squares that a robot has searched"
-            ),
-            "time_alone": Metric(
-                "time alone",
-                "s",
-                "lower",
-                "time that a robot is at a victim without enough others, mean over robots",
-            ),
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "victims_found": Metric("victims found", "", "higher", "victims that a robot has seen"),
+        "victims_rescued": Metric("victims rescued", "", "higher", "victims that are rescued"),
+        "floor_searched": Metric(
+            "floor searched", "", "higher", "share of the squares that a robot has searched"
+        ),
+        "time_alone": Metric(
+            "time alone",
+            "s",
+            "lower",
+            "time that a robot is at a victim without enough others, mean over robots",
+        ),
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules_as(SearchRules)

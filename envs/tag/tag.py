@@ -24,7 +24,6 @@ Solved, by the pursuers: the evader is captured. Otherwise the evader succeeds a
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -142,16 +141,14 @@ class Tag:
             its pursuers.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "tightest_ring": Metric(
-                "tightest ring",
-                "m",
-                "neither",
-                "smallest radius around the evader that ever held as many pursuers as capture it",
-            )
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "tightest_ring": Metric(
+            "tightest ring",
+            "m",
+            "neither",
+            "smallest radius around the evader that ever held as many pursuers as capture it",
+        )
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules, self._pursuit = spec.rules_as(TagRules), Pursuit(pursuit_of(spec))

@@ -52,7 +52,6 @@ Metrics: see `Transport.metrics`.
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -230,26 +229,24 @@ class Transport:
         SpecError: the spec is another task's, or its obstacles leave no room for the payload.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "payload_distance": Metric(
-                "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
-            ),
-            "payload_path": Metric("payload path", "m", "neither", "length of the payload's path"),
-            "payload_contacts": Metric(
-                "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
-            ),
-            "push_share": Metric(
-                "pushing", "", "neither", "share of robot steps in contact with the payload"
-            ),
-            "payload_angle": Metric(
-                "payload angle",
-                "rad",
-                "lower",
-                "angle of the payload's axis to its goal's at the end; 0 where any will do",
-            ),
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "payload_distance": Metric(
+            "payload to goal", "m", "lower", "distance of the payload to its goal at the end"
+        ),
+        "payload_path": Metric("payload path", "m", "neither", "length of the payload's path"),
+        "payload_contacts": Metric(
+            "payload contacts", "", "lower", "contacts of the payload with obstacles and walls"
+        ),
+        "push_share": Metric(
+            "pushing", "", "neither", "share of robot steps in contact with the payload"
+        ),
+        "payload_angle": Metric(
+            "payload angle",
+            "rad",
+            "lower",
+            "angle of the payload's axis to its goal's at the end; 0 where any will do",
+        ),
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules_as(TransportRules)

@@ -28,7 +28,6 @@ Metrics: see `Warehouse.metrics`; `deadlocks` defines a deadlock.
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -214,26 +213,24 @@ class Warehouse:
             it asks for drawn obstacles.
     """
 
-    metrics: ClassVar[Mapping[str, Metric]] = MappingProxyType(
-        {
-            "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
-            "throughput": Metric(
-                "throughput", "1/min", "higher", "deliveries per robot and minute of the episode"
-            ),
-            "deadlocks": Metric(
-                "deadlocks",
-                "",
-                "lower",
-                "times that robots within 0.3 m of each other began to stand still for 3 s",
-            ),
-            "carrying_time": Metric(
-                "carrying time",
-                "",
-                "higher",
-                "share of the time that robots carry, mean over robots",
-            ),
-        }
-    )
+    metrics: ClassVar[Mapping[str, Metric]] = {
+        "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
+        "throughput": Metric(
+            "throughput", "1/min", "higher", "deliveries per robot and minute of the episode"
+        ),
+        "deadlocks": Metric(
+            "deadlocks",
+            "",
+            "lower",
+            "times that robots within 0.3 m of each other began to stand still for 3 s",
+        ),
+        "carrying_time": Metric(
+            "carrying time",
+            "",
+            "higher",
+            "share of the time that robots carry, mean over robots",
+        ),
+    }
 
     def __init__(self, spec: TaskSpec) -> None:
         rules = spec.rules_as(WarehouseRules)

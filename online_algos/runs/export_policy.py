@@ -8,8 +8,8 @@ from typing import TypeGuard
 import numpy as np
 import torch
 
-from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Actor, Layer
-from swarmdata.behavior_policies.learned import own_actor, save_actor
+from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Actor, Layer, save_actor
+from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks import perceptrons

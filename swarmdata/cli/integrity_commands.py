@@ -31,11 +31,13 @@ def verify(
     """
     if not repair:
         refuse(context, ("workers",), "without --repair")
+    from swarmdata.hub.catalog import repair as repairs
     from swarmdata.hub.catalog.catalog import find_folder
-    from swarmdata.hub.catalog.repair import examine
+    from swarmdata.hub.catalog.request import is_offline
+    from swarmdata.hub.remotes.addresses import configured_remotes
 
     folder = find_folder(dataset)
-    damage = examine(folder)
+    damage = repairs.examine(folder)
     for each in damage:
         typer.echo(f"{folder / each.file}: {each.problem}", err=True)
     if damage and not repair:
@@ -45,20 +47,12 @@ def verify(
         )
         raise typer.Exit(1)
     if damage:
-        _repair(folder, workers)
+        remotes = () if is_offline() else configured_remotes()
+        for fixed in repairs.repair(folder, remotes=remotes, workers=workers):
+            typer.echo(f"{folder / fixed.file}: {fixed.how}")
     _compare(folder)
     if replay:
         _replay(folder, replay)
-
-
-def _repair(folder: Path, workers: int | None) -> None:
-    from swarmdata.hub.catalog.repair import repair
-    from swarmdata.hub.catalog.request import is_offline
-    from swarmdata.hub.remotes.addresses import configured_remotes
-
-    remotes = () if is_offline() else configured_remotes()
-    for each in repair(folder, remotes=remotes, workers=workers):
-        typer.echo(f"{folder / each.file}: {each.how}")
 
 
 def _compare(folder: Path) -> None:

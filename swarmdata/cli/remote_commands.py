@@ -66,6 +66,7 @@ def pull(
     from swarmdata.hub.remotes.outside_names import is_address
     from swarmdata.hub.remotes.release_lookup import find_release, locate
     from swarmdata.store import read_manifest
+    from swarmdata.store.cache import cache_folder
 
     if is_address(dataset) and origin is not None:
         raise typer.BadParameter("an address already names the remote", param_hint="--from")
@@ -79,7 +80,7 @@ def pull(
         remote, release = find_release(
             _versioned(dataset), remotes, lambda problem: typer.echo(problem, err=True)
         )
-    folder = obtain_release(remote, release, out or _cached(release.id))
+    folder = obtain_release(remote, release, out or cache_folder() / "datasets" / release.id)
     manifest = read_manifest(folder)
     typer.echo(f"{folder}\nfrom {release.address}, digest {manifest.digest}")
     typer.echo(judge(manifest).sentence)
@@ -154,12 +155,6 @@ def _warn_if_overridden() -> None:
 
     if "SWARMDATA_REMOTES" in os.environ:
         typer.echo("SWARMDATA_REMOTES is set, so this file is not used.", err=True)
-
-
-def _cached(dataset_id: str) -> Path:
-    from swarmdata.store.cache import cache_folder
-
-    return cache_folder() / "datasets" / dataset_id
 
 
 def _versioned(dataset: str) -> str:

@@ -29,7 +29,6 @@ from swarmdata.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.results.evaluation_jobs import Evaluation
-    from swarmdata.evaluation.results.policy_names import Target
     from swarmdata.evaluation.results.result_files import Result
     from swarmdata.numerics.random import SeedBlock
 
@@ -88,7 +87,12 @@ def evaluate(
     are reused. Several processes or machines leave their results in --out.
     """
     _check_options(context, engine, part, has_folder=out is not None, collect=collect)
-    from swarmdata.evaluation.results.evaluation_jobs import TargetName, evaluations_of
+    from swarmdata.evaluation.results.evaluation_jobs import (
+        TargetName,
+        evaluations_of,
+        run_evaluations,
+    )
+    from swarmdata.evaluation.results.target_evaluation import evaluate_target
 
     how = {
         "task": task, "observation": observation, "communication": communication, "label": label,
@@ -100,12 +104,18 @@ def evaluate(
     block: SeedBlock = "validation" if validation else "evaluation"
     budgets = parse_budgets(budget)
     if out is None:
-        _evaluate_here([target for _, target in found], episodes, block, threads, budgets)
+        results = []
+        for _, target in found:
+            results += evaluate_target(target, episodes, block=block, n_threads=threads)
+        _print_tables(results, budgets)
         return
     every = [each for one in found for each in evaluations_of(*one, episodes, out, block=block)]
     options: dict[str, Any] = {"again": again, "n_threads": threads}
     if part is not None:
-        _run_part(every, part, out, options)
+        k, n = parse_part(part)
+        chosen = every[k - 1 :: n]
+        n_kept = run_evaluations(chosen, **options) if chosen else 0
+        typer.echo(f"{len(chosen) - n_kept} of {len(every)} results made in {out}")
     else:
         options |= {"engine": engine, "workers": workers}
         _run_all(every, out, options, budgets, is_run=not collect)
@@ -130,34 +140,6 @@ def parse_budgets(texts: list[str] | None) -> dict[str, float]:
             message = f"got {name}={text}, expected a number after the sign"
             raise typer.BadParameter(message, param_hint="--budget") from None
     return budgets
-
-
-def _evaluate_here(
-    targets: "Sequence[Target]",
-    episodes: int,
-    block: "SeedBlock",
-    threads: int,
-    budgets: Mapping[str, float],
-) -> None:
-    """Evaluates targets in this process, keeps nothing, and prints tables."""
-    from swarmdata.evaluation.results.target_evaluation import evaluate_target
-
-    results = []
-    for target in targets:
-        results += evaluate_target(target, episodes, block=block, n_threads=threads)
-    _print_tables(results, budgets)
-
-
-def _run_part(
-    every: "Sequence[Evaluation]", part: str, out: Path, options: Mapping[str, Any]
-) -> None:
-    """Makes every N-th result."""
-    from swarmdata.evaluation.results.evaluation_jobs import run_evaluations
-
-    k, n = parse_part(part)
-    chosen = every[k - 1 :: n]
-    n_kept = run_evaluations(chosen, **options) if chosen else 0
-    typer.echo(f"{len(chosen) - n_kept} of {len(every)} results made in {out}")
 
 
 def _run_all(

@@ -68,45 +68,39 @@ def study(
     folder of a study, its page is written again from the episodes in it; text that stands above the
     made part of the page is kept.
     """
-    _require_extras("running a study")
+    from swarmdata.runtime.extras import require_extra
+
+    require_extra("torch", "torch", "running a study")
+    require_extra("matplotlib", "plots", "drawing the figures of a study")
+    from swarmdata.evaluation.study import run_study
+    from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
     from swarmdata.evaluation.study.plan import Study
-    from swarmdata.evaluation.study.run_study import StudyOptions
 
     if file.is_dir():
-        _rewrite(context, file)
+        refuse_all_but(context, (), "with a finished study's folder; pass the plan to run cells")
+        typer.echo(rewrite_pages(file)[0])
         return
     refuse_workers(context, engine)
-    plan = Study.from_file(file)
+    plan, command = Study.from_file(file), f"swarmdata study {file}"
     folder = out or file.parent / plan.name
-    options = StudyOptions(folder, work, workers, engine, only, shifts, again)
+    options = run_study.StudyOptions(folder, work, workers, engine, only, shifts, again)
     if check is not None:
         refuse_all_but(context, ("check", "work"), "with --check")
-        _check(plan, check, options)
-    elif cells:
+        found = run_study.reproduce_study_cell(plan, check, options)
+        typer.echo(found.sentence())
+        raise typer.Exit(0 if found.is_same else 1)
+    if cells:
         refuse_all_but(context, ("cells", "json", "work"), "with --cells")
         _list_cells(plan, options, as_json=json)
     elif cell is not None:
         refuse_all_but(context, ("cell", "work", "again"), "with --cell")
-        _run_one(plan, cell, options)
+        is_new = run_study.run_one_cell(plan, cell, options)
+        typer.echo(f"{cell}: {'done' if is_new else 'was done before'}")
     elif collect:
-        _collect(context, plan, options, f"swarmdata study {file}")
+        refuse_all_but(context, ("collect", "work", "out"), "with --collect")
+        typer.echo(run_study.collect_study(plan, options, command)[0])
     else:
-        _run_all(context, plan, options, f"swarmdata study {file}")
-
-
-def _rewrite(context: typer.Context, folder: Path) -> None:
-    refuse_all_but(context, (), "with a finished study's folder; pass the plan to run cells")
-    from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
-
-    typer.echo(rewrite_pages(folder)[0])
-
-
-def _check(plan: "Study", name: str, options: "StudyOptions") -> None:
-    from swarmdata.evaluation.study.run_study import reproduce_study_cell
-
-    found = reproduce_study_cell(plan, name, options)
-    typer.echo(found.sentence())
-    raise typer.Exit(0 if found.is_same else 1)
+        _run_all(context, plan, options, command)
 
 
 def _list_cells(plan: "Study", options: "StudyOptions", *, as_json: bool) -> None:
@@ -128,20 +122,6 @@ def _list_cells(plan: "Study", options: "StudyOptions", *, as_json: bool) -> Non
         typer.echo(json.dumps(line) if as_json else f"{'done' if done else 'open'}  {cell.name}")
 
 
-def _run_one(plan: "Study", name: str, options: "StudyOptions") -> None:
-    from swarmdata.evaluation.study.run_study import run_one_cell
-
-    is_new = run_one_cell(plan, name, options)
-    typer.echo(f"{name}: {'done' if is_new else 'was done before'}")
-
-
-def _collect(context: typer.Context, plan: "Study", options: "StudyOptions", command: str) -> None:
-    refuse_all_but(context, ("collect", "work", "out"), "with --collect")
-    from swarmdata.evaluation.study.run_study import collect_study
-
-    typer.echo(collect_study(plan, options, command)[0])
-
-
 def _run_all(context: typer.Context, plan: "Study", options: "StudyOptions", command: str) -> None:
     refuse(context, ("json",), "without --cells")
     if options.shifts_only:
@@ -153,13 +133,6 @@ def _run_all(context: typer.Context, plan: "Study", options: "StudyOptions", com
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)
     raise typer.Exit(1 if failures else 0)
-
-
-def _require_extras(purpose: str) -> None:
-    from swarmdata.runtime.extras import require_extra
-
-    require_extra("torch", "torch", purpose)
-    require_extra("matplotlib", "plots", "drawing the figures of a study")
 
 
 def study_cards(

@@ -1,7 +1,7 @@
 """`swarmdata sweep`: policies under worse conditions, or in another simulator."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,7 +19,6 @@ from swarmdata.cli.shared_options import (
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.robustness.sweep import Sweep
-    from swarmdata.evaluation.robustness.sweep_axes import Axis
     from swarmdata.numerics.random import SeedBlock
 
 _AXIS = "NAME=A..B|A,B,..."
@@ -91,10 +90,16 @@ def sweep(
     block: SeedBlock = "validation" if validation else "evaluation"
     if simulator is not None:
         refuse_all_but(context, COMPARED, "with --simulator")
-        _compare(targets, out, simulator, task, episodes, block, engine, workers)
+        from swarmdata.evaluation.robustness import simulator_transfer
+
+        simulator_transfer.compare_simulators(
+            targets, out, backend=simulator, task=task, n_episodes=episodes, block=block,
+            engine=engine, workers=workers,
+        )  # fmt: skip
+        typer.echo(out / simulator_transfer.TABLE_FILE)
         return
     if not any(
-        ".." in text for text in [*(communication or ()), *(observation or ()), *(body or ())]
+        ".." in text for texts in (communication, observation, body) for text in texts or ()
     ):
         refuse(context, ("values",), "without an axis such as noise=0..0.2")
     from swarmdata.evaluation.robustness import sweep as sweeps
@@ -103,53 +108,27 @@ def sweep(
     axes = [parse_axis(text, "communication", values) for text in communication or []]
     axes += [parse_axis(text, "observation", values) for text in observation or []]
     axes += [parse_axis(text, "body", values) for text in body or []]
-    options: dict[str, Any] = {
-        "n_episodes": episodes, "task": task, "backend": backend,
-        "randomization": parse_ranges(randomize), "block": block,
-    }  # fmt: skip
+    planned = sweeps.plan_sweep(
+        targets, axes, out, n_episodes=episodes, task=task, backend=backend,
+        randomization=parse_ranges(randomize), block=block,
+    )  # fmt: skip
     if points or point is not None or collect:
-        planned = sweeps.plan_sweep(targets, axes, out, **options)
-        _do_some(context, planned, axes, points=points, as_json=json, point=point)
+        _do_some(context, planned, points=points, as_json=json, point=point)
         return
     refuse(context, ("json",), "without --points")
-    sweeps.sweep(targets, axes, out, **options, engine=engine, workers=workers)
-    _print(axes, out)
+    sweeps.run_sweep(planned, engine=engine, workers=workers)
+    _print(planned)
 
 
 COMPARED = ("out", "simulator", "task", "episodes", "validation", "engine", "workers")
 """Options of a comparison of two simulators."""
 
 
-def _compare(
-    targets: list[str],
-    out: Path,
-    simulator: str,
-    task: str | None,
-    episodes: int,
-    block: "SeedBlock",
-    engine: str,
-    workers: int,
-) -> None:
-    from swarmdata.evaluation.robustness import simulator_transfer
-
-    simulator_transfer.compare_simulators(
-        targets, out, backend=simulator, task=task, n_episodes=episodes, block=block,
-        engine=engine, workers=workers,
-    )  # fmt: skip
-    typer.echo(out / simulator_transfer.TABLE_FILE)
-
-
 def _do_some(
-    context: typer.Context,
-    planned: "Sweep",
-    axes: "list[Axis]",
-    *,
-    points: bool,
-    as_json: bool,
-    point: str | None,
+    context: typer.Context, planned: "Sweep", *, points: bool, as_json: bool, point: str | None
 ) -> None:
     """Lists points, evaluates one of them here, or collects those that are done."""
-    from swarmdata.evaluation.robustness.sweep import run_point
+    from swarmdata.evaluation.robustness.sweep import collect_sweep, run_point
 
     elsewhere = ("workers", "engine")
     if points:
@@ -161,7 +140,8 @@ def _do_some(
         typer.echo(f"{point}: {'done' if is_new else 'was done before'}")
     else:
         refuse(context, (*elsewhere, "json"), "with --collect")
-        _collect(planned, axes)
+        collect_sweep(planned)
+        _print(planned)
 
 
 def _list_points(planned: "Sweep", *, as_json: bool) -> None:
@@ -173,15 +153,8 @@ def _list_points(planned: "Sweep", *, as_json: bool) -> None:
         typer.echo(json.dumps(found) if as_json else f"{'done' if done else 'open'}  {name}")
 
 
-def _collect(planned: "Sweep", axes: "list[Axis]") -> None:
-    from swarmdata.evaluation.robustness.sweep import collect_sweep
-
-    collect_sweep(planned)
-    _print(axes, planned.out)
-
-
-def _print(axes: "list[Axis]", out: Path) -> None:
+def _print(swept: "Sweep") -> None:
     """Prints the tables, and where the figures are."""
-    typer.echo((out / "sweep.md").read_text(encoding="utf-8"), nl=False)
-    for axis in axes:
-        typer.echo(out / f"{axis.part}-{axis.name}.png")
+    typer.echo((swept.out / "sweep.md").read_text(encoding="utf-8"), nl=False)
+    for axis in swept.axes:
+        typer.echo(swept.out / f"{axis.part}-{axis.name}.png")

@@ -7,8 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from swarmdata.errors import MissingExtraError, SchemaError
+from swarmdata.errors import SchemaError
 from swarmdata.runtime.atomic import staged
+from swarmdata.runtime.extras import require_extra
 
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
 """From Okabe and Ito, "Color Universal Design", 2008; robots are drawn in the same colors."""
@@ -273,11 +274,10 @@ def figure(
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise SchemaError(f"{path} has suffix {path.suffix!r}, expected one of {SUFFIXES}.")
-    try:
-        import matplotlib as mpl  # noqa: PLC0415  (matplotlib is an extra)
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError as error:
-        raise MissingExtraError("matplotlib", "plots", purpose) from error
+    require_extra("matplotlib", "plots", purpose)
+    import matplotlib as mpl  # noqa: PLC0415  (matplotlib is an extra)
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
     looks = {**mpl.rcParamsDefault, "backend": "agg", **_STYLE, **_LOOKS[medium]}
     with mpl.rc_context(looks):
         drawing = Figure(figsize=(width, height), layout="constrained")

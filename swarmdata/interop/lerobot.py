@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
+from swarmdata.hub.publishing.metadata.episode_parquet import arrow
 from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, Arrays, step_blocks
 from swarmdata.interop.conversion.export_note import note_of
 from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
-from swarmdata.interop.parquet_rows import arrow
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.specs.spaces import width

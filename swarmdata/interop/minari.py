@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError, MissingExtraError
+from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import STATE_ARRAYS, TIME_ARRAYS, array_names
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.foreign_data import unread_note
@@ -40,6 +40,7 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.numerics.event_costs import costs_of
 from swarmdata.runtime.atomic import require_space
+from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import (
@@ -88,11 +89,10 @@ _INFO_KEYS = {
 
 
 def _library() -> Any:
-    try:
-        import minari  # noqa: PLC0415  (an extra)
-        from minari.dataset.minari_storage import MinariStorage  # noqa: PLC0415
-    except ImportError as error:
-        raise MissingExtraError("minari", "minari", "the Minari format") from error
+    require_extra("minari", "minari", "the Minari format")
+    import minari  # noqa: PLC0415  (an extra)
+    from minari.dataset.minari_storage import MinariStorage  # noqa: PLC0415
+
     return minari, MinariStorage
 
 

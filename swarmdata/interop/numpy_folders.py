@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -125,34 +126,21 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 
 
 def _read_exported(source: Path, note: ExportNote) -> ImportedData:
-    n_agents, names = len(note.spec.agent_names), ["obs", "next_obs", "acs", "rews"]
-    agents = [
-        {name: map_array(source / f"{name}_{k}.npy") for name in names} for k in range(n_agents)
-    ]
-    team = {"dones": map_array(source / "dones_0.npy")}
-    if (source / "states_0.npy").exists():
-        team |= {name: map_array(source / f"{name}_0.npy") for name in ("states", "next_states")}
-    counts = {name: len(each) for name, each in team.items()}
-    for k, arrays in enumerate(agents):
-        counts |= {f"{name}_{k}": len(each) for name, each in arrays.items()}
-    n_rows = check_lengths(counts, str(source))
+    agents = _agents(source, len(note.spec.agent_names))
+    dones = agents[0]["dones"]
     at_horizon = np.array(note.episodes.end_reason) == _HORIZON
     truncated = np.repeat(at_horizon, note.episodes.lengths)
 
     def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        done = team["dones"][window] != 0
-        found = {
-            "observations": pad_agents([agent["obs"][window] for agent in agents]),
-            "next_observations": pad_agents([agent["next_obs"][window] for agent in agents]),
-            "actions": pad_agents([agent["acs"][window] for agent in agents]).astype(np.float32),
-            "rewards": np.stack([agent["rews"][window] for agent in agents], axis=1),
+        found, done = _joint(agents, window), dones[window] != 0
+        return found | {
+            "actions": found["actions"].astype(np.float32),
+            "rewards": found["rewards"][..., 0],
             "terminations": done & ~truncated[window],
             "truncations": done & truncated[window],
         }
-        states = {name: team[name][window] for name in team if name != "dones"}
-        return found | states
 
-    return import_with_note(note, rows, n_rows, str(source))
+    return import_with_note(note, rows, len(dones), str(source))
 
 
 REQUIRED_PREFIXES = ("obs", "acs", "rews", "next_obs", "dones")
@@ -176,7 +164,7 @@ def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
         ConversionError: files are missing or do not fit together, or the ends are ambiguous.
     """
     folders = [source] if (source / "obs_0.npy").exists() else _inner(source)
-    runs = {folder: _agents(folder) for folder in folders}
+    runs = {folder: _agents(folder, len([*folder.glob("obs_*.npy")])) for folder in folders}
     kinds = {folder: _shapes(folder, agents) for folder, agents in runs.items()}
     shapes = kinds[folders[0]]
     if any(replace(each, choices=shapes.choices) != shapes for each in kinds.values()):
@@ -204,9 +192,8 @@ def _inner(source: Path) -> list[Path]:
     return sorted(found, key=lambda path: [int(k) for k in re.findall(r"\d+", path.name)])
 
 
-def _agents(folder: Path) -> Agents:
+def _agents(folder: Path, n_agents: int) -> Agents:
     """Memory maps of every agent's arrays."""
-    n_agents = len(list(folder.glob("obs_*.npy")))
     has_states = (folder / "states_0.npy").exists()
     names = ALL_PREFIXES if has_states else REQUIRED_PREFIXES
     agents = [
@@ -252,17 +239,19 @@ def _shapes(folder: Path, agents: Agents) -> AgentShapes:
 
 
 def _timeline(folder: Path, agents: Agents) -> Timeline:
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        found = {
-            ours: pad_agents([_two(agent[name][window]) for agent in agents])
-            for name, ours in _JOINT_ARRAYS.items()
-        }
-        if "states" in agents[0]:  # every agent has the same
-            found |= {name: agents[0][name][window] for name in STATE_PREFIXES}
-        return found
-
     flags = [flags_of(each["dones"], 1, f"{folder}: dones_{k}") for k, each in enumerate(agents)]
-    return Timeline(str(folder), np.concatenate(flags, axis=1), None, rows, has_next=True)
+    return Timeline(str(folder), np.concatenate(flags, axis=1), None, partial(_joint, agents), True)
+
+
+def _joint(agents: Agents, window: slice) -> dict[str, NDArray[Any]]:
+    """Observations, actions and rewards of all agents, [n, N, columns], and the states."""
+    found = {
+        ours: pad_agents([_two(agent[name][window]) for agent in agents])
+        for name, ours in _JOINT_ARRAYS.items()
+    }
+    if "states" in agents[0]:  # every agent has the same
+        found |= {name: agents[0][name][window] for name in STATE_PREFIXES}
+    return found
 
 
 def _two(values: NDArray[Any]) -> NDArray[Any]:

@@ -21,6 +21,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.hub.publishing.metadata.episode_parquet import (
     EPISODES_FILE,
+    arrow,
     episode_table,
     parquet_bytes,
 )
@@ -43,7 +44,7 @@ from swarmdata.interop.conversion.foreign_rows import columns_of, flags_of, team
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.parquet_rows import Table, arrow
+from swarmdata.interop.parquet_rows import Table
 from swarmdata.store import SPLITS
 from swarmdata.types import Int
 

@@ -8,23 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.errors import ConversionError, MissingExtraError
+from swarmdata.errors import ConversionError
+from swarmdata.hub.publishing.metadata.episode_parquet import arrow
 from swarmdata.interop.conversion.episode_cuts import BlockReader, ReadRows
 from swarmdata.interop.conversion.foreign_file import check_stored, reading
-
-
-def arrow() -> Any:
-    """Returns the library pyarrow.
-
-    Raises:
-        MissingExtraError: it is not installed.
-    """
-    try:
-        import pyarrow  # noqa: PLC0415  (an extra)
-        import pyarrow.parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise MissingExtraError("pyarrow", "parquet", "the Parquet format") from error
-    return pyarrow
 
 
 @dataclass(frozen=True, slots=True)

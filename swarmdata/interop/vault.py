@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError, MissingExtraError
+from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     STATE_ARRAYS,
@@ -46,6 +46,7 @@ from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.extras import require_extra
 from swarmdata.types import Bool
 
 NOTE_KEY = "swarmdata"
@@ -82,11 +83,10 @@ LOST_REASONS = {
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as one vault; `path` is the folder of its uid."""
-    try:
-        from flashbax.buffers.trajectory_buffer import TrajectoryBufferState  # noqa: PLC0415
-        from flashbax.vault import Vault  # noqa: PLC0415  (an extra)
-    except ImportError as error:
-        raise MissingExtraError("flashbax", "vault", "the Vault format") from error
+    require_extra("flashbax", "vault", "the Vault format")
+    from flashbax.buffers.trajectory_buffer import TrajectoryBufferState  # noqa: PLC0415
+    from flashbax.vault import Vault  # noqa: PLC0415  (an extra)
+
     vault = None
     for _, arrays in step_blocks(dataset):
         leaves = _leaves(arrays)
@@ -202,10 +202,9 @@ def _names(tree: Mapping[str, Any], prefix: str = "") -> list[str]:
 
 
 def _open(source: Path, name: str) -> Any:
-    try:
-        import tensorstore  # noqa: PLC0415  (an extra)
-    except ImportError as error:
-        raise MissingExtraError("tensorstore", "vault", "the Vault format") from error
+    require_extra("tensorstore", "vault", "the Vault format")
+    import tensorstore  # noqa: PLC0415  (an extra)
+
     store = {"driver": "ocdbt", "base": f"file://{source.resolve()}", "path": name}
     with reading(f"{source}: leaf {name!r}"):
         return tensorstore.open({"driver": "zarr", "kvstore": store}, read=True).result()

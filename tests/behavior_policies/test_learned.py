@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from swarmdata.behavior_policies.learned import Learned, Saved, forward, load_actor, save_actor
+from swarmdata.behavior_policies.exact_actor import Saved, forward, load_actor, save_actor
+from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.task_spec import TaskSpec

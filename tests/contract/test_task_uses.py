@@ -17,7 +17,7 @@ from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogu
 from swarmdata.envs.render import draw
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.results.target_evaluation import measure_references
-from swarmdata.evaluation.robustness.sweep import sweep
+from swarmdata.evaluation.robustness.sweep import plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import parameters, parse_axis
 from swarmdata.interop.logs.scored_episodes import check_task as check_logs
 from swarmdata.registry.appearance import Appearance
@@ -163,9 +163,8 @@ def test_returns_have_a_score(spec: TaskSpec, dataset: Path) -> None:
 def test_its_team_is_swept(spec: TaskSpec, file: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="sweeps draw figures")
     axis = parse_axis("max_speed=0.4..0.6", "body", 2)
-    (found,) = sweep(
-        ["scripted"], [axis], tmp_path / "sweep", n_episodes=2, task=str(file), progress=False
-    )
+    planned = plan_sweep(["scripted"], [axis], tmp_path / "sweep", n_episodes=2, task=str(file))
+    (found,) = run_sweep(planned, progress=False)
     assert list((tmp_path / "sweep").glob("*.csv"))
     assert (found.part, found.name) == (axis.part, axis.name)
 

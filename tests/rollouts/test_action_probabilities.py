@@ -147,15 +147,14 @@ def make_scripted_without_noise(step: Step, spec: TaskSpec, actions: Float) -> F
 
 
 def test_the_network_runs_once_for_act_and_log_probs(monkeypatch: pytest.MonkeyPatch) -> None:
-    from swarmdata.behavior_policies import learned
+    from swarmdata.behavior_policies import exact_actor, learned
 
     calls: list[int] = []
 
-    def counted(actor: learned.Actor, observations: Float) -> Double:
+    def counted(actor: exact_actor.Actor, observations: Float) -> Double:
         calls.append(len(observations))
-        return learned_forward(actor, observations)
+        return exact_actor.forward(actor, observations)
 
-    learned_forward = learned.forward
     monkeypatch.setattr(learned, "forward", counted)
     policy = make_policy("learned", SPEC, **SOURCES[3][1])
     step = make_env(SPEC, 2).reset(np.array([3, 4], np.uint64))

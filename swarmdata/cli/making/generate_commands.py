@@ -160,22 +160,23 @@ def _follow_recipe(
 ) -> None:  # fmt: skip
     """Makes a share of the parts, assembles them, or does both."""
     recipe, folder, beside = _what_to_build(dataset, steps, out)
-    if part is not None:
-        _make_share(recipe, folder, beside, part, remote)
-        return
-    if remote is not None:
-        from swarmdata.building.shares import receive_parts
-        from swarmdata.hub.remotes.addresses import open_remote
+    from swarmdata.building import shares
+    from swarmdata.building.build import build
+    from swarmdata.hub.remotes.addresses import open_remote
 
-        n = receive_parts(recipe, folder, open_remote(remote), checkpoints=beside)
+    through = None if remote is None else open_remote(remote)
+    if part is not None:
+        made = shares.make_share(
+            recipe, folder, *parse_part(part), checkpoints=beside, remote=through
+        )
+        typer.echo(f"{recipe.id}: made {len(made)} parts of share {part}")
+        return
+    if through is not None:
+        n = shares.receive_parts(recipe, folder, through, checkpoints=beside)
         typer.echo(f"{recipe.id}: fetched {n} parts from {remote}")
     if finish:
-        from swarmdata.building.shares import finish_parts
-
-        _print_built(finish_parts(recipe, folder))
+        _print_built(shares.finish_parts(recipe, folder))
     else:
-        from swarmdata.building.build import build
-
         _print_built(build(recipe, folder, checkpoints=beside, workers=workers, engine=engine))
 
 
@@ -192,17 +193,6 @@ def _what_to_build(
     if steps is not None:
         recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
     return recipe, out or dataset_folder(recipe), beside
-
-
-def _make_share(
-    recipe: "Recipe", out: Path, beside: Path | None, part: str, remote: str | None
-) -> None:
-    from swarmdata.building.shares import make_share
-    from swarmdata.hub.remotes.addresses import open_remote
-
-    sent_to = None if remote is None else open_remote(remote)
-    made = make_share(recipe, out, *parse_part(part), checkpoints=beside, remote=sent_to)
-    typer.echo(f"{recipe.id}: made {len(made)} parts of share {part}")
 
 
 def _find_recipe(dataset: str) -> "tuple[Recipe, Path | None]":

@@ -116,7 +116,18 @@ def plan_sweep(
     randomization: Ranges | None = None,
     block: SeedBlock = "evaluation",
 ) -> Sweep:
-    """Finds the teams and checks them, before anything is evaluated; takes what `sweep` takes.
+    """Finds the teams and checks them, before anything is evaluated.
+
+    Args:
+        names: as `policy_names.find_target` takes them: online and offline runs, tiers, datasets
+            of trained policies.
+        axes: parameters and their values.
+        out: folder; an interrupted sweep of the same teams resumes in it.
+        n_episodes: number of seeds, the same at every point.
+        task: of tiers and runs, as `find_target` takes it.
+        backend: simulator of all points; None: that of the training.
+        randomization: ranges from which episodes draw at all points; None: those of the training.
+        block: the reserved `evaluation` seeds, or the `validation` seeds.
 
     Raises:
         OutputError: `out` has files that no sweep wrote.
@@ -151,43 +162,20 @@ def run_point(planned: Sweep, name: str) -> bool:
     return run_evaluations(points[name], progress=False) < len(points[name])
 
 
-def sweep(
-    names: Sequence[str],
-    axes: Sequence[Axis],
-    out: Path,
-    *,
-    n_episodes: int = 200,
-    task: str | None = None,
-    backend: str | None = None,
-    randomization: Ranges | None = None,
-    block: SeedBlock = "evaluation",
-    **options: Unpack[JobOptions],
-) -> list[Degradation]:
+def run_sweep(planned: Sweep, **options: Unpack[JobOptions]) -> list[Degradation]:
     """Evaluates teams along axes, one parameter at a time, and writes tables and figures.
 
     Args:
-        names: as `policy_names.find_target` takes them: online and offline runs, tiers, datasets
-            of trained policies.
-        axes: parameters and their values.
-        out: folder; an interrupted sweep of the same teams resumes in it.
-        n_episodes: number of seeds, the same at every point.
-        task: of tiers and runs, as `find_target` takes it.
-        backend: simulator of all points; None: that of the training.
-        randomization: ranges from which episodes draw at all points; None: those of the training.
-        block: the reserved `evaluation` seeds, or the `validation` seeds.
+        planned: what there is to evaluate.
         options: where policies are evaluated.
 
     Raises:
-        SwarmdataError: as `plan_sweep` and `run_evaluations` say.
+        SwarmdataError: as `run_evaluations` says.
         MissingExtraError: matplotlib is not installed.
     """
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
-    planned = plan_sweep(
-        names, axes, out, n_episodes=n_episodes, task=task, backend=backend,
-        randomization=randomization, block=block,
-    )  # fmt: skip
     every = [each for found in planned.points().values() for each in found]
-    with locked(out, options.get("progress", True)):
+    with locked(planned.out, options.get("progress", True)):
         run_evaluations(every, **options)
         return _collect(planned)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from swarmdata.errors import GateError, HubError, ManifestError
+from swarmdata.errors import GateError, HubError, ManifestError, VersionTakenError
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.outside_names import hostile_names, unsafe_names
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_files, misplaced_files
@@ -68,6 +68,32 @@ def contradictions(manifest: Manifest) -> tuple[str, ...]:
                 f"{name} is listed with {entry.size} bytes, expected <= {MAX_SMALL_FILE_BYTES}"
             )
     return tuple(problems)
+
+
+def check_size(file: str, found: int | None, most: int) -> None:
+    """Refuses a published file that is larger than its manifest lists it.
+
+    Args:
+        file: its address.
+        found: bytes that it has there; None: the host does not say.
+        most: bytes that the manifest lists.
+
+    Raises:
+        HubError: it is.
+    """
+    if found is None or found > most:
+        raise HubError(
+            f"{file} has {found} bytes, expected at most {most:,}. It is not the file that the "
+            "manifest lists; tell whoever publishes there."
+        )
+
+
+def version_taken(dataset_id: str, address: str) -> VersionTakenError:
+    """The error where another dataset has an id already, at an address."""
+    return VersionTakenError(
+        f"another {dataset_id} is published at {address}, and a published version never changes. "
+        "Publish this one under the next version."
+    )
 
 
 def check_listing(address: str, names: tuple[str, ...]) -> None:

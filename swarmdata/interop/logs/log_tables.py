@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError, did_you_mean, listed
+from swarmdata.hub.publishing.metadata.episode_parquet import arrow
 from swarmdata.interop.conversion.foreign_file import ForeignFile
-from swarmdata.interop.parquet_rows import arrow
 from swarmdata.specs.origins.log_map import TableForm, WindowRows
 from swarmdata.specs.plain_names import repeated
 from swarmdata.types import Bool, Int

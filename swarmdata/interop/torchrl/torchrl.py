@@ -90,10 +90,9 @@ LOST_REASONS = {"layout": "it only has rows over time"}
 
 
 def _library() -> Any:
-    try:
-        import tensordict  # noqa: PLC0415  (an extra)
-    except ImportError as error:
-        raise MissingExtraError("tensordict", "torchrl", "the TorchRL format") from error
+    require_extra("tensordict", "torchrl", "the TorchRL format")
+    import tensordict  # noqa: PLC0415  (an extra)
+
     return tensordict
 
 
@@ -206,17 +205,10 @@ def replay_buffer(
         MissingExtraError: TorchRL is not installed.
         SchemaError: the view has no episodes, or the transitions lack a key.
     """
-    _library()
-    try:
-        from torchrl.data import (  # noqa: PLC0415  (an extra)
-            RandomSampler,
-            ReplayBuffer,
-            SliceSampler,
-            TensorDictReplayBuffer,
-            TensorStorage,
-        )
-    except ImportError as error:
-        raise MissingExtraError("torchrl", "torchrl", "a replay buffer") from error
+    for package in ("tensordict", "torchrl"):
+        require_extra(package, "torchrl", "a replay buffer")
+    from torchrl import data  # noqa: PLC0415  (an extra)
+
     if isinstance(source, Dataset):
         if not len(source):
             raise SchemaError(f"{source!r} has no episodes to sample from; widen its filter")
@@ -226,11 +218,12 @@ def replay_buffer(
     if keys is not None:
         wanted = [(key,) if isinstance(key, str) else tuple(key) for key in keys]
         rows = _select(rows, wanted if slice_length is None else [*wanted, _TRAJECTORY_KEY])
-    sampler = RandomSampler()
+    sampler = data.RandomSampler()
     if slice_length is not None:
-        sampler = SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)
-    kind = TensorDictReplayBuffer if keys is None else ReplayBuffer  # the first adds `index`
-    return kind(storage=TensorStorage(rows), sampler=sampler, batch_size=batch_size)
+        sampler = data.SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)
+    # the first kind adds `index`
+    kind = data.TensorDictReplayBuffer if keys is None else data.ReplayBuffer
+    return kind(storage=data.TensorStorage(rows), sampler=sampler, batch_size=batch_size)
 
 
 def _select(rows: Any, keys: Sequence[Key]) -> Any:

@@ -50,14 +50,8 @@ def export_numpy(
     """Writes a policy of one seed as a module with a class `Policy`.
 
     Its method `step` takes and returns what the network of `export_onnx` does, of one robot at a
-    time and without the axis of rows.
-
-    Args:
-        policy: as a run has it.
-        path: of the file; it must not exist.
-        robots: names of the robots, [N].
-        features: names of the numbers that each robot observes, [N] with at most O each.
-        about: further facts, JSON, for `Policy.about`.
+    time and without the axis of rows. Arguments are those of `export_onnx`, too; `about` is in
+    `Policy.about`.
 
     Raises:
         PolicyFitError: policies of this kind cannot be exported.

@@ -97,13 +97,13 @@ def read_run(folder: Path) -> OfflineRun:
         raise CheckpointError(f"{folder} is not a run folder: there is no {CONFIG}") from error
 
 
-def load_run(folder: Path | str, device: torch.device | str = "cpu") -> list[Policy]:
+def load_run(folder: Path | str) -> list[Policy]:
     """Loads the policies of a run folder, one per seed, as of its last checkpoint.
 
     Raises:
         CheckpointError: the folder holds no run, or its checkpoint is absent or damaged.
     """
-    return load_last(folder, device).policies
+    return load_last(folder).policies
 
 
 def load_last(

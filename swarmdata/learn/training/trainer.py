@@ -68,7 +68,6 @@ def train_seeds(
     evaluate: Evaluate | None = None,
     frame: Frame | None = None,
     device: torch.device | str = "cpu",
-    n_threads: int = 1,
     keep: bool = False,
     compile: bool = False,
     progress: bool = True,
@@ -88,7 +87,6 @@ def train_seeds(
         evaluate: measures each seed's policy for the learning curve.
         frame: in which the robots see and act; None for the world's.
         device: where to train.
-        n_threads: of products on the CPU; the networks are too small to gain from more.
         keep: whether every checkpoint is kept, to choose among them later: `load_algorithm`.
         compile: whether torch.compile makes kernels first, which takes up to minutes and pays in
             long runs. Results agree with those of `False` within rounding only, so a run goes on
@@ -128,7 +126,8 @@ def train_seeds(
     with claimed(Path(folder), description, shown=progress) as run:
         statistics = Statistics.measure(dataset, config.discount)
         trainer = _Trainer(run, kind, samplers, statistics, keep=keep, report=report)
-        with ThreadLimit(n_threads), context as trainer.compilation:
+        # the networks are too small to gain from more threads
+        with ThreadLimit(1), context as trainer.compilation:
             trainer.fit(config.n_updates, evaluate, progress)
     return [trainer.algorithm.policy(index) for index in range(len(seeds))]
 

@@ -25,7 +25,7 @@ from swarmdata.evaluation.results.result_set import Case, read_results, referenc
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.robustness import sweep as sweep_module
-from swarmdata.evaluation.robustness.sweep import SWEEP, sweep
+from swarmdata.evaluation.robustness.sweep import SWEEP, plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, change_of, estimates_of
 from swarmdata.evaluation.runs.train import train
@@ -69,10 +69,9 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweep_module, "plot_degradation", lambda found, out: None)
 
 
-def run_sweep(names: list[Path], axes: list[Axis], out: Path, **options: Any) -> list[Degradation]:
-    return sweep(
-        list(map(str, names)), axes, out, **{"n_episodes": N, "progress": False, **options}
-    )
+def swept_to(out: Path, names: list[Path], axes: list[Axis], **options: Any) -> list[Degradation]:
+    planned = plan_sweep(list(map(str, names)), axes, out, **{"n_episodes": N, **options})
+    return run_sweep(planned, progress=False)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +79,7 @@ def swept(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("swept")
     with pytest.MonkeyPatch.context() as patch:
         save_empty_figures(patch)  # `tests/contract/test_task_uses.py` draws some
-        run_sweep([runs / "talks"], [DROP, NOISE], out)
+        swept_to(out, [runs / "talks"], [DROP, NOISE])
     return out
 
 
@@ -140,13 +139,13 @@ def test_a_stopped_sweep_goes_on_where_it_was(
 
     monkeypatch.setattr(target_evaluation, "evaluate", counted)
     with pytest.raises(KeyboardInterrupt):
-        run_sweep([runs / "talks"], [DROP, NOISE], tmp_path)
+        swept_to(tmp_path, [runs / "talks"], [DROP, NOISE])
     assert len(list(tmp_path.rglob("*.json"))) == 3
     assert not (tmp_path / "sweep.csv").exists()
 
     calls.clear()
     calls.extend(["before"] * 4)  # no more interrupts
-    run_sweep([runs / "talks"], [DROP, NOISE], tmp_path)
+    swept_to(tmp_path, [runs / "talks"], [DROP, NOISE])
     assert len(calls) - 4 == 8 - 3
     for path in (path for path in swept.rglob("[!.]*") if path.suffix in {".csv", ".md", ".json"}):
         assert (tmp_path / path.relative_to(swept)).read_bytes() == path.read_bytes()
@@ -199,7 +198,7 @@ def test_points_are_run_by_schedulers_in_any_order_and_at_once(
 @pytest.mark.usefixtures("without_figures")
 def test_a_run_on_another_dataset_or_view_is_another_line(runs: Path, tmp_path: Path) -> None:
     train_run(tmp_path / "silent", runs / "data", "lossy-30")
-    (found,) = run_sweep([runs / "silent", tmp_path / "silent"], [NOISE], tmp_path / "out")
+    (found,) = swept_to(tmp_path / "out", [runs / "silent", tmp_path / "silent"], [NOISE])
     recorded, view = (line.label for line in found.lines)
     assert recorded == "silent on coop_nav-small-v0"
     assert view.startswith("silent on coop_nav-small-v0@")
@@ -208,9 +207,9 @@ def test_a_run_on_another_dataset_or_view_is_another_line(runs: Path, tmp_path: 
     with pytest.raises(
         SpecError, match="two of the teams are called 'silent' on coop_nav-small-v0"
     ):
-        run_sweep([runs / "silent", again], [NOISE], tmp_path / "none")
+        swept_to(tmp_path / "none", [runs / "silent", again], [NOISE])
     with pytest.raises(ResultsError, match="two runs have the label 'silent'"):
-        run_sweep([again], [NOISE], tmp_path / "out")
+        swept_to(tmp_path / "out", [again], [NOISE])
 
 
 def test_what_says_nothing_is_refused_before_anything_is_measured(
@@ -229,7 +228,7 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
     ]
     for names, axes, message in refusals:
         with pytest.raises(SpecError, match=message):
-            run_sweep(names, axes, tmp_path / "out")
+            swept_to(tmp_path / "out", names, axes)
     assert not (tmp_path / "out").exists()
 
 
@@ -237,7 +236,7 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
 @pytest.mark.usefixtures("without_figures")
 def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
     sight = parse_axis("range=2,1", "observation")
-    (found,) = run_sweep([Path("expert")], [sight], tmp_path, n_episodes=2)
+    (found,) = swept_to(tmp_path, [Path("expert")], [sight], n_episodes=2)
     assert found.as_trained
     assert "score" in [column.key for column in found.columns]
     (line,) = found.lines
@@ -248,7 +247,7 @@ def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("without_figures")
 def test_another_simulator_is_not_called_that_of_training(tmp_path: Path) -> None:
     delay = parse_axis("command_delay=0,1", "body")
-    (found,) = run_sweep([Path("expert")], [delay], tmp_path, n_episodes=2, backend="kinematic")
+    (found,) = swept_to(tmp_path, [Path("expert")], [delay], n_episodes=2, backend="kinematic")
     assert not found.as_trained
 
 

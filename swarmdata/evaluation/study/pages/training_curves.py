@@ -1,7 +1,7 @@
 """The sections on training: learning curves, and logged quantities such as Q-values."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from swarmdata.drawing import markdown
@@ -12,7 +12,6 @@ from swarmdata.evaluation.results.learning_curves import Curve, curve_line, last
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
-from swarmdata.evaluation.study.plan import LossesPlan
 
 PANEL_HEIGHT = 1.45
 """Inches."""
@@ -30,11 +29,7 @@ Panels = dict[str, dict[str, Curve]]
 
 def curve_section(found: Findings, out: Path) -> dict[str, str]:
     """Team success during training, and its gain over the last fifth."""
-    panels: Panels = {}
-    for cell in _offline_grid(found):
-        curve = found.learning_curve(cell, "success")
-        if curve is not None:
-            panels.setdefault(cell.data, {})[cell.label] = curve
+    panels = _panels((cell, found.learning_curve(cell, "success")) for cell in _offline_grid(found))
     if not panels:
         return {}
     drawn = {
@@ -55,11 +50,8 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
 
 def online_curve_section(found: Findings, out: Path) -> dict[str, str]:
     """Team success on validation episodes during online training, and its gain at the end."""
-    panels: Panels = {}
-    for cell in found.cells:
-        curve = found.learning_curve(cell, "success")
-        if cell.kind == "online" and curve is not None:
-            panels.setdefault(cell.data, {})[cell.label] = curve
+    cells = [cell for cell in found.cells if cell.kind == "online"]
+    panels = _panels((cell, found.learning_curve(cell, "success")) for cell in cells)
     if not panels:
         return {}
     drawn = {task: _by_algorithm(found, curves) for task, curves in panels.items()}
@@ -139,7 +131,12 @@ def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
     """Title and body of each figure of logged quantities that the study asks for."""
     parts = []
     for name, wanted in found.study.losses.items():
-        panels = _loss_panels(found, wanted)
+        data = [short_name(dataset) for dataset in wanted.datasets]
+        panels = _panels(
+            (cell, found.training_curve(cell, wanted.column))
+            for cell in _offline_grid(found)
+            if cell.data in data and cell.label in wanted.algorithms
+        )
         if panels:
             file = f"losses-{name}.png"
             curves = [curve for each in panels.values() for curve in each.values()]
@@ -151,14 +148,12 @@ def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
     return parts
 
 
-def _loss_panels(found: Findings, wanted: LossesPlan) -> Panels:
+def _panels(curves: Iterable[tuple[Cell, Curve | None]]) -> Panels:
+    """The curves of cells by their data, without those that were not measured."""
     panels: Panels = {}
-    datasets = [short_name(dataset) for dataset in wanted.datasets]
-    for cell in _offline_grid(found):
-        if cell.data in datasets and cell.label in wanted.algorithms:
-            curve = found.training_curve(cell, wanted.column)
-            if curve is not None:
-                panels.setdefault(cell.data, {})[cell.label] = curve
+    for cell, curve in curves:
+        if curve is not None:
+            panels.setdefault(cell.data, {})[cell.label] = curve
     return panels
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
 
-from swarmdata.evaluation.robustness.sweep import sweep
+from swarmdata.evaluation.robustness.sweep import plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
 from swarmdata.evaluation.runs.job_options import JobOptions
@@ -62,8 +62,7 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
 
     A sweep whose dataset has no results yet is left out.
     """
-    families = {label: each.family for label, each in found.study.algorithms.items()}
-    board = make_scoreboard(found.results, families, quantity_of(found.results).column.key)
+    board = make_scoreboard(found.results, found.families, quantity_of(found.results).column.key)
     planned = []
     for label, plan in found.study.sweeps.items():
         n_episodes = found.study.shifted_episodes(plan.episodes)
@@ -105,7 +104,8 @@ def run_sweeps(
         folder = each.folder(work)
         names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
-        sweep(names, [axis], folder, n_episodes=each.n_episodes, block=each.block, **options)
+        sweep = plan_sweep(names, [axis], folder, n_episodes=each.n_episodes, block=each.block)
+        run_sweep(sweep, **options)
         page_folder = out / SWEEPS_FOLDER / each.label
         page_folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)

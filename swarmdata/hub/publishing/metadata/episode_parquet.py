@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import MissingExtraError
+from swarmdata.runtime.extras import require_extra
 from swarmdata.store import SPLITS, write_file
 from swarmdata.types import END_REASONS
 
@@ -31,12 +31,15 @@ EPISODE_COLUMNS = {
 """What each column says."""
 
 
-def _arrow() -> Any:
-    try:
-        import pyarrow  # noqa: PLC0415  (an extra)
-        import pyarrow.parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise MissingExtraError("pyarrow", "parquet", "the Parquet episode table") from error
+def arrow() -> Any:
+    """Returns the library pyarrow.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    require_extra("pyarrow", "parquet", "Parquet")
+    import pyarrow.parquet  # noqa: PLC0415  (an extra)
+
     return pyarrow
 
 
@@ -62,13 +65,13 @@ def episode_table(dataset: Dataset) -> Any:
         "robot_collisions": table.robot_collisions,
         "obstacle_collisions": table.obstacle_collisions,
     }
-    return _arrow().table(columns)
+    return arrow().table(columns)
 
 
 def parquet_bytes(table: Any) -> bytes:
     """A `pyarrow.Table` as the bytes of a Parquet file."""
     buffer = io.BytesIO()
-    _arrow().parquet.write_table(table, buffer, compression="zstd")
+    arrow().parquet.write_table(table, buffer, compression="zstd")
     return buffer.getvalue()
 
 

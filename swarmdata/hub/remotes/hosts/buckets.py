@@ -1,20 +1,12 @@
 """Object stores that fsspec knows, `s3://bucket/prefix` and its like."""
 
 import hashlib
-import importlib.util
 import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from swarmdata.errors import (
-    AbsentFileError,
-    ConflictError,
-    HubError,
-    MissingExtraError,
-    VersionTakenError,
-    quoted,
-)
+from swarmdata.errors import AbsentFileError, ConflictError, HubError, quoted
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import (
@@ -25,7 +17,8 @@ from swarmdata.hub.remotes.network.backoff import (
 )
 from swarmdata.hub.remotes.network.pace import Meter, Pace, watched
 from swarmdata.hub.remotes.outside_names import is_id, split_id
-from swarmdata.hub.remotes.release_files import files_to_publish
+from swarmdata.hub.remotes.release_files import check_size, files_to_publish, version_taken
+from swarmdata.runtime.extras import require_extra
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 
@@ -90,11 +83,7 @@ class BucketRemote:
         source = self._object(release.id, file)
         what = f"fetching {release.address}/{file}"
         found = self._ask(what, lambda: self._files.info(source))["size"]
-        if found is None or found > size:
-            raise HubError(
-                f"{release.address}/{file} has {found} bytes, expected at most {size}. It is not "
-                "the file that the manifest lists; tell whoever publishes there."
-            )
+        check_size(f"{release.address}/{file}", found, size)
 
         def fetch() -> Path:
             # a name of its own for each attempt: one that was too slow may still be writing
@@ -159,10 +148,7 @@ class BucketRemote:
         """Whether exactly this dataset is there."""
         there = self._content(self._object(dataset_id, MANIFEST))
         if there is not None and there != manifest:
-            raise VersionTakenError(
-                f"another {dataset_id} is published at {self.address}, and a published version "
-                "never changes. Publish this one under the next version."
-            )
+            raise version_taken(dataset_id, self.address)
         return there is not None
 
     def _content(self, path: str) -> bytes | None:
@@ -256,8 +242,8 @@ def _file_system(scheme: str, options: dict[str, Any] | None) -> Any:
     """The fsspec file system of a scheme; listings are never remembered."""
     import fsspec  # noqa: PLC0415  # takes longer than everything else here
 
-    if scheme == "s3" and importlib.util.find_spec("s3fs") is None:
-        raise MissingExtraError("s3fs", "s3", "an s3:// remote")
+    if scheme == "s3":
+        require_extra("s3fs", "s3", "an s3:// remote")
     known = S3_OPTIONS if scheme == "s3" else {}
     try:
         return fsspec.filesystem(scheme, use_listings_cache=False, **{**known, **(options or {})})

@@ -5,12 +5,12 @@ import shutil
 from pathlib import Path
 from urllib.parse import unquote
 
-from swarmdata.errors import AbsentFileError, BuildError, HubError, VersionTakenError
+from swarmdata.errors import AbsentFileError, BuildError, HubError
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS
 from swarmdata.hub.remotes.outside_names import ID_PATTERN, is_id, split_id
-from swarmdata.hub.remotes.release_files import files_to_publish
+from swarmdata.hub.remotes.release_files import check_size, files_to_publish, version_taken
 from swarmdata.runtime.atomic import new_folder, remove_leftovers, write_file
 from swarmdata.runtime.locking import locked
 from swarmdata.store.arrays.layout import MANIFEST
@@ -42,12 +42,7 @@ class FolderRemote:
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
         source = self._source(release, file)
-        found = source.stat().st_size
-        if found > size:
-            raise HubError(
-                f"{source} has {found:,} bytes, expected at most {size:,}. It is not the file that "
-                "the manifest lists; tell whoever publishes there."
-            )
+        check_size(str(source), source.stat().st_size, size)
         part = out.with_name(f"{out.name}.part")
         try:
             shutil.copyfile(source, part)
@@ -91,10 +86,7 @@ class FolderRemote:
                             (scratch / name).parent.mkdir(parents=True, exist_ok=True)
                             shutil.copyfile(file, scratch / name)
                 elif not _is_same(target, folder):
-                    raise VersionTakenError(
-                        f"another {dataset_id} is published at {self.address}, and a published "
-                        "version never changes. Publish this one under the next version."
-                    )
+                    raise version_taken(dataset_id, self.address)
                 write_file(self._root / INDEX_FILE, index_bytes(self.ids()))
         except HubError:
             raise

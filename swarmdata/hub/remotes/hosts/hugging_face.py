@@ -6,19 +6,13 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from swarmdata.errors import (
-    AbsentFileError,
-    ConflictError,
-    HubError,
-    SpecError,
-    VersionTakenError,
-)
+from swarmdata.errors import AbsentFileError, ConflictError, HubError, SpecError
 from swarmdata.hub.remotes.hosts.hub_calls import HubCalls, Listed, quiet
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.outside_names import is_id, split_id
-from swarmdata.hub.remotes.release_files import files_to_publish
+from swarmdata.hub.remotes.release_files import check_size, files_to_publish, version_taken
 from swarmdata.runtime.documents import read_document
 from swarmdata.store.arrays.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES
@@ -90,12 +84,7 @@ class HubRemote:
         listing = self._listing(name, commit)
         if file not in listing:
             raise AbsentFileError(f"{release.address} has no file {file!r}.")
-        found = listing[file].size
-        if found > size:
-            raise HubError(
-                f"{release.address} has {found:,} bytes of {file}, expected at most {size:,}. It is"
-                " not the file that the manifest lists; tell whoever publishes there."
-            )
+        check_size(f"{release.address}/{file}", listing[file].size, size)
         scratch = scratch_folder(out, "hub")  # kept after a failure: the client resumes
         with quiet():
             self._calls.download(self._repository(name), commit, file, scratch)
@@ -160,10 +149,7 @@ class HubRemote:
     ) -> Release:
         """The release of a tag that is there already, if it has exactly these data."""
         if not self._holds(name, commit, {MANIFEST: files[MANIFEST]}, everything=False):
-            raise VersionTakenError(
-                f"another {dataset_id} is published at {self._release(dataset_id, commit).address},"
-                " and a published version never changes. Publish this one under the next version."
-            )
+            raise version_taken(dataset_id, self._release(dataset_id, commit).address)
         return self._release(dataset_id, commit)
 
     def _holds(

@@ -1,6 +1,6 @@
 """S3 through moto's server, and what every object store must do through fsspec's in memory."""
 
-import importlib.util
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from uuid import uuid4
@@ -84,10 +84,7 @@ def test_s3_survives_faults(
 
 
 def test_without_s3fs(monkeypatch: pytest.MonkeyPatch) -> None:
-    find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: None if name == "s3fs" else find(name)
-    )
+    monkeypatch.setitem(sys.modules, "s3fs", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'swarmdata\[s3\]'"):
         open_remote("s3://bucket/prefix")
 
