@@ -151,13 +151,28 @@ class IQL(OfflineLearner):
         critic_loss = td_error(self.critics.q(x, actions).flatten(2), y.flatten(1))  # eq. 6
         self.critics.step(critic_loss, scale)
         unit = RANGE / self.rewards.return_range
-        self.rows.add(batch, unit * advantages.detach())
+        preferences, reported = self.prefer(steps, x, actions, unit * advantages.detach())
+        self.rows.add(batch, preferences)
         actor_loss, beta = self.actor_loss()
         self.descent.step_of("actor", actor_loss, scale)
         self.critics.follow(config.tau)
         self.n_updates += 1
         losses = (value_loss, critic_loss, actor_loss, q.mean((1, 2)), advantages.std((1, 2)), beta)
-        return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
+        named = dict(zip(IQL.LOSSES, losses, strict=True)) | reported
+        return {name: loss.detach() for name, loss in named.items()}
+
+    def prefer(
+        self, steps: Batch, x: RobotView, actions: Tensor, advantages: Tensor
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Returns what actors prefer of the data's actions, [K, R, N], and losses, each [K].
+
+        Args:
+            steps: transitions, [K, R, ...].
+            x: what the critics see of them.
+            actions: as the critics see them, [K, R, N, A].
+            advantages: u (q_i - V(x_i)), which is what they prefer here, [K, R, N].
+        """
+        return advantages, {}
 
     def actor_loss(self) -> tuple[Tensor, Tensor]:
         """Returns the loss of eq. 7 on drawn rows, and beta, both [K]."""

@@ -43,7 +43,7 @@ SPARE_COLORS = ("#D55E00", "#8A7F00", "#7B4BA8")
 FAMILY_OF = {
     **dict.fromkeys(("bc", "filtered_bc"), "cloning"),
     **dict.fromkeys(("maddpg_bc", "facmac_bc", "mappo", "maddpg", "matd3"), "actor-critic"),
-    **dict.fromkeys(("iql", "omiga"), "in-sample"),
+    **dict.fromkeys(("iql", "omiga", "iql_cost"), "in-sample"),
     **dict.fromkeys(("cfcql", "omar", "icql_qs", "maddpg_cql"), "conservative"),
     **dict.fromkeys(("vdn", "qmix"), "value decomposition"),
     **dict.fromkeys(("mac_flow", "bc_flow", "bc_latent", "oryx"), "generative"),

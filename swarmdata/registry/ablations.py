@@ -21,6 +21,7 @@ ABLATIONS: dict[str, Ablation | None] = {
     "mac_flow": Ablation("the critics", {"inverse_temperature": 0.0}),
     "facmac_bc": Ablation("the mixing network", {"mixer": "mean"}),
     "iql": Ablation("weights of good actions", {"inverse_temperature": 0.0}),
+    "iql_cost": Ablation("the weight of costs", {"cost_weight": 0.0}),
     "omiga": Ablation("weights of good actions", {"temperature": 1e3}),
     "oryx": Ablation("telling the others", {"joint": False}),
     "maddpg_bc": Ablation("the critic", {"rl_weight": 0.0, "extraction": "joint"}),

@@ -89,6 +89,7 @@ OFFLINE_ALGORITHMS = ComponentTable(
         "facmac_bc": "swarmdata.offline_algos.facmac_bc:FACMACBC",
         "mac_flow": "swarmdata.offline_algos.mac_flow:MACFlow",
         "iql": "swarmdata.offline_algos.iql:IQL",
+        "iql_cost": "swarmdata.offline_algos.iql_cost:IQLCost",
         "omiga": "swarmdata.offline_algos.omiga:OMIGA",
         "oryx": "swarmdata.offline_algos.oryx:Oryx",
         "maddpg_bc": "swarmdata.offline_algos.maddpg_bc:MADDPGBC",

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmdata.numerics.event_costs import COSTS
 from swarmdata.types import Batch, Double, Step, blank_step
 
 if TYPE_CHECKING:
@@ -66,9 +67,14 @@ def sample_batch(seeds: Sequence[int], index: int) -> Batch:
     episodes = np.stack([rng.integers(N_EPISODES, size=BATCH) for rng in rngs])
     ends = np.stack([rng.uniform(size=BATCH) for rng in rngs])
     flags, cut = ends < 0.2, ends > 0.8
-    mask = np.ones_like(flags)
+    contacts = [rng.uniform(size=(BATCH, N_AGENTS, len(COSTS))) < 0.1 for rng in rngs]
     return Batch(
-        **columns, terminations=flags, truncations=cut, mask=mask, episodes=episodes
+        **columns,
+        terminations=flags,
+        truncations=cut,
+        mask=np.ones_like(flags),
+        episodes=episodes,
+        costs=np.stack(contacts).astype(np.float32),
     ).to_torch()
 
 

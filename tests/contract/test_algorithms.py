@@ -43,6 +43,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "mac_flow": {**TWO, **FLOW},
     "facmac_bc": ACTOR_CRITIC,
     "iql": TWO,
+    "iql_cost": TWO,
     "omiga": TWO,
     "oryx": {"width": 16, "value_hidden": (16,), "n_updates": 200, "burn_in": 1, "window": 3},
     "maddpg_bc": ACTOR_CRITIC,

@@ -34,6 +34,7 @@ CASES: list[tuple[str, int, dict[str, Any], float]] = [
     ),
     ("matd3", 1500, WARM, 0.08),
     ("iql", 1500, LONG, 0.07),
+    ("iql_cost", 1500, LONG, 0.07),
     ("omiga", 1500, LONG, 0.07),
     *(
         ("mac_flow", 1000, {"reward": reward, "mixer": mixer, **FLOW}, 0.08)

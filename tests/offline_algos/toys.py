@@ -125,6 +125,7 @@ def random_batch(n_seeds: int = 1, size: int = 32) -> Batch:
         mask=torch.ones_like(flags),
         next_actions=torch.rand(n_seeds, size, 2, 2) * 2 - 1,
         log_probs=torch.zeros(n_seeds, size, 2),
+        costs=(torch.rand(n_seeds, size, 2, 2) < 0.1).float(),
     )
 
 

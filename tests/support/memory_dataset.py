@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.sampling import BatchStream, Rows
+from swarmdata.numerics.event_costs import costs_of
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch, Bool, Double, Episode, Int, Seeds, Wanted
@@ -85,11 +86,12 @@ class MemoryDataset:
                 "mask": np.ones(len(e), dtype=np.bool_),
                 "next_actions": np.concatenate([e.actions[1:], np.zeros_like(e.actions[:1])]),
                 "log_probs": e.log_probs,
+                "costs": costs_of(e.events),
                 "episodes": np.full(len(e), position),
             }
             for name, rows in columns_of.items():
                 columns.setdefault(name, []).append(rows)
-        return {name: np.concatenate(rows) for name, rows in columns.items()}
+        return {k: np.concatenate(rows) for k, rows in columns.items() if rows[0] is not None}
 
     @cached_property
     def rows(self) -> Rows:

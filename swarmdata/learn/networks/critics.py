@@ -49,6 +49,7 @@ class CriticOptions(TypedDict, total=False):
     max_norm: Required[float | None]  # of the gradient of one seed's critics; None does not clip
     n_critics: int  # critics of a seed, J; two if absent
     device: torch.device | str  # where to train
+    name: str  # of the networks in checkpoints; "critics" if absent
 
 
 class CriticEnsemble(Descent):
@@ -73,11 +74,12 @@ class CriticEnsemble(Descent):
         # rows are seed 0 critic 0, seed 0 critic 1, ..., seed 1 critic 0, ...
         self.online = StackedMLP(shape, self.n_critics * len(seeds), options.get("device", "cpu"))
         initialize(self.online, seeds, CRITIC_STREAM)
+        name = options.get("name", "critics")
         super().__init__(
-            {"critics": self.online}, len(seeds), options["learning_rate"], options["max_norm"],
-            followed=("critics",), moments={"critics": "critic_adam"},
+            {name: self.online}, len(seeds), options["learning_rate"], options["max_norm"],
+            followed=(name,), moments={"critics": "critic_adam"},
         )  # fmt: skip
-        self.target: StackedMLP = self.targets["critics"]
+        self.target: StackedMLP = self.targets[name]
 
     def smallest_of(self, x: Tensor, varied: Tensor) -> Tensor:
         """Returns the smallest of the J values of M actions in each row, [K, B, M]; constants.

@@ -206,12 +206,14 @@ class Valuer(NamedTuple):
     data. The gradient is not used."""
 
 
-def robot_critics(setup: Setup, config: ActorCriticConfig, critic: Critic) -> RobotCritics:
-    """Makes two critics of each seed with a value for each robot."""
+def robot_critics(
+    setup: Setup, config: ActorCriticConfig, critic: Critic, name: str = "critics"
+) -> RobotCritics:
+    """Makes two critics of each seed with a value for each robot; `name`: in checkpoints."""
     return RobotCritics(
         setup.sizes, Normalizer(setup.statistics, setup.device), critic, setup.seeds,
         config.critic_hidden, learning_rate=config.critic_learning_rate,
-        max_norm=config.max_grad_norm, device=setup.device,
+        max_norm=config.max_grad_norm, device=setup.device, name=name,
     )  # fmt: skip
 
 

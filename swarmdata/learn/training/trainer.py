@@ -96,8 +96,9 @@ def train_seeds(
 
     Raises:
         UnknownNameError: no such algorithm.
-        SchemaError: the algorithm cannot learn the actions of a recorded environment, has nothing
-            to compile, or has settings of a memory that do not fit each other.
+        SchemaError: the algorithm cannot learn the actions of a recorded environment, needs costs
+            that the dataset does not have, has nothing to compile, or has settings of a memory that
+            do not fit each other.
         ProgramError: `compile` found no working compiler.
         OutputError: the folder has files and holds no run.
         CheckpointError: the folder holds another run, or a damaged one.
@@ -115,6 +116,7 @@ def train_seeds(
         _check_compilable(algorithm, kind, config)
     dataset, min_return = _select(framed(dataset, frame), config)
     samplers = [sampler_of(dataset, config, seed) for seed in seeds]
+    _check_costs(algorithm, kind, dataset, samplers[0])
     description = _describe(
         dataset, samplers[0], config, schedule, algorithm=algorithm, min_return=min_return,
         frame=frame, seeds=tuple(seeds), device=str(device),
@@ -175,6 +177,17 @@ def _check_actions(algorithm: str, dataset: Data) -> None:
             f"{'chooses' if len(names) == 1 else 'choose'} among discrete ones. These learn "
             f"choices: {', '.join(DISCRETE_ALGORITHMS)}. Or record the environment with continuous "
             "actions, if it has them."
+        )
+
+
+def _check_costs(algorithm: str, kind: type, dataset: Data, sampler: Sampler) -> None:
+    """Raises SchemaError if the algorithm learns from costs that the dataset does not have."""
+    if "costs" not in (fields_of(kind) or ()):
+        return
+    if sampler.gather(np.zeros(1, dtype=np.int64), {"costs"}).costs is None:
+        raise SchemaError(
+            f"{algorithm} learns from costs, which follow from recorded events, and {dataset.id} "
+            "has no events. Record or import events, or train iql."
         )
 
 

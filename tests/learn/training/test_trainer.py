@@ -40,6 +40,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "bc_flow": {"hidden": (8,), "flow_hidden": (8,)},
     "mac_flow": {"actor_hidden": (8,), "critic_hidden": (8,), "flow_hidden": (8,)},
     "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
+    "iql_cost": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
     "oryx": {"width": 8, "value_hidden": (8,), "burn_in": 2, "window": 4},
     "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,)},
