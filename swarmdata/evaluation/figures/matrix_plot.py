@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from swarmdata.drawing.style import GRAY, INK, PAGE_WIDTH, figure, words_of
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.figures.dot_plot import SCREEN_HEIGHT
+from swarmdata.evaluation.figures.dot_plot import LOWEST_ROW, SCREEN_HEIGHT
 
 WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"
 """Ends and middle of the scale, safe for color-blind readers."""
@@ -14,7 +14,7 @@ WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"
 LEAST_CONTRAST = 0.6
 """Of the scale, from where letters are white."""
 
-ROW, LOWEST_ROW, GAP = 0.19, 0.11, 0.3
+ROW, GAP = 0.19, 0.3
 """Inches: height of a row; space between two groups, in rows or columns."""
 
 WIDEST_COLUMN = 0.62
