@@ -30,7 +30,8 @@ def test_a_team_of_runners(memory: list[str], name: str, tmp_path: Path) -> None
     line = ["train", "bc", str(tmp_path / "tiny"), "--seeds", "2", "--updates", "20"]
     line += ["--set", "batch_size=8", *memory, "--out", str(run)]
     assert CliRunner().invoke(app, line).exit_code == 0
-    run("export-policy", str(run), str(file), "--seed", "1")
+    result = CliRunner().invoke(app, ["export-policy", str(run), str(file), "--seed", "1"])
+    assert result.exit_code == 0, result.output
     policy = load_run(run)[1]
     env = swarmdata.make_env(Dataset.open(tmp_path / "tiny").task, 1)
     team = [Runner(str(file), name) for name in env.spec.agent_names]

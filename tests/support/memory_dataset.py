@@ -72,7 +72,7 @@ class MemoryDataset:
     @cached_property
     def transitions(self) -> dict[str, NDArray[Any]]:
         """All transitions, field by field; the next state is never another episode's."""
-        columns: dict[str, list[NDArray[Any]]] = {}
+        columns: dict[str, list[Any]] = {}
         for position, e in enumerate(self):
             columns_of = {
                 "observations": e.observations[:-1],

@@ -91,8 +91,8 @@ def test_runs_are_evaluated_in_worlds_that_fit(runs: Path) -> None:
     assert find_target(str(runs / "bc-mlp"), "coop_nav-easy").spec == preset("coop_nav-easy")
 
 
-def test_networks_over_sets_do_not_remember(runs: Path, tmp_path: Path) -> None:
-    data = load(runs / "coop_nav-tiny-v0")
+def test_networks_over_sets_do_not_remember(tiny: Path, tmp_path: Path) -> None:
+    data = load(tiny)
     config = config_of("bc", n_updates=1, batch_size=40, policy_network="deep_sets", memory="gru")
     with pytest.raises(SchemaError, match="only mlp has a memory"):
         train_seeds("bc", data, tmp_path, seeds=(0,), config=config, progress=False)
