@@ -214,6 +214,7 @@ def test_python_blocks_run(
     if library := NEEDS.get(name_of(page)):
         pytest.importorskip(library, reason=f"the page needs {library}")
     monkeypatch.setenv("SWARMDATA_CACHE", str(minis))
+    monkeypatch.syspath_prepend(str(workplace))  # as for a script or notebook in the folder
     namespace: dict[str, Any] = {"__name__": page.stem}
     with contextlib.ExitStack() as stack:
         stack.callback(_close_figures)
