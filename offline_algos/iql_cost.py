@@ -11,8 +11,9 @@ notation of `offline_algos.iql`, and q^c_i = max_j Q^c'_j(x_i, a):
 
 Rewards are valued as in `iql`, by an expectile above the mean: the better of the data's actions are
 what will be done. Costs are valued by the mean, with the larger of two critics: what goes wrong is
-as likely as in the data. So a sum of both would not do in one critic. No action of a policy enters
-a critic. lambda, `cost_weight`, says how many thousandths of the range of returns one event costs.
+as likely as in the data. One critic of their weighted sum could not do both. No action of a policy
+enters a critic. lambda, `cost_weight`, says how many thousandths of the range of returns one event
+costs.
 
 Deviations:
 - lambda is a setting, not the multiplier that keeps a budget, as in BCQ-Lag (Liu et al. 2023,

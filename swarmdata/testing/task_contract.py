@@ -147,7 +147,7 @@ def _check_motion(steps: list[Step], spec: TaskSpec, has_movables: bool) -> None
         allowed = top + SPEED_TOLERANCE + push * (touched | touched_before)
         excess = (speeds - allowed).max()
         assert excess <= 0, f"a robot drives {excess:.4f} m/s faster than its limits allow"
-        touched_before = touched | (touched_before & step.ended[:, None])  # the end stands still
+        touched_before = touched | (touched_before & step.ended[:, None])  # stands still
         headings = np.hypot(robots[..., UX], robots[..., UY])
         assert np.allclose(headings, 1.0, atol=1e-5), "a heading is no unit vector"
         if spec.backend == "kinematic":

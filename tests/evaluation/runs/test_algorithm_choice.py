@@ -160,6 +160,9 @@ def test_pages_quote_these_regrets() -> None:
     lost = {way: regrets(rows, names) for way, names in picked.items()}
     dataset, task = lost["auto, leave one dataset out"], lost["auto, leave one task out"]
     clones = lost["always `filtered_bc`"]
+    last = [each for row, each in zip(rows, dataset, strict=True) if "corridor" in row.dataset]
+    page = measuring.PAGE.read_text(encoding="utf-8")
+    assert f"`coop_nav-corridor-strict`, {np.mean(last):.1f} and {max(last):.1f}." in page
     learning, claims = (
         " ".join((measuring.PAGE.parent / name).read_text(encoding="utf-8").split())
         for name in ("learning.md", "results/claims.md")
@@ -171,6 +174,7 @@ def test_pages_quote_these_regrets() -> None:
     assert f"it loses {np.mean(task):.1f} and {max(task):.1f}:" in learning
     assert f"`swarmdata train auto` is {np.mean(dataset):.0f} points below the best" in claims
     assert f"at worst {max(dataset):.0f}, on" in claims
+    assert f"do refute it: {np.mean(last):.0f} points." in claims
     assert f"alone is {np.mean(clones):.0f} below, at worst {max(clones):.0f}." in claims
     assert f"`auto` is {np.mean(task):.0f} below, at worst {max(task):.0f}, on" in claims
 
