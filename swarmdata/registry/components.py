@@ -64,6 +64,12 @@ POLICIES = ComponentTable(
 CHECKPOINT_POLICIES = ("learned", "network")
 """Policies that need a checkpoint: perceptrons that are run exactly, and all other networks."""
 
+
+def policy_names() -> set[str]:
+    """Names that are a policy by themselves: registered, and without a checkpoint."""
+    return {*POLICIES} - {*CHECKPOINT_POLICIES}
+
+
 SCRIPTED_CONTROLLERS = {
     "coop_nav": "swarmdata.behavior_policies.coop_nav_controller:CoopNavController",
     "transport": "swarmdata.behavior_policies.transport.transport_controller:TransportController",

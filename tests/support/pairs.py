@@ -53,11 +53,17 @@ def _marked(choices: Sequence[Sequence[Any]], chosen: set[Case]) -> list[Any]:
 
 def _covering(cases: Sequence[Case]) -> set[Case]:
     """Cases with all pairs, greedily: at each step one with the most that are still missing."""
-    pairs = {case: set(combinations(enumerate(case), 2)) for case in cases}
-    missing = set().union(*pairs.values())
+    numbers: dict[Any, int] = {}  # of pairs, bits of the integers below
+    pairs = {
+        case: sum(
+            1 << numbers.setdefault(pair, len(numbers)) for pair in combinations(enumerate(case), 2)
+        )
+        for case in cases
+    }
+    missing = (1 << len(numbers)) - 1
     chosen: set[Case] = set()
     while missing:
-        best = max(cases, key=lambda case: len(pairs[case] & missing))
+        best = max(cases, key=lambda case: (pairs[case] & missing).bit_count())
         chosen.add(best)
-        missing -= pairs[best]
+        missing &= ~pairs[best]
     return chosen

@@ -16,7 +16,13 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.deployment.onnx_policy import OnnxPolicy
 from swarmdata.learn.training.run_files import find_run
 from swarmdata.perception.observer import features_of
-from swarmdata.registry.components import CHECKPOINT_POLICIES, POLICIES, make_policy, make_task
+from swarmdata.registry.components import (
+    CHECKPOINT_POLICIES,
+    POLICIES,
+    make_policy,
+    make_task,
+    policy_names,
+)
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.recipes import (
     TIERS,
@@ -140,7 +146,7 @@ def find_target(
     )  # fmt: skip
     if (run := find_run(name)) is not None:
         return _run_target(open_run(run), side, opponents, task, choose)
-    is_registered = name in POLICIES and name not in CHECKPOINT_POLICIES
+    is_registered = name in policy_names()
     if not is_registered:
         _refuse_sides(name, side, opponents)
     if is_dataset(name):
@@ -219,7 +225,7 @@ def _dataset_target(name: str, task: str, choose: Choose) -> Target:
         raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
     if not is_dataset(name):
         trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
-        known = {*POLICIES, *trained, *shipped_recipes()} - {*CHECKPOINT_POLICIES}
+        known = policy_names() | trained | {*shipped_recipes()}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     return _recorded_target(name, find_recipe(name), choose)
 
@@ -317,8 +323,7 @@ def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]
             )
         first = found.provenances[0]
         return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
-    known = {*POLICIES} - {*CHECKPOINT_POLICIES}
-    if name not in known:
+    if name not in (known := policy_names()):
         raise UnknownNameError("registered policy or run folder", name, known)
     return name, name
 
