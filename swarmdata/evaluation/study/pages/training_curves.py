@@ -1,7 +1,6 @@
 """The sections on training: learning curves, and logged quantities such as Q-values."""
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from swarmdata.drawing import markdown
@@ -54,7 +53,10 @@ def online_curve_section(found: Findings, out: Path) -> dict[str, str]:
     panels = _panels((cell, found.learning_curve(cell, "success")) for cell in cells)
     if not panels:
         return {}
-    drawn = {task: _by_algorithm(found, curves) for task, curves in panels.items()}
+    drawn = {  # by row without its task, so that a color means the same on all tasks
+        task: {label.removesuffix(f"-{task}"): curve for label, curve in curves.items()}
+        for task, curves in panels.items()
+    }
     looks = family_looks({name: name for curves in drawn.values() for name in curves})
     plot_training_curves(
         drawn, looks, out / "online-curves.png", "success (%)", factor=100.0, n_columns=2,
@@ -99,16 +101,6 @@ def plot_training_curves(
     ]  # fmt: skip
     rows = [drawn[k : k + n_columns] for k in range(0, len(drawn), n_columns)]
     plot_lines(rows, path, height=PANEL_HEIGHT, xlabel=xlabel, ylabel=ylabel, shares_y="all")
-
-
-def _by_algorithm(found: Findings, curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    """The curves of a task by algorithm, alike on all tasks; by row where one has several."""
-    names = {label: found.study.online[label].algorithm or label for label in curves}
-    counts = Counter(names.values())
-    return {
-        names[label] if counts[names[label]] == 1 else label: curve
-        for label, curve in curves.items()
-    }
 
 
 def _gain_table(panels: Panels) -> str:
