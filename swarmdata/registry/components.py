@@ -65,8 +65,8 @@ CHECKPOINT_POLICIES = ("learned", "network")
 """Policies that need a checkpoint: perceptrons that are run exactly, and all other networks."""
 
 
-def policy_names() -> set[str]:
-    """Names that are a policy by themselves: registered, and without a checkpoint."""
+def checkpoint_free_policies() -> set[str]:
+    """Names of the registered policies that need no checkpoint."""
     return {*POLICIES} - {*CHECKPOINT_POLICIES}
 
 

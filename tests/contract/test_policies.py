@@ -49,7 +49,7 @@ OF_ONE_TASK = {name: task for task in PACKAGE_RULES for name in rules_model(task
 """Policies that only one task has."""
 
 
-@pytest.mark.parametrize("name", sorted(components.policy_names()))
+@pytest.mark.parametrize("name", sorted(components.checkpoint_free_policies()))
 def test_registered_policies_keep_the_contract(name: str) -> None:
     spec = preset(OF_ONE_TASK[name]).with_updates(horizon=25) if name in OF_ONE_TASK else SPEC
     check_policy(make_policy(name, spec), spec, make_env)

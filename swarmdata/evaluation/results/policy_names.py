@@ -19,9 +19,9 @@ from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import (
     CHECKPOINT_POLICIES,
     POLICIES,
+    checkpoint_free_policies,
     make_policy,
     make_task,
-    policy_names,
 )
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.recipes import (
@@ -146,7 +146,7 @@ def find_target(
     )  # fmt: skip
     if (run := find_run(name)) is not None:
         return _run_target(open_run(run), side, opponents, task, choose)
-    is_registered = name in policy_names()
+    is_registered = name in checkpoint_free_policies()
     if not is_registered:
         _refuse_sides(name, side, opponents)
     if is_dataset(name):
@@ -225,7 +225,7 @@ def _dataset_target(name: str, task: str, choose: Choose) -> Target:
         raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
     if not is_dataset(name):
         trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
-        known = policy_names() | trained | {*shipped_recipes()}
+        known = checkpoint_free_policies() | trained | {*shipped_recipes()}
         raise UnknownNameError("policy, tier, dataset or run folder", name, known)
     return _recorded_target(name, find_recipe(name), choose)
 
@@ -323,7 +323,7 @@ def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]
             )
         first = found.provenances[0]
         return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
-    if name not in (known := policy_names()):
+    if name not in (known := checkpoint_free_policies()):
         raise UnknownNameError("registered policy or run folder", name, known)
     return name, name
 

@@ -11,7 +11,7 @@ from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import find_run
-from swarmdata.registry.components import POLICIES, policy_class, policy_names
+from swarmdata.registry.components import POLICIES, checkpoint_free_policies, policy_class
 from swarmdata.registry.components import make_policy as make_registered
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.recipes import FAMILY_SPECS, TRAINED_TIERS, sources
@@ -76,7 +76,7 @@ def behaviors_of(
         found: tuple[Behavior, ...] = (Behavior(_of_sides(name, spec, noise)),)
     elif (run := find_run(name)) is not None:
         found = tuple(_copied(run, spec, noise, folder))
-    elif name in policy_names():
+    elif name in checkpoint_free_policies():
         std = noise if takes_noise(name, spec) else 0.0
         found = (Behavior(PolicySource(label=name, name=name, noise=std)),)
     else:
@@ -99,7 +99,7 @@ def _of_sides(names: str, spec: TaskSpec, noise: float) -> PolicySource:
             f"{', '.join(sides)}. Name one policy for each, in this order"
         )
     for name in each:
-        if name not in (known := policy_names()):
+        if name not in (known := checkpoint_free_policies()):
             raise UnknownNameError("registered policy, as sides take them", name, known)
     seats = [
         PolicySource(label=side, name=name, noise=noise if takes_noise(name, spec) else 0.0)
@@ -113,7 +113,7 @@ def takes_noise(name: str, spec: TaskSpec) -> bool:
     """Whether the policies that a name means have action noise, or one of several sides has."""
     if "," in name:
         return any(takes_noise(each, spec) for each in name.split(","))
-    if name not in policy_names():
+    if name not in checkpoint_free_policies():
         return True
     return "noise" in inspect.signature(policy_class(name, spec)).parameters
 
@@ -129,7 +129,7 @@ def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]
     trained = {tier for tier in TRAINED_TIERS if family is not None and sources(family, tier)}
     if family is not None and name in trained:
         return sources(family, name, noise)
-    known = policy_names() | trained
+    known = checkpoint_free_policies() | trained
     if "/" in name or Path(name).exists():
         raise SpecError(
             f"{name} is not a run folder: there is no config.json in it. Expected the folder of a "
