@@ -76,17 +76,8 @@ class _Group(TyperGroup):
             typer.echo(f"{type(error).__name__}: {_describe(error)}", err=True)
             raise typer.Exit(1) from None
         except KeyboardInterrupt:
-            raise _stopped() from None
-        except Exception as error:
-            if isinstance(error.__cause__, KeyboardInterrupt):  # pydantic wraps one in its hooks
-                raise _stopped() from None
-            raise
-
-
-def _stopped() -> typer.Exit:
-    """Says how to go on after Ctrl-C; returns the exit."""
-    typer.echo("Stopped. Run the same command again to resume.", err=True)
-    return typer.Exit(130)
+            typer.echo("Stopped. Run the same command again to resume.", err=True)
+            raise typer.Exit(130) from None
 
 
 class _Command(TyperCommand):

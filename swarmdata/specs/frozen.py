@@ -12,9 +12,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    SerializerFunctionWrapHandler,
     ValidationError,
-    model_serializer,
     model_validator,
 )
 
@@ -38,9 +36,14 @@ Probability = Annotated[float, Field(ge=0, le=1)]
 
 
 class Frozen(BaseModel):
-    """A frozen pydantic model that refuses unknown keys; equal ones have one text and one hash."""
+    """A frozen pydantic model that refuses unknown keys; equal ones have one text and one hash.
+
+    A model may get fields later: `later_fields` are left out at their defaults, so the hashes of
+    older models, and the published ones, stay what they are.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+    later_fields: ClassVar[tuple[str, ...]] = ()  # their names
 
     def __repr__(self) -> str:
         """Shows the fields; of many, the first and the last."""
@@ -64,6 +67,16 @@ class Frozen(BaseModel):
     def defaults(cls) -> Self:
         """The model of all defaults; unlike a call of the class, this builds no validator."""
         return cls.model_construct()
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """The fields as plain data, of pydantic's options, without later fields at their defaults.
+
+        No serializer of pydantic's does this: while pydantic writes a union, it takes an interrupt
+        in our code for a value of another kind, and goes on.
+        """
+        content = super().model_dump(**options)
+        _leave_out_later_defaults(self, content)
+        return content
 
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no spaces, every default written out."""
@@ -106,22 +119,23 @@ class Frozen(BaseModel):
         return cls.parse(read_document(Path(path)), str(path))
 
 
-class Extended(Frozen):
-    """A model that has got fields later, which it leaves out at their defaults.
-
-    So hashes of older models, and the published ones, stay what they are.
-    """
-
-    later_fields: ClassVar[tuple[str, ...]] = ()  # their names
-
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        content: dict[str, Any] = write(self)
-        for name in self.later_fields:
-            default = type(self).model_fields[name].get_default(call_default_factory=True)
-            if getattr(self, name) == default:
-                content.pop(name, None)
-        return content
+def _leave_out_later_defaults(value: Any, content: Any) -> None:
+    """Removes later fields at their defaults from the plain data of a value, at any depth."""
+    if isinstance(value, Frozen):
+        for name, field in type(value).model_fields.items():
+            if name not in content:
+                continue
+            inner = getattr(value, name)
+            if name in value.later_fields and inner == field.get_default(call_default_factory=True):
+                del content[name]
+            else:
+                _leave_out_later_defaults(inner, content[name])
+    elif isinstance(value, Mapping):
+        for inner, written in zip(value.values(), content.values(), strict=True):
+            _leave_out_later_defaults(inner, written)
+    elif isinstance(value, tuple | list):
+        for inner, written in zip(value, content, strict=True):
+            _leave_out_later_defaults(inner, written)
 
 
 def _positive_zeros(value: Any) -> Any:

@@ -12,7 +12,7 @@ from pydantic import (
 )
 
 from swarmdata.specs.budget import part_excess
-from swarmdata.specs.frozen import Extended, Frozen, Positive
+from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import FileName, Label, Sha256, Text, repeated
 from swarmdata.specs.quantities import Count, Deviation
 from swarmdata.specs.task_spec import TaskSpec
@@ -21,7 +21,7 @@ MOST_POLICIES = 256
 """Most policies of a dataset: their indices are bytes."""
 
 
-class PolicySource(Extended):
+class PolicySource(Frozen):
     """One behavior policy of a recipe, and its share of the joint steps."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("convention", "opponents")
@@ -90,7 +90,7 @@ class SplitRule(NamedTuple):
     seed: int
 
 
-class Recipe(Extended):
+class Recipe(Frozen):
     """Everything needed to generate a dataset again, bit for bit.
 
     Each policy has its own stream of episodes, cut into parts of `part_episodes` episodes; part k

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
-from swarmdata.specs.frozen import Extended, Frozen, NonNegative, Positive, Probability
+from swarmdata.specs.frozen import Frozen, NonNegative, Positive, Probability
 
 Model = TypeVar("Model", bound=Frozen)
 
@@ -38,7 +38,7 @@ class Drift(Frozen):
     turning: NonNegative = 0.0  # rad per radian turned, of unicycles
 
 
-class ObservationModel(Extended):
+class ObservationModel(Frozen):
     """The degradations that every observation model has, applied in this order.
 
     Noise is added to the measurements. Each object (a robot, an obstacle), beam or cell is missed
@@ -156,7 +156,7 @@ class Bursts(Frozen):
     drop_probability: Probability = 1.0  # while a link is bad
 
 
-class Broadcast(Extended):
+class Broadcast(Frozen):
     """Each robot broadcasts one message in every step; the channel decides who gets it, and when.
 
     The order is: quantise, pick the links by topology and range, spend the bandwidth, collide,

@@ -17,7 +17,7 @@ from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.runtime.own_components import import_component
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.frozen import Extended, Frozen, is_file, is_inline
+from swarmdata.specs.frozen import Frozen, is_file, is_inline
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.plain_names import Name, repeated
 from swarmdata.specs.quantities import (
@@ -96,7 +96,7 @@ SURFACE_FRICTION = 0.2
 """Coefficient of friction of walls, obstacles and payloads, and of robots that have no other."""
 
 
-class Robot(Extended):
+class Robot(Frozen):
     """One kind of circular robot.
 
     Its motors push with the force that accelerates 1 kg by `max_acceleration`: of a heavier robot,
@@ -217,7 +217,7 @@ class Spawn(Frozen):
     max_attempts: Count = 2000  # of drawing a layout before a SpawnError
 
 
-class TaskSpec(Extended):
+class TaskSpec(Frozen):
     """One task, completely: physics, robots, obstacles, rewards, sensing and communication.
 
     `version` is that of the world: physics, rewards and tiers of one version never change, and a

@@ -17,9 +17,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    SerializerFunctionWrapHandler,
     ValidationError,
-    model_serializer,
     model_validator,
 )
 
@@ -121,14 +119,6 @@ class ArrayEntry(_Section):
                 )
         return self
 
-    @model_serializer(mode="wrap")
-    def _without_absent(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Arrays of one file are written as before there were several."""
-        content: dict[str, Any] = write(self)
-        if self.shard_rows is None:
-            del content["shard_rows"]
-        return content
-
 
 class StatisticsEntry(_Section):
     """Mean and standard deviation over the train split, agents and time."""
@@ -171,7 +161,7 @@ class Manifest(_Section):
 
     def to_bytes(self) -> bytes:
         """The file's content, checksum included."""
-        content = {"checksum": "0" * 64, **self.model_dump(mode="json")}
+        content = {"checksum": "0" * 64, **self.model_dump(mode="json", exclude_none=True)}
         blank = json.dumps(content, indent=1, sort_keys=True, allow_nan=False).encode() + b"\n"
         return blank.replace(_ZEROS, _ZEROS.replace(b"0" * 64, _digest(blank)), 1)
 

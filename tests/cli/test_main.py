@@ -361,17 +361,3 @@ def test_the_algorithms_are_listed_without_torch() -> None:
         *((name, "online") for name in ONLINE_ALGORITHMS),
     ]
     assert all(len(line.split(maxsplit=2)) == 3 for line in found), "each has a summary"
-
-
-def test_an_interrupt_inside_a_spec_is_one_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """pydantic makes an error of its own of what is raised while it calls a model's code."""
-
-    def interrupted(self: TaskSpec, name: str) -> None:
-        if name == "later_fields":
-            raise KeyboardInterrupt
-        return object.__getattribute__(self, name)
-
-    monkeypatch.setattr(TaskSpec, "__getattribute__", interrupted)
-    result = CliRunner().invoke(app, ["task", "show", "coop_nav"])
-    assert result.exit_code == 130
-    assert "Stopped" in result.output

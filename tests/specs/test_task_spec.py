@@ -1,7 +1,9 @@
 """TaskSpec and Recipe: round trips, hashes, and errors that name the wrong key."""
 
 import json
+import sys
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -10,6 +12,8 @@ from hypothesis import strategies as st
 
 import swarmdata
 from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.registry.recipes import find_recipe
+from swarmdata.specs import frozen
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
@@ -251,3 +255,30 @@ def test_a_task_without_a_model_of_its_rules_is_refused(rules: object) -> None:
         swarmdata.register_task("odd", type("Odd", (), {"Rules": rules}))
         with pytest.raises(SpecError, match=r"`Rules` of task 'odd' .* derives from .*TaskRules"):
             TaskSpec.parse({"rules": {"task": "odd"}})
+
+
+def test_an_interrupt_is_never_lost_while_a_spec_is_written() -> None:
+    """pydantic takes what is raised in a serializer of ours for a wrong kind of a union."""
+    recipe = find_recipe("coop_nav-medium")
+
+    def n_calls(interrupted: int | None = None) -> int:
+        """Calls of the module's functions, of which one is interrupted."""
+        calls = 0
+
+        def count_call(frame: FrameType, event: str, _: object) -> None:
+            nonlocal calls
+            calls += event == "call" and frame.f_code.co_filename == frozen.__file__
+            if calls == interrupted:
+                sys.setprofile(None)
+                raise KeyboardInterrupt
+
+        sys.setprofile(count_call)
+        try:
+            recipe.to_json()
+        finally:
+            sys.setprofile(None)
+        return calls
+
+    for interrupted in range(1, n_calls() + 1):
+        with pytest.raises(KeyboardInterrupt):
+            n_calls(interrupted)

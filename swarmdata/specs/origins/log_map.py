@@ -10,7 +10,7 @@ from pydantic import (
     model_validator,
 )
 
-from swarmdata.specs.frozen import Extended, Frozen, Positive
+from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Label, Name, Text, repeated
 from swarmdata.specs.quantities import Length
 
@@ -45,7 +45,7 @@ def _column_alone(value: Any) -> Any:
     return {"column": value} if isinstance(value, str) else value
 
 
-class ColumnOf(Extended):
+class ColumnOf(Frozen):
     """One column of a table, or one field of a message such as `pose.position.x`."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("scale",)
@@ -125,7 +125,7 @@ class CommandComponent(ColumnOf):
         return self
 
 
-class CommandSignal(Signal, Extended):
+class CommandSignal(Signal):
     """Commands of a robot, each held until the next one: the actions of the dataset."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("clock_offset",)
@@ -199,7 +199,7 @@ class Slots(Frozen):
     column: Text  # of the table, that lists them
 
 
-class FeatureSignal(Signal, Extended):
+class FeatureSignal(Signal):
     """A further column, for observations."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("slots",)
@@ -257,7 +257,7 @@ class WindowRows(Frozen):
     pause: Positive  # s, from the end of a window to the next one's begin; more than any `max_gap`
 
 
-class TableForm(Extended):
+class TableForm(Frozen):
     """How text tables are written."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("windows",)
@@ -275,7 +275,7 @@ class MarkerSignal(LogSource):
     column: Text  # its name
 
 
-class EpisodeCuts(Extended):
+class EpisodeCuts(Frozen):
     """How a log becomes episodes; it is cut wherever nobody acts, too."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("goals",)
@@ -306,7 +306,7 @@ class LoggedObstacle(Frozen):
         return self
 
 
-class LogMap(Extended):
+class LogMap(Frozen):
     """Which topics and columns of logs are the poses, commands and observations of robots."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("clock_search", "obstacles", "states")

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmdata.specs.frozen import Extended, Frozen
+from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.origins.spec_kinds import AnySpec
@@ -28,7 +28,7 @@ class EstimatedClock(Frozen):
     explained: Annotated[float, Field(le=1)]  # share of the motion's variance that commands explain
 
 
-class ImportedLogs(Extended):
+class ImportedLogs(Frozen):
     """A dataset made of logs of robots by a map; the same logs and map give it again."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("clocks",)

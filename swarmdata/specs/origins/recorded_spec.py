@@ -7,7 +7,7 @@ from pydantic import (
     model_validator,
 )
 
-from swarmdata.specs.frozen import Extended, Frozen, Positive
+from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Name, Text, repeated
 from swarmdata.specs.spaces import Space, is_continuous, width
 
@@ -23,7 +23,7 @@ class RecordedAgent(Frozen):
     action: Space
 
 
-class RecordedSpec(Extended):
+class RecordedSpec(Frozen):
     """An environment of another library: its name, and the spaces of its agents.
 
     Observations and actions of smaller agents are padded with zeros to the widest, on the right.

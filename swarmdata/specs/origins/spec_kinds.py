@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, S
 
 from pydantic import Discriminator, Tag, model_validator
 
-from swarmdata.specs.frozen import Extended, Frozen
+from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins.recorded_spec import RecordedSpec
 from swarmdata.specs.plain_names import Name, Text
 from swarmdata.specs.rules import Side
@@ -94,7 +94,7 @@ class Spec(Protocol):
         ...
 
 
-class SideSpec(Extended):
+class SideSpec(Frozen):
     """One side of a task. Nobody can simulate it alone: that takes policies for the other sides."""
 
     later_fields: ClassVar[tuple[str, ...]] = ("opponents",)
