@@ -239,16 +239,23 @@ def _root(
 
 def list_command() -> None:
     """List the published datasets, then others in the cache."""
+    from swarmdata.drawing.markdown import aligned_table
     from swarmdata.hub.catalog.catalog import list_datasets, own_datasets
 
-    line = "{:36} {:>7} {:>12} {:>10} {:>8} {:>8}"
-    typer.echo(line.format("id", "robots", "joint steps", "size", "score", "cached"))
     own, problems = own_datasets()
-    for info in [*list_datasets(), *own]:
-        size = f"{info.n_bytes / 1e6:.0f} MB" if info.n_bytes else "unknown"
-        cached = "yes" if info.is_cached else "no"
-        score = "unknown" if info.score is None else f"{info.score:.1f}"
-        typer.echo(line.format(info.id, info.n_agents, f"{info.n_steps:,}", size, score, cached))
+    rows = [
+        (
+            info.id,
+            str(info.n_agents),
+            f"{info.n_steps:,}",
+            f"{info.n_bytes / 1e6:.0f} MB" if info.n_bytes else "unknown",
+            "unknown" if info.score is None else f"{info.score:.1f}",
+            "yes" if info.is_cached else "no",
+        )
+        for info in [*list_datasets(), *own]
+    ]
+    head = ("id", "robots", "joint steps", "size", "score", "cached")
+    typer.echo(aligned_table(head, rows), nl=False)
     for problem in problems:
         typer.echo(f"left out {problem}", err=True)
 

@@ -30,17 +30,15 @@ registry_app = typer.Typer(
 @registry_app.command("list")
 def list_command() -> None:
     """List all recipes with their published figures and digests."""
+    from swarmdata.drawing.markdown import aligned_table
     from swarmdata.registry.published import published
     from swarmdata.registry.recipes import shipped_recipes
 
-    line = "{:38} {:>12} {:>9} {:>8} {:>8} {:>8}  {:12}  {:12}  {}"
-    head = ("id", "joint steps", "MB", "return", "success", "clean", "digest", "transport", "")
-    typer.echo(line.format(*head).rstrip())
-    known, recipes = published(), shipped_recipes()
+    known, recipes, rows = published(), shipped_recipes(), []
     for key in sorted(known.keys() | recipes.keys()):
         entry = known.get(key)
         if entry is None:
-            typer.echo(f"{key:38} not published")
+            rows.append((key, *[""] * 7, "not published"))
             continue
         current = key in recipes and recipes[key].hash() == entry.recipe_hash
         row = (
@@ -54,7 +52,9 @@ def list_command() -> None:
             entry.transport_digest[:12],
             "" if current else "of another recipe",
         )
-        typer.echo(line.format(*row).rstrip())
+        rows.append(row)
+    head = ("id", "joint steps", "MB", "return", "success", "clean", "digest", "transport", "")
+    typer.echo(aligned_table(head, rows, words=(0, 6, 7, 8)), nl=False)
 
 
 @registry_app.command()
