@@ -3,9 +3,9 @@
     python -m tests.benchmarks.fit_auto             thresholds, and tables of regrets
     python -m tests.benchmarks.fit_auto --measure   builds and measures new datasets first
 
-Scores are those of the studies `regimes` and `strict`: means of 5 seeds on full datasets. Statistics
-are of the train splits of a fifth of these datasets, in `auto_statistics.csv`. A regret is the score
-of the best algorithm of the study, ablations apart, less that of the chosen one. "Leave one dataset out"
+Scores are those of the study `regimes`: means of 5 seeds on full datasets. Statistics are of the
+train splits of a fifth of these datasets, in `auto_statistics.csv`. A regret is the score of the
+best algorithm of the study, ablations apart, less that of the chosen one. "Leave one dataset out"
 fits the thresholds to the other datasets, "leave one task out" to the datasets of other tasks. The
 statistics and the order of the questions were chosen with all datasets in view.
 """
@@ -34,7 +34,7 @@ from swarmdata.evaluation.runs.algorithm_choice import (
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.specs.recipe import Recipe
 
-STUDIES = [Path(__file__).parents[2] / "cards/studies" / name for name in ("regimes", "strict")]
+STUDY = Path(__file__).parents[2] / "cards/studies/regimes"
 MEASURED = Path(__file__).parent / "auto_statistics.csv"
 FAMILY_OF_ABLATIONS = "ablations"
 
@@ -42,10 +42,7 @@ CLONES = ("bc", "filtered_bc")
 """Where the best episodes are by the same policies as the rest, and by others."""
 
 POOR = ("iql", "filtered_bc")
-"""Where no policy solves most episodes, and robots have returns of their own, or share them."""
-
-FATAL = "filtered_bc"
-"""Where no policy solves most episodes, and a failure ends the others."""
+"""Where no policy solves most episodes, robots have returns of their own, and share them."""
 
 N_STEPS = 200_000
 """Joint steps that statistics are measured on: a fifth of the published datasets."""
@@ -81,12 +78,11 @@ class Row:
 def read_scores() -> dict[str, dict[str, float]]:
     """Scores by dataset and label, of full datasets with the recorded rewards."""
     found: dict[str, dict[str, float]] = {}
-    for study in STUDIES:
-        with (study / "estimates.csv").open(encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                if row["quantity"] == "score" and row["family"] != FAMILY_OF_ABLATIONS:
-                    name = row["dataset"].removesuffix("-v1")
-                    found.setdefault(name, {})[row["label"]] = float(row["mean"])
+    with (STUDY / "estimates.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            if row["quantity"] == "score" and row["family"] != FAMILY_OF_ABLATIONS:
+                name = row["dataset"].removesuffix("-v1")
+                found.setdefault(name, {})[row["label"]] = float(row["mean"])
     return {name: scores for name, scores in found.items() if {*CANDIDATES} <= scores.keys()}
 
 
@@ -151,14 +147,10 @@ def fit(rows: Iterable[Row]) -> Thresholds:
             cloned = [row for row in every if is_above(row, success, "best_success")]
             poor = [row for row in every if not is_above(row, success, "best_success")]
             shifts = errors(cloned, "best_shift", CLONES)
-            for failing in gaps(poor, "failure_share"):
-                fatal = [row for row in poor if is_above(row, failing, "failure_share")]
-                n_wrong = sum(row.is_worse(FATAL) for row in fatal)
-                commons = errors([row for row in poor if row not in fatal], "common_reward", POOR)
-                for shift, common in product(shifts, commons):
-                    found = success, shift, failing, common
-                    n_errors = n_wrong + shifts[shift] + commons[common]
-                    yield n_errors, -sum(map(width, found)), found
+            commons = errors(poor, "common_reward", POOR)
+            for shift, common in product(shifts, commons):
+                found = success, shift, common
+                yield shifts[shift] + commons[common], -sum(map(width, found)), found
 
     return dict(zip(STATISTICS, min(candidates())[2], strict=True))
 
@@ -219,7 +211,7 @@ def report(rows: Sequence[Row], found: Mapping[str, Sequence[str]]) -> str:
         ]
         for row, name in zip(rows, picked, strict=True)
     ]
-    columns = ["dataset", "common reward", "best success", "best shift", "failure share"]
+    columns = ["dataset", "common reward", "best success", "best shift"]
     columns += [*(f"`{each}`" for each in CANDIDATES), "auto, left out", "regret"]
     tables = (markdown.table(head, ways, is_numeric=True), markdown.table(columns, lines))
     return "\n".join(tables)

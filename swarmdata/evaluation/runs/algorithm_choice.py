@@ -1,18 +1,16 @@
 """`train auto`: chooses an algorithm for a dataset by statistics of its episodes, without training.
 
-Questions, of which each dataset is asked two or three:
+Two questions of three:
 
 1. Does some behavior policy solve most of its episodes? Then imitate it.
 2. If so: are the best episodes by other policies than the rest? Then clone the best episodes, else
    all.
-3. If not: does a failure end most episodes that are not solved? Then one wrong step costs all that
-   follows, and learned values lead away from the data: clone the best episodes.
-4. If neither: do the robots of a team share most of their return? Then a robot's own action
-   explains little of it, and learned values mislead: clone the best episodes. Else learn values.
+3. If not: do the robots of a team share most of their return? Then a robot's own action explains
+   little of it, and learned values mislead: clone the best episodes. Else learn values.
 
-`tests/benchmarks/fit_auto.py` fits the thresholds to the scores of the studies `regimes` and
-`strict`: the fewest datasets get an algorithm that is clearly worse than another one, and the gaps
-between the datasets on both sides are the widest. docs/measurements.md has what the choice loses, dataset by dataset.
+`tests/benchmarks/fit_auto.py` fits the thresholds to the scores of the study `regimes`: the fewest
+datasets get an algorithm that is clearly worse than another one, and the gaps between the datasets
+on both sides are the widest. docs/measurements.md has what the choice loses, dataset by dataset.
 """
 
 import logging
@@ -25,7 +23,7 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import SpecError
-from swarmdata.types import END_REASONS, Double, Int
+from swarmdata.types import Double, Int
 
 _LOG = logging.getLogger("swarmdata")
 
@@ -39,9 +37,6 @@ BEST_SHARE = 0.1
 
 FEWEST_EPISODES = 300
 """Of a train split, below which chance moves the statistics far: its best tenth is 30 episodes."""
-
-
-FAILURE = END_REASONS.index("failure")
 
 
 class Threshold(NamedTuple):
@@ -59,7 +54,6 @@ class Threshold(NamedTuple):
 THRESHOLDS = {
     "best_success": Threshold(0.56, 0.74),
     "best_shift": Threshold(0.18, 0.26),
-    "failure_share": Threshold(0.00, 0.95),
     "common_reward": Threshold(0.48, 0.64),
 }
 """By the name of the statistic, as `tests/benchmarks/fit_auto.py` prints them."""
@@ -75,7 +69,6 @@ class EpisodeStatistics:
     common_reward: float  # correlation of the returns of two robots of an episode
     best_success: float  # share of its episodes that the best behavior policy solves
     best_shift: float  # distance of the policies of the best episodes to those of all
-    failure_share: float  # share of the episodes that are not solved that a failure ends
 
     @classmethod
     def of(cls, dataset: Dataset) -> "EpisodeStatistics":
@@ -91,7 +84,6 @@ class EpisodeStatistics:
         n_policies = int(table.policy.max()) + 1
         counts = np.bincount(table.policy, minlength=n_policies)
         solved = np.bincount(table.policy, weights=table.success, minlength=n_policies)
-        ends = table.end_reason[~table.success]
         n_best = max(1, round(BEST_SHARE * len(table)))
         is_best = table.team_return >= np.sort(table.team_return)[-n_best]
         best = np.bincount(table.policy[is_best], minlength=n_policies)
@@ -99,7 +91,6 @@ class EpisodeStatistics:
             common_reward=_common_share(np.array(returns)),
             best_success=float((solved[counts > 0] / counts[counts > 0]).max()),
             best_shift=_shift(best, counts),
-            failure_share=float(np.mean(ends == FAILURE)) if len(ends) else 0.0,
         )
 
 
@@ -149,26 +140,23 @@ def choose_algorithm(
     found: EpisodeStatistics, thresholds: Mapping[str, Threshold] = THRESHOLDS
 ) -> AlgorithmChoice:
     """Chooses by the questions of this module."""
-    has_expert, is_shifted, is_fatal, is_common = (
+    has_expert, is_shifted, is_common = (
         getattr(found, name) >= thresholds[name].middle for name in STATISTICS
     )
     clone = "filtered_bc" if is_shifted else "bc"
-    other = "filtered_bc" if is_fatal or is_common else "iql"
-    told = {
-        "best_success": f"the best policy solves {100 * found.best_success:.0f} % of its episodes",
-        "best_shift": "the policies of the best episodes differ from those of all by "
-        f"{100 * found.best_shift:.0f} %, beyond chance,",
-        "failure_share": f"failures end {100 * found.failure_share:.0f} % of the unsolved episodes",
-        "common_reward": f"robots' returns correlate by {100 * found.common_reward:.0f} %",
-    }
-    asked = {"best_success": (other, clone)}  # what is chosen below and above the threshold
+    other = "filtered_bc" if is_common else "iql"
+    limits = {name: f"(threshold {100 * thresholds[name].middle:.0f} %)" for name in STATISTICS}
+    asked = {"best_success": (other, clone)}
+    solved = f"the best policy solves {100 * found.best_success:.0f} % of its episodes"
+    reasons = [f"{solved} {limits['best_success']}"]
     if has_expert:
         asked["best_shift"] = "bc", "filtered_bc"
+        shift = f"{100 * found.best_shift:.0f} %, beyond chance, {limits['best_shift']}"
+        reasons.append(f"the policies of the best episodes differ from those of all by {shift}")
     else:
-        asked["failure_share"] = "filtered_bc" if is_common else "iql", "filtered_bc"
-        if not is_fatal:
-            asked["common_reward"] = "iql", "filtered_bc"
-    reasons = [f"{told[name]} (threshold {100 * thresholds[name].middle:.0f} %)" for name in asked]
+        asked["common_reward"] = "iql", "filtered_bc"
+        share = f"robots' returns correlate by {100 * found.common_reward:.0f} %"
+        reasons.append(f"{share} {limits['common_reward']}")
     doubts = [
         doubt for name, pair in asked.items() if (doubt := _doubt(found, name, pair, thresholds))
     ]
