@@ -314,6 +314,10 @@ class Batch:
 
     `costs` are those of `numerics.event_costs`, and zero on padding. They are None in online replay
     and in recordings without events.
+
+    `alive` says which agents act, and `agent_terminations` which ones leave with this step because
+    their task ended. Rows of agents that do not act have actions and rewards of 0. Both are False
+    on padding, and None where agents cannot leave.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]; uint8 of recorded images, as states may be
@@ -329,6 +333,8 @@ class Batch:
     log_probs: Any = None  # as rewards
     episodes: Any = None  # as mask
     costs: Any = None  # [B, N, C] or [B, L, N, C]
+    alive: Any = None  # as rewards
+    agent_terminations: Any = None  # as rewards
 
     def __len__(self) -> int:
         """Batch size, B."""

@@ -183,6 +183,9 @@ def _gather(
         has_some = arrays["log_probs"].shape[1]  # [T, 0] where none were recorded
         return rows_of("log_probs", index) if has_some else None
 
+    def if_recorded(name: str, at: Int) -> NDArray[Any] | None:
+        return rows_of(name, at) if name in arrays else None
+
     reads: dict[str, Callable[[], NDArray[Any] | None]] = {
         "observations": lambda: rows_of("observations", states),
         "actions": lambda: rows_of("actions", index),
@@ -196,6 +199,8 @@ def _gather(
         "log_probs": log_probs,
         "episodes": lambda: rows.positions.take(episode),
         "costs": lambda: costs_of(rows_of("events", index)),
+        "alive": lambda: if_recorded("alive", states),
+        "agent_terminations": lambda: if_recorded("agent_terminations", index),
     }
     return Batch(
         mask=mask,

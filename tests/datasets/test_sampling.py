@@ -202,7 +202,8 @@ def test_stacked_indices_give_stacked_fields(dataset: Dataset, horizon: int | No
     assert stacked.mask.shape == ((3, 6) if horizon is None else (3, 6, horizon))
     for k in range(3):
         alone = samplers[0].gather(index[k])
-        one = Batch(**{n: getattr(stacked, n)[k] for n in Batch.__dataclass_fields__})
+        columns = {f.name: getattr(stacked, f.name) for f in dataclasses.fields(stacked)}
+        one = Batch(**{n: None if v is None else v[k] for n, v in columns.items()})
         assert_equal_batches(alone, one)
 
 
@@ -299,10 +300,15 @@ def test_next_actions_are_scaled_as_actions_are(dataset: Dataset, horizon: int |
     acted = alive[here][..., None]
     arrays["actions"] = np.where(acted, arrays["actions"] + 3, 99).astype(np.float32)
     arrays["alive"] = alive
+    arrays["agent_terminations"] = leaves = acted[..., 0] & ~alive[here + 1]
     scale = ActionScale(middle=np.full((2, 2), 3.0), half=np.full((2, 2), 2.0))
     sampler = Sampler(arrays, table, dataset.selection, horizon=horizon, scale=scale)
     index = sampler.rows.valid
     batch = sampler.gather(index)
+    for recorded, name in ((alive[here], "alive"), (leaves, "agent_terminations")):
+        found = getattr(batch, name)
+        np.testing.assert_array_equal(found if horizon is None else found[:, 0], recorded)
+        assert not found[~batch.mask].any()
     plain = np.where(acted, (arrays["actions"] - 3) / 2, 0)
     following = np.concatenate([plain[1:], plain[:1]])
     following[table.starts + table.lengths - 1] = 0

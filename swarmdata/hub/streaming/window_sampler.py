@@ -19,10 +19,9 @@ from swarmdata.types import Batch, Double, Int, Wanted
 
 BATCH_ARRAYS = (
     "observations", "states", "actions", "rewards", "terminations", "truncations", "log_probs",
-    "events",
-    "alive",
+    "events", "alive", "agent_terminations",
 )  # fmt: skip
-"""Arrays that batches are made of; `alive` where it was recorded."""
+"""Arrays that batches are made of; the last two where agents can leave."""
 
 
 class BlockMemory:
