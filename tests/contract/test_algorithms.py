@@ -77,7 +77,7 @@ def batches_of(config: Any) -> Draw:
 def test_the_algorithm_keeps_the_contract(name: str) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**SMALL.get(name, {}))
-    check_algorithm(kind, batches_of(config), config=config, n_updates=10, tolerance=0.0)
+    check_algorithm(kind, batches_of(config), config=config, n_updates=6, tolerance=0.0)
 
 
 CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))
@@ -106,7 +106,7 @@ def test_algorithms_of_choices_keep_the_contract(name: str, memory: str) -> None
     many = Step._make(np.concatenate([each] * 60) for each in step())
     rng = np.random.default_rng(3)
     many = many._replace(observations=rng.normal(size=many.observations.shape).astype("f4"))
-    check_algorithm(build, batches, many, n_updates=10, tolerance=0.0, are_choices=True)
+    check_algorithm(build, batches, many, n_updates=6, tolerance=0.0, are_choices=True)
 
 
 @pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
@@ -156,4 +156,4 @@ def test_other_settings_keep_the_contract(name: str, changes: dict[str, Any]) ->
     def build(seeds: Sequence[int]) -> Any:
         return kind(Setup(SIZES, seeds, statistics()), config)
 
-    check_algorithm(build, batches_of(config), step(), n_updates=10, tolerance=0.0)
+    check_algorithm(build, batches_of(config), step(), n_updates=6, tolerance=0.0)

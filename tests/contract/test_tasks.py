@@ -50,6 +50,13 @@ RANGES: dict[str, tuple[float, float]] = {
 WHEELS = {"dynamics": "unicycle", "base": "wheels"}
 
 
+PAIRS = [
+    case.values
+    for case in pairwise(tuple(TASKS), tuple(ROBOTS), OBSERVATIONS, CHANNELS, BACKENDS)
+    if not case.marks  # the others are thousands
+]
+
+
 def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
     team = [
         Role(name=role.name, count=role.count, robot=role.robot.model_copy(update=changes))
@@ -61,9 +68,8 @@ def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
 @pytest.mark.parametrize(
     ("task", "robot", "observation", "channel", "backend"),
     [
-        case
-        for case in pairwise(tuple(TASKS), tuple(ROBOTS), OBSERVATIONS, CHANNELS, BACKENDS)
-        if not case.marks  # the others are thousands
+        pytest.param(*case, marks=[] if k % 3 == 0 else [pytest.mark.slow])
+        for k, case in enumerate(PAIRS)
     ],
 )
 def test_models_drives_and_simulators_keep_the_contract(

@@ -32,7 +32,7 @@ from swarmdata.store.episode_order import merge_order
 from swarmdata.testing import dataset_contract as contract
 from swarmdata.testing.synthetic import write_streams
 from swarmdata.types import Episode
-from tests.support.pairs import once_each, pairwise
+from tests.support.pairs import once_each
 
 OBSERVATIONS = (
     "state",
@@ -125,7 +125,7 @@ def view(dataset: Dataset) -> Dataset:
 @pytest.mark.parametrize(
     ("world", "observation", "communication"),
     [
-        *pairwise(WORLDS, OBSERVATIONS, COMMUNICATIONS),
+        *once_each(WORLDS, OBSERVATIONS, COMMUNICATIONS),
         *(
             pytest.param(each.values[0], *each.values[1], marks=each.marks)
             for each in once_each(WORLDS, PAIRED)

@@ -20,6 +20,7 @@ from swarmdata.learn.training.actor_critic import (  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.types import Batch  # noqa: E402
 from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
+from tests.support.pairs import once_each  # noqa: E402
 
 KINDS: dict[str, Any] = {
     name: resolve("algorithm", OFFLINE_ALGORITHMS, name)
@@ -254,9 +255,9 @@ def in_two_stages(name: str, n_made: int, **settings: Any) -> Any:
     return algorithm
 
 
-@pytest.mark.parametrize("is_frozen", [True, False])
-@pytest.mark.parametrize("extraction", SECOND)
-@each
+@pytest.mark.parametrize(
+    ("name", "extraction", "is_frozen"), once_each(tuple(KINDS), SECOND, (True, False))
+)
 def test_what_moves_in_the_second_stage(name: str, extraction: str, is_frozen: bool) -> None:
     algorithm = in_two_stages(name, 4, extraction=extraction, frozen_critics=is_frozen)
     before = state(algorithm)

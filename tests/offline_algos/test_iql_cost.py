@@ -35,10 +35,15 @@ def risky_or_safe(n_episodes: int = 100, length: int = 10) -> Iterator[Episode]:
         yield episode
 
 
-@pytest.mark.parametrize(("weight", "side"), [(0.0, 1.0), (1000.0, -1.0)])
-def test_the_weight_decides_between_reward_and_safety(weight: float, side: float) -> None:
+@pytest.mark.parametrize(
+    ("weight", "side", "n_updates"),
+    [pytest.param(0.0, 1.0, 200, marks=pytest.mark.slow), (1000.0, -1.0, 100)],
+)
+def test_the_weight_decides_between_reward_and_safety(
+    weight: float, side: float, n_updates: int
+) -> None:
     data = MemoryDataset(list(risky_or_safe()))
-    algorithm, _ = trained(IQLCost, data, 200, seeds=(0,), cost_weight=weight, discount=0.5)
+    algorithm, _ = trained(IQLCost, data, n_updates, seeds=(0,), cost_weight=weight, discount=0.5)
     observations = next(iter(data)).observations
     sides = np.sign(actions_of(algorithm.policy(0), observations)[..., 0])
     assert (sides == side).mean() > 0.9

@@ -37,7 +37,7 @@ def test_other_commands_take_the_folder(
     run("record", "recover", str(unfinished))
     assert "## Environment" in run("card", str(unfinished))
     assert "all files match the manifest" in run("verify", str(unfinished))
-    options = ("--updates", "3", "--seeds", "1", "--set", "batch_size=8")
+    options = ("--updates", "3", "--seeds", "1", "--set", "batch_size=8", "--set", "hidden=8")
     out = str(tmp_path / "run")
     run("train", "bc", str(unfinished), "--out", out, *options)
     assert (tmp_path / "run" / "checkpoint.safetensors").exists()

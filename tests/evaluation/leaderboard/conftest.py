@@ -1,6 +1,8 @@
 """Verification without a second interpreter."""
 
 import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,8 @@ def forked(monkeypatch: pytest.MonkeyPatch) -> None:
     """`verify` forks the process instead of starting an interpreter: that takes seconds."""
 
     def run(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
+        assert command[:2] == [sys.executable, "-m"]
+        assert find_spec(command[2]) is not None
         code, out, err = Forked(*command[3:], work=act_again).end()
         return subprocess.CompletedProcess(command, code or 0, out.encode(), err.encode())
 

@@ -93,6 +93,7 @@ def change(file: Path, **changes: Any) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
 
 
+@pytest.mark.usefixtures("forked")
 def test_an_honest_entry_is_verified(honest: Path) -> None:
     verdict = verify(honest, n_episodes=N_EPISODES)
     assert verdict.reasons == ()
@@ -101,6 +102,11 @@ def test_an_honest_entry_is_verified(honest: Path) -> None:
     mean = np.mean([each.evaluation.metrics["return"] for each in claimed])
     assert verdict.reserved == pytest.approx(mean)
     assert verdict.fresh != verdict.reserved
+
+
+@pytest.mark.slow
+def test_another_interpreter_finds_the_same(honest: Path) -> None:
+    assert verify(honest, n_episodes=N_EPISODES).is_verified
 
 
 @pytest.mark.slow

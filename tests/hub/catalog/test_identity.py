@@ -33,6 +33,7 @@ from swarmdata.store.cache import cache_folder, note_build
 from swarmdata.store.publication import publication
 from swarmdata.store.stored_dataset import Verify
 from tests.support.command_line import run
+from tests.support.pairs import slow
 from tests.support.signed_again import sign_again
 from tests.support.tiny import TINY, Shelf, flip, make_tiny
 
@@ -109,7 +110,7 @@ CASES = {
 }
 
 
-@pytest.fixture(params=CASES)
+@pytest.fixture(params=[*slow("tier", "reward"), "label", "rewards", "both"])
 def case(request: pytest.FixtureRequest, dataset: Path) -> Case:
     """A forged dataset in `dataset`."""
     found = CASES[request.param]

@@ -230,11 +230,11 @@ def test_what_a_task_adds_hides_it_too(name: str, kind: str) -> None:
     if kind == "state":
         blind["n_obstacles"] = 0
     spec = TaskSpec.parse({**preset(name).model_dump(mode="json"), "observation": blind})
-    env = make_env(spec, 600)
-    step = env.reset(np.arange(600, dtype=np.uint64))
+    env = make_env(spec, 250)
+    step = env.reset(np.arange(250, dtype=np.uint64))
     n = env.spec.n_agents
-    columns = basis(env.features, step.observations.reshape(600 * n, -1))
-    robots = step.states[:, : N_COLUMNS * n].reshape(600 * n, N_COLUMNS).astype(np.float64)
+    columns = basis(env.features, step.observations.reshape(250 * n, -1))
+    robots = step.states[:, : N_COLUMNS * n].reshape(250 * n, N_COLUMNS).astype(np.float64)
     hidden = {"own position": robots[:, :2], "target": robots[:, 6:] - robots[:, :2]}
     if env.task.movables:
         body = step.states[:, N_COLUMNS * n :][:, :2].astype(np.float64)
