@@ -32,15 +32,6 @@ def test_ties_share_their_mean_rank() -> None:
     np.testing.assert_array_equal(ranks(np.zeros((2, 3))), np.full((2, 3), 2.0))
 
 
-def test_correlation_without_ties_is_the_formula_of_squared_differences() -> None:
-    """1 - 6 sum d^2 / (n (n^2 - 1)), here with d = (0, 1, -1, 2, -2)."""
-    estimates, scores = array(10, 20, 30, 40, 50), array(1, 3, 2, 5, 4)
-    difference = ranks(estimates) - ranks(scores)
-    expected = 1 - 6 * np.square(difference).sum() / (5 * 24)
-    assert spearman(estimates, scores) == pytest.approx(expected)
-    assert expected == pytest.approx(0.8)
-
-
 def test_correlation_with_ties_is_pearsons_of_the_ranks() -> None:
     estimates, scores = array(1, 1, 2, 3), array(2, 1, 1, 5)
     expected = np.corrcoef([1.5, 1.5, 3, 4], [3, 1.5, 1.5, 4])[0, 1]

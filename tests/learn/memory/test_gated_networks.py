@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
-from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates, memories, next_memory  # noqa: E402
+from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates  # noqa: E402
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize  # noqa: E402
 
 F, M, T, B = 5, 4, 6, 3
@@ -63,15 +63,3 @@ def test_a_start_forgets_what_was_before() -> None:
     one, other = network.remember(inputs, starts), network.remember(changed, starts)
     assert torch.equal(one[:, 3:, 1], other[:, 3:, 1])
     assert not torch.isclose(one[:, 3:, [0, 2]], other[:, 3:, [0, 2]]).all(-1).any()
-
-
-def test_steps_one_by_one_are_a_window() -> None:
-    network, inputs = made(), torch.randn(2, T, B, F)
-    starts = torch.zeros(2, T, B, dtype=torch.bool)
-    whole = network.remember(inputs, starts)
-    memory = torch.zeros(2, B, M)
-    for t in range(T):
-        memory = next_memory(network.layers, inputs[:, t], memory)
-        torch.testing.assert_close(memory, whole[:, t])
-    rest = memories(network.layers, inputs[:, 4:], starts[:, 4:], whole[:, 3])
-    torch.testing.assert_close(rest, whole[:, 4:])

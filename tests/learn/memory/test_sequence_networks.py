@@ -13,7 +13,6 @@ from swarmdata.learn.memory.sequence_networks import (  # noqa: E402
     StackedSequences,
     decide,
     earlier,
-    over_step,
     over_window,
     with_past,
 )
@@ -119,16 +118,6 @@ def test_weights_of_retention_by_hand() -> None:
             found = recalled[0, window, 3, 0, head * size]
             sums = sum(gamma ** (3 - s) for s in range(first, 4))
             assert found.item() == pytest.approx((1 - gamma) * math.sqrt(size) * sums, rel=1e-6)
-
-
-def test_steps_one_by_one_are_a_window() -> None:
-    tokens, _, mask = inputs()
-    embedded, recalled = over_window(LAYERS, tokens, mask, H)
-    memory = torch.zeros(K, B, N, SHAPE.memory).double()
-    for t in range(L):
-        now, recalls, memory = over_step(LAYERS, tokens[:, :, t], memory, H)
-        torch.testing.assert_close(now, embedded[:, :, t])
-        torch.testing.assert_close(recalls, recalled[:, :, t])
 
 
 def test_the_last_robot_alone_decides_as_among_all() -> None:

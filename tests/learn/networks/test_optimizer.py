@@ -109,18 +109,3 @@ def test_all_networks_move_and_targets_follow_theirs() -> None:
     assert list(descent.targets) == ["one"]
     moved = old["one"] + 0.25 * (descent.networks["one"].flat - old["one"])
     torch.testing.assert_close(descent.targets["one"].flat, moved)
-
-
-def test_a_state_restores_everything() -> None:
-    ours, other = descent_of(), descent_of(7)
-    for _ in range(3):
-        step(ours)
-    saved = ours.state_dict()
-    assert {"one", "other", "target_one", "one_adam.exp_avg"} <= saved.keys()
-    assert "target_other" not in saved
-    other.load_state_dict(saved)
-    for descent in (ours, other):
-        step(descent)
-    theirs = other.state_dict()
-    for name, value in ours.state_dict().items():
-        assert torch.equal(value, theirs[name]), name

@@ -55,19 +55,6 @@ def test_outputs_and_gradients_equal_those_of_torch_modules(outputs: int, layer_
         torch.testing.assert_close(network.gradient[row], gradients)
 
 
-def test_the_gradient_of_one_seed_does_not_reach_another() -> None:
-    network, x = made(SHAPE, [1, 2]), torch.randn(2, 3, 5)
-    network.backward(network(x)[0].sum())
-    assert network.gradient[0].abs().sum() > 0
-    assert network.gradient[1].abs().sum() == 0
-
-
-def test_initial_parameters_of_a_seed_do_not_depend_on_the_others() -> None:
-    stack, alone = made(SHAPE, [7, 8, 9], per_seed=2), made(SHAPE, [8], per_seed=2)
-    assert torch.equal(stack.flat[2:4], alone.flat)
-    assert not torch.equal(alone.flat[0], alone.flat[1])
-
-
 def test_uniform_initialization_has_torchs_bounds() -> None:
     network = made(MLPShape(25, (400,), 100), [3])
     first, second = network.extract(0, torch.float32)

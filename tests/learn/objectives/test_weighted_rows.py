@@ -86,14 +86,6 @@ def test_what_is_left_of_a_row_is_drawn_by_chance() -> None:
     assert 150 < second < 250
 
 
-def test_the_draws_of_a_seed_do_not_depend_on_the_others() -> None:
-    weights = torch.rand(3, 50, 4, generator=torch.Generator().manual_seed(0))
-    together = draw(weights, 20, generators([5, 6, 7], "cpu"))
-    for k, seed in enumerate((5, 6, 7)):
-        alone = draw(weights[k : k + 1], 20, generators([seed], "cpu"))
-        assert torch.equal(together[k], alone[0])
-
-
 def numbered(first: int, n_rows: int = 4, n_agents: int = 2) -> Batch:
     """A batch whose observations and actions are the numbers of its rows, from `first` on."""
     numbers = torch.arange(first, first + n_rows, dtype=torch.float32)
@@ -161,29 +153,6 @@ def test_steps_of_windows_count_by_their_weight() -> None:
         found = counts[i][[4, 5, 14, 15, 24, 25]] / (6 * n_draws)
         torch.testing.assert_close(found, expected[:, i], rtol=0.1, atol=0)
         assert found.sum() == pytest.approx(1)
-
-
-def test_a_state_goes_on_with_the_same_draws() -> None:
-    first, again = (ScoredRows(0.4, generators([0, 1], "cpu")) for _ in range(2))
-    batches = [random_batch(2, 4) for _ in range(4)]
-    scores = torch.randn(4, 2, 4, 2, generator=torch.Generator().manual_seed(0))
-    for k in range(3):
-        first.add(batches[k], scores[k])
-    again.load_state_dict(first.state_dict())
-    for rows in (first, again):
-        rows.add(batches[3], scores[3])
-    (ours, _, beta), (theirs, _, other) = (rows.draw(seen, 1.0) for rows in (first, again))
-    assert torch.equal(ours, theirs)
-    assert torch.equal(beta, other)
-
-
-def test_what_is_added_to_a_copy_leaves_a_state_alone() -> None:
-    rows = ScoredRows(0.5, generators([0], "cpu"))
-    rows.add(numbered(0), torch.zeros(1, 4, 2))
-    state = rows.state_dict()
-    kept = {name: value.clone() for name, value in state.items()}
-    rows.add(numbered(4), torch.ones(1, 4, 2))
-    assert all(torch.equal(state[name], kept[name]) for name in kept)
 
 
 @pytest.mark.parametrize("share", [0.0, -0.5, 1.5, float("nan")])

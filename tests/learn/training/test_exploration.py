@@ -1,16 +1,13 @@
 """Exploration: schedules, and draws that depend on nothing but the seed."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="the toolbox needs torch")
 
-from torch import Generator, Tensor  # noqa: E402
 
 from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import generators, normal_like, uniform_like  # noqa: E402
+from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
 from swarmdata.online_algos.collection.replay_collection import (  # noqa: E402
     LinearSchedule,
     epsilon_greedy,
@@ -52,19 +49,6 @@ def test_a_robot_replaces_all_its_choices_with_probability_epsilon() -> None:
 def test_no_epsilon_no_change() -> None:
     best = torch.randint(9, (2, 5, 3, 2), generator=torch.Generator().manual_seed(0))
     assert torch.equal(epsilon_greedy(generators([0, 1], "cpu"), best, 9, 0.0), best)
-
-
-def test_a_seeds_draws_do_not_depend_on_the_others() -> None:
-    values = torch.zeros(3, 4, 2, dtype=torch.long)
-    draws: tuple[Callable[[list[Generator], int], Tensor], ...] = (
-        lambda g, k: normal_like(g, values[:k]),
-        lambda g, k: uniform_like(g, values[:k]),
-        lambda g, k: epsilon_greedy(g, values[:k, :, :, None], 5, 0.7),
-    )
-    for draw in draws:
-        stacked = draw(generators([6, 2, 8], "cpu"), 3)
-        for index, seed in enumerate((6, 2, 8)):
-            assert torch.equal(draw(generators([seed], "cpu"), 1)[0], stacked[index])
 
 
 def test_streams_of_a_seed_differ() -> None:

@@ -197,7 +197,7 @@ def test_checkpoints_of_other_statistics_are_refused_in_one_sentence(finished: P
         load_run(finished)
 
 
-@pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc", *slow("iql", "omiga")])
+@pytest.mark.parametrize("algorithm", ["bc", *slow("maddpg_bc", "iql", "omiga")])
 def test_a_seed_has_the_bits_of_a_lone_run(algorithm: str, tmp_path: Path) -> None:
     both, alone = run(algorithm, tmp_path / "both"), run(algorithm, tmp_path / "alone", seeds=(2,))
     assert is_same(both[1], alone[0])
