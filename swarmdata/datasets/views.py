@@ -274,8 +274,11 @@ class View(TrainingData[R]):
 
         None for the recorded dataset. Together with `digest` it identifies the content.
         """
-        changed = {} if self._observed is None else models_of(self._observed)
+        changed = self._changes()
         return json.dumps(changed, sort_keys=True, separators=(",", ":")) if changed else None
+
+    def _changes(self) -> dict[str, Any]:
+        return {} if self._observed is None else models_of(self._observed)
 
     @property
     def episodes(self) -> EpisodeTable:
