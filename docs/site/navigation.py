@@ -1,8 +1,9 @@
 """The navigation of the site: a sidebar from `docs/README.md` and what is generated."""
 
+import posixpath
 import re
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 REFERENCE = (
     ("Tasks", "reference/tasks/index"),
@@ -88,7 +89,4 @@ def _list_folder(tree: Path, folder: str) -> set[str]:
 
 def _from_docs(target: str) -> str:
     """A link of `docs/README.md` as the name of a page of the site."""
-    parts: list[str] = []
-    for part in ("docs", *PurePosixPath(target).parts):
-        parts = parts[:-1] if part == ".." else [*parts, part]
-    return "/".join(parts).removesuffix(".md").removesuffix(".ipynb")
+    return posixpath.normpath(f"docs/{target}").removesuffix(".md").removesuffix(".ipynb")

@@ -5,6 +5,7 @@ links to it or to its folder follow. Whatever a page links to comes along: other
 files of code and tables.
 """
 
+import posixpath
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -118,19 +119,13 @@ def staged_text(path: str, text: str, generated: Mapping[str, str]) -> tuple[str
                     f"{path} links to {match[2]}: there is no such page or file. Correct the link."
                 )
             linked.add(source)
-        return f"{match[1]}{relative(site_path(path), target)}{hash_mark}{anchor}"
+        link = posixpath.relpath(target, PurePosixPath(site_path(path)).parent)
+        return f"{match[1]}{link}{hash_mark}{anchor}"
 
     text = PARAGRAPH_TAG.sub("", FRONT_MATTER.sub("", text))
     if not text.lstrip().startswith("# "):
         text = f"# {PurePosixPath(path).stem.capitalize()}\n\n{text}"
     return _outside_code(text, rewrite), linked
-
-
-def relative(page: str, target: str) -> str:
-    """The link from one page of the site to another."""
-    return PurePosixPath(
-        *[".."] * len(PurePosixPath(page).parent.parts), PurePosixPath(target)
-    ).as_posix()
 
 
 def linked_files(page: str, text: str) -> Iterator[str]:

@@ -169,10 +169,8 @@ def check_task(start: OfflineStart, spec: TaskSpec) -> None:
 
 def frame_name(frame: Frame | None, features: Sequence[Feature]) -> str:
     """Returns the name by which `frames.find_frame` finds a frame."""
-    if frame is None:
-        return "world"
-    name = features[frame.anchor].name
-    return "target" if name == "own.goal_dx" else name.removesuffix("_x")
+    names = [feature.name for feature in features]
+    return "world" if frame is None else frame.anchor_of(names)
 
 
 def hidden_sizes(layers: Sequence[Layer]) -> tuple[int, ...]:

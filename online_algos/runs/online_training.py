@@ -255,7 +255,10 @@ class _Training:
                     report(algorithm.frames - before)
                 is_last = algorithm.frames >= n_steps
                 if is_last or _crosses(every / POLICIES_PER_CHECKPOINT, before, algorithm.frames):
-                    self._save_policies()
+                    self._check_finite()
+                    for k, seed in enumerate(self.about.seeds):
+                        path = policy_path(self.run.folder, seed, self.algorithm.frames)
+                        save_policy(path, self.algorithm.policy(k))
                 if is_last or _crosses(every, before, algorithm.frames):
                     self._log_speed(time.perf_counter() - started, algorithm.frames - since)
                     self._checkpoint(losses)
@@ -274,12 +277,6 @@ class _Training:
     def _check_finite(self) -> None:
         state = self.algorithm.state_dict()
         self.run.check_finite(state, "the algorithm's tensors", self.algorithm.frames)
-
-    def _save_policies(self) -> None:
-        self._check_finite()
-        for k, seed in enumerate(self.about.seeds):
-            path = policy_path(self.run.folder, seed, self.algorithm.frames)
-            save_policy(path, self.algorithm.policy(k))
 
     def _checkpoint(self, losses: Mapping[str, Any]) -> None:
         """Saves the metrics of the policies, and then the state to continue from."""

@@ -49,7 +49,6 @@ from swarmdata.specs.model_choice import (
 )
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import Spec
-from swarmdata.specs.task_spec import TaskSpec
 
 DEFAULT_EPISODES = 1000
 """Episodes shown of a dataset, unless another number is asked for."""
@@ -272,7 +271,11 @@ class _Drawings:
         if spec is None:
             return Html("")
         self._drawn[spec.hash()] += 1
-        return _draw_start(spec, self._drawn[spec.hash()])
+        number = self._drawn[spec.hash()]
+        start = make_env(spec).reset(evaluation_seeds(number)[-1:])
+        return episode_drawing(
+            spec, start.layouts[0], start.states, f"The start of an episode of {spec.task}"
+        )
 
 
 def _draw_median(dataset: Dataset) -> Html:
@@ -284,14 +287,6 @@ def _draw_median(dataset: Dataset) -> Html:
     if spec is None:
         return rewards_drawing(episode.rewards, f"{label}: rewards so far, by agent")
     return episode_drawing(spec, episode.layout, episode.states, label)
-
-
-def _draw_start(spec: TaskSpec, number: int) -> Html:
-    """Draws a start of its own for each dataset of a world."""
-    start = make_env(spec).reset(evaluation_seeds(number)[-1:])
-    return episode_drawing(
-        spec, start.layouts[0], start.states, f"The start of an episode of {spec.task}"
-    )
 
 
 def _write(site: Path, page: Page) -> None:

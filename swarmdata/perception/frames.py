@@ -130,22 +130,19 @@ class Frame:
             observations: in the world's frame, [..., N, O].
             actions: in this frame, [..., N, A].
         """
-        out = actions.astype(np.float64)
-        if not self.turns_commands:
-            return out
-        ux, uy = self.directions(observations)
-        x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
-        out[..., 0], out[..., 1] = ux * x - uy * y, uy * x + ux * y
-        return out
+        return self._rotated(actions, *self.directions(observations))
 
     def to_local(self, observations: Float, actions: Float | Double) -> Double:
         """Returns actions in this frame; the inverse of `to_world`."""
-        out = actions.astype(np.float64)
-        if not self.turns_commands:
-            return out
         ux, uy = self.directions(observations)
-        x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
-        out[..., 0], out[..., 1] = ux * x + uy * y, ux * y - uy * x
+        return self._rotated(actions, ux, -uy)
+
+    def _rotated(self, actions: Float | Double, ux: Double, uy: Double) -> Double:
+        """Turns the first two columns of actions by an angle with this cosine and sine."""
+        out = actions.astype(np.float64)
+        if self.turns_commands:
+            x, y = out[..., 0].copy(), out[..., 1].copy()
+            out[..., 0], out[..., 1] = ux * x - uy * y, uy * x + ux * y
         return out
 
     def turned(self, batch: Batch) -> Batch:

@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.interfaces import Policy, Task
+from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import find_spec
@@ -17,7 +17,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.rollouts.side_policy import play_sides
 from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Episode, EvalResult, Seeds
+from swarmdata.types import EvalResult, Seeds
 
 
 def evaluate(
@@ -85,15 +85,10 @@ def evaluate(
 
         episodes = rollout(env, policy, seeds, policy_threads=policy_threads, progress=count)
         for row, episode in enumerate(episodes):
-            for metric, value in _figures(episode, env.task, measured).items():
+            own = metrics_of_side(episode, measured) if isinstance(measured, SideSpec) else {}
+            for metric, value in {**episode_metrics(episode, env.task), **own}.items():
                 metrics[metric][row] = value
     return EvalResult(name, measured.task, measured.hash(), seeds, metrics)
-
-
-def _figures(episode: Episode, task: Task, measured: TaskSpec | SideSpec) -> dict[str, float]:
-    """The metrics of an episode, for one side or for all robots."""
-    own = metrics_of_side(episode, measured) if isinstance(measured, SideSpec) else {}
-    return {**episode_metrics(episode, task), **own}
 
 
 def _team(

@@ -38,7 +38,8 @@ def parse_yaml(text: str | bytes, source: str) -> Any:
         node = loader.get_single_node()
         return None if node is None else _value(node, (), count(1))
     except yaml.MarkedYAMLError as error:
-        place = _place(error.problem_mark or error.context_mark)
+        mark = error.problem_mark or error.context_mark
+        place = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
         problem = ", ".join(filter(None, (error.context, error.problem)))
         raise SpecError(f"{source} is neither YAML nor JSON: {place}{problem}") from error
     except yaml.reader.ReaderError as error:
@@ -164,7 +165,3 @@ def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:
 def _error(problem: str, mark: yaml.Mark, path: tuple[str, ...] = ()) -> yaml.MarkedYAMLError:
     where = f"{'.'.join(path)}: {problem}" if path else problem
     return yaml.MarkedYAMLError(problem=f"{where:.400}", problem_mark=mark)
-
-
-def _place(mark: yaml.Mark | None) -> str:
-    return "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "

@@ -38,9 +38,13 @@ def measured_page(
     if n_replays and spec.world is not None:
         viewer, scripts = world_viewer(spec.world, spec.world), WORLD_SCRIPTS
     columns = [(key, HEADS[key]) for key in measured_columns(outcome.results)]
-    inside = join(
-        viewer, episode_table(columns, _explanation(outcome, n_replays), {"policy": "Run"})
-    )
+    n = len(outcome.results[0].evaluation.seeds)
+    text = f"All {n:,} measured episodes of each run, numbered by their evaluation seeds."
+    if n_replays:
+        text += (
+            f" The {n_replays} marked by ▶ have replays: the lowest, median and highest returns."
+        )
+    inside = join(viewer, episode_table(columns, text, {"policy": "Run"}))
     body = join(
         element("p", element("a", "‹ All results", href="../results.html"), class_="crumbs"),
         element("h1", f"{outcome.label} on ", _dataset(outcome, known)),
@@ -81,16 +85,6 @@ def _facts(source: ResultSource, outcome: Outcome) -> Html:
     ]
     figures = [join(element("dt", name), element("dd", value)) for name, value in facts]
     return element("dl", *figures, class_="facts across")
-
-
-def _explanation(outcome: Outcome, n_replays: int) -> str:
-    n = len(outcome.results[0].evaluation.seeds)
-    text = f"All {n:,} measured episodes of each run, numbered by their evaluation seeds."
-    if n_replays:
-        text += (
-            f" The {n_replays} marked by ▶ have replays: the lowest, median and highest returns."
-        )
-    return text
 
 
 def _why_absent(outcome: Outcome, n_replays: int) -> str:

@@ -104,7 +104,10 @@ def generate(
     refuse_workers(context, engine)
     if dataset is not None:
         refuse_all_but(context, RECIPE_OPTIONS, f"with {dataset}, whose recipe decides it")
-        _refuse_beside(context, part, finish=finish)
+        if part is not None:
+            refuse(context, ("workers", "engine", "finish"), "with --part")
+        elif finish:
+            refuse(context, ("workers", "engine"), "with --finish")
         _follow_recipe(dataset, steps, out, workers, engine, part, remote, finish=finish)
         return
     refuse(context, ("part", "finish", "remote"), "with --task; they take a recipe's file")
@@ -144,14 +147,6 @@ def read_shares(texts: list[str]) -> dict[str, float]:
             raise typer.BadParameter(f"{name} is given twice", param_hint="--policy")
         shares[name] = value
     return shares
-
-
-def _refuse_beside(context: typer.Context, part: str | None, *, finish: bool) -> None:
-    """Refuses what a share of the parts, or their assembly, does not use."""
-    if part is not None:
-        refuse(context, ("workers", "engine", "finish"), "with --part")
-    elif finish:
-        refuse(context, ("workers", "engine"), "with --finish")
 
 
 def _follow_recipe(

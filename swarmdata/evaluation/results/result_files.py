@@ -216,17 +216,6 @@ def _check(result: Result, where: str) -> None:
             f"{where} was measured in spec {evaluation.spec_hash[:12]}, but holds one with hash "
             f"{result.spec.hash()[:12]} in this version. Evaluate again."
         )
-    _check_names(result, where)
-    lengths = {name: len(values) for name, values in evaluation.metrics.items()}
-    wrong = {name: n for name, n in lengths.items() if n != len(evaluation.seeds)}
-    if wrong or not len(evaluation.seeds):
-        raise SchemaError(
-            f"{where} has {len(evaluation.seeds)} seeds but metrics of lengths {wrong or lengths}, "
-            "expected one value per seed and at least one. Evaluate again."
-        )
-
-
-def _check_names(result: Result, where: str) -> None:
     found = set(result.evaluation.metrics)
     is_foreign = result.spec.world is None
     needed = REQUIRED_FOREIGN_METRICS if is_foreign else set(metrics_of(result.evaluation.task))
@@ -235,4 +224,11 @@ def _check_names(result: Result, where: str) -> None:
         raise SchemaError(
             f"{where} has other metrics than this version: missing {missing}, unknown {unknown}. "
             "Evaluate again."
+        )
+    lengths = {name: len(values) for name, values in evaluation.metrics.items()}
+    wrong = {name: n for name, n in lengths.items() if n != len(evaluation.seeds)}
+    if wrong or not len(evaluation.seeds):
+        raise SchemaError(
+            f"{where} has {len(evaluation.seeds)} seeds but metrics of lengths {wrong or lengths}, "
+            "expected one value per seed and at least one. Evaluate again."
         )

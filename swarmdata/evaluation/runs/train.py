@@ -357,15 +357,11 @@ def train_online(
         "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
-    where = Where(Path(out), _checked(seeds), workers, engine, part, progress)
-    where.train(training, TRAINER)
-
-
-def _checked(seeds: Sequence[int]) -> Group:
     found = tuple(seeds)
     if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
         raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
-    return tuple(map(int, found))
+    where = Where(Path(out), tuple(map(int, found)), workers, engine, part, progress)
+    where.train(training, TRAINER)
 
 
 def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:

@@ -114,7 +114,12 @@ def fetch_logs(
     folder = folder.absolute()
     check_marked(folder, MANIFEST, "dataset")
     if (folder / MANIFEST).exists():
-        return _there(folder, logs)
+        if read_manifest(folder).digest != logs.digest:
+            raise OutputError(
+                f"{folder} has another dataset than {logs.id} of the digest {logs.digest}. Choose "
+                "another folder, or move it away."
+            )
+        return Dataset.open(folder)
     files = _fetched(logs, name) if source is None else _given(logs, Path(source).expanduser())
     with staged(folder) as made:
         import_logs(
@@ -122,15 +127,6 @@ def fetch_logs(
             metadata={"license": logs.license, "source": logs.source, "citation": logs.citation},
         )  # fmt: skip
         _check(made, logs)
-    return Dataset.open(folder)
-
-
-def _there(folder: Path, logs: PublicLogs) -> Dataset:
-    if read_manifest(folder).digest != logs.digest:
-        raise OutputError(
-            f"{folder} has another dataset than {logs.id} of the digest {logs.digest}. Choose "
-            "another folder, or move it away."
-        )
     return Dataset.open(folder)
 
 

@@ -124,7 +124,13 @@ class Search:
         """The best gains at a lag and each of some delays; None: of all."""
         motors = self.drives.motors(lag)
         for delay in range(self.drives.steps(LEAD) + 1) if delays is None else delays:
-            yield self._fit(self.expected(motors, delay), lag, delay)
+            expected = self.expected(motors, delay)
+            speed, speed_explained = _gain(expected[:, :2], self.measured[:, :2])
+            turn, turn_explained = _gain(expected[:, 2], self.measured[:, 2])
+            loss = gaussian_loss(np.array([speed, speed, turn]) * expected - self.measured)
+            is_edge = lag > LAGS[-1] - 2 * LAG_TOLERANCE or delay == self.drives.steps(LEAD)
+            response = Response(speed, turn, lag, delay)
+            yield Fit(response, loss, speed_explained, turn_explained, is_edge)
 
     def refine(self, rough: Fit) -> Fit:
         """The best lag between the neighbors of one of `LAGS` at its delay, by golden sections."""
@@ -142,14 +148,6 @@ class Search:
                 right = new = low + golden * (high - low)
             tried[new] = next(self.fits(new, [delay]))
         return min([rough, *tried.values()], key=_loss)
-
-    def _fit(self, expected: Double, lag: float, delay: int) -> Fit:
-        speed, speed_explained = _gain(expected[:, :2], self.measured[:, :2])
-        turn, turn_explained = _gain(expected[:, 2], self.measured[:, 2])
-        loss = gaussian_loss(np.array([speed, speed, turn]) * expected - self.measured)
-        is_edge = lag > LAGS[-1] - 2 * LAG_TOLERANCE or delay == self.drives.steps(LEAD)
-        response = Response(speed, turn, lag, delay)
-        return Fit(response, loss, speed_explained, turn_explained, is_edge)
 
     def errors(self, response: Response) -> Double:
         """Errors of the displacement and the turn of each window, [n, 3]."""

@@ -5,7 +5,7 @@ of the robot, and the limits of actions. Policies answer for all robots of a tea
 the team gets the same observation, and the slot of the robot counts. Networks are small.
 """
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,7 @@ from torch import Tensor, nn
 
 from swarmdata.errors import ConversionError, PolicyFitError
 from swarmdata.interfaces import Policy
-from swarmdata.learn.choices.behavior_heads import behavior_log_probs
-from swarmdata.learn.choices.bins import by_dimension, greedy, mean_utilities, to_actions
+from swarmdata.learn.choices.bins import to_actions
 from swarmdata.learn.memory.gated_networks import next_memory, read
 from swarmdata.learn.networks.network_inputs import standardize
 from swarmdata.learn.networks.team_networks import answer, by_network, from_rows, to_rows
@@ -78,55 +77,23 @@ class RobotStep(nn.Module, ABC):
 class DirectStep(RobotStep):
     """A step of a policy without memory: observation [B, O] and robot [B] to action [B, A]."""
 
+    def __init__(self, policy: TorchPolicy | BinPolicy | ChoicePolicy, n_robots: int) -> None:
+        super().__init__(policy, n_robots)
+        self._policy = policy
+
     def forward(self, observation: Tensor, robot: Tensor) -> Tensor:
         features, ux, uy = self.features(observation)
         return self.in_world(self.team_actions(features), robot, ux, uy)
 
-    @abstractmethod
     def team_actions(self, features: Tensor) -> Tensor:
         """Returns actions in the frame, float64 [B, N, A]."""
-
-
-class ActorStep(DirectStep):
-    """A step of `TorchPolicy`."""
-
-    def __init__(self, policy: TorchPolicy, n_robots: int) -> None:
-        super().__init__(policy, n_robots)
-        self._policy = policy
-
-    def team_actions(self, features: Tensor) -> Tensor:
-        outputs = answer(self._policy.layers, features, self._policy.parameters)
-        return outputs.tanh() if self._policy.squash else outputs.clamp(-1.0, 1.0)
-
-
-class BinStep(DirectStep):
-    """A step of `BinPolicy`."""
-
-    def __init__(self, policy: BinPolicy, n_robots: int) -> None:
-        super().__init__(policy, n_robots)
-        self._policy = policy
-
-    def team_actions(self, features: Tensor) -> Tensor:
         policy = self._policy
-        utilities = mean_utilities(policy.layers, features, policy.parameters, policy.n_critics)
-        best = greedy(by_dimension(utilities, policy.n_bins))
-        return to_actions(best, policy.n_bins, torch.float64)
-
-
-class ChoiceStep(DirectStep):
-    """A step of `ChoicePolicy`."""
-
-    def __init__(self, policy: ChoicePolicy, n_robots: int) -> None:
-        super().__init__(policy, n_robots)
-        self._policy = policy
-
-    def team_actions(self, features: Tensor) -> Tensor:
-        policy, log_probs = self._policy, None
-        if policy.behavior:
-            outputs = answer(policy.behavior, features, policy.parameters)
-            log_probs = behavior_log_probs(outputs, policy.choices, policy.rule.head)
-        weights = policy.rule.act(policy.utilities(features), log_probs, policy.choices)
-        return policy.choices.to_actions(weights)
+        if isinstance(policy, TorchPolicy):
+            outputs = answer(policy.layers, features, policy.parameters)
+            return outputs.tanh() if policy.squash else outputs.clamp(-1.0, 1.0)
+        if isinstance(policy, BinPolicy):
+            return to_actions(policy.best(features), policy.n_bins, torch.float64)
+        return policy.choices.to_actions(policy.preferred(features))
 
 
 class RememberingStep(RobotStep):
@@ -158,12 +125,8 @@ def robot_step(policy: Policy, n_robots: int) -> RobotStep:
         PolicyFitError: policies of this kind cannot be exported.
     """
     match policy:
-        case TorchPolicy():
-            return ActorStep(policy, n_robots)
-        case BinPolicy():
-            return BinStep(policy, n_robots)
-        case ChoicePolicy():
-            return ChoiceStep(policy, n_robots)
+        case TorchPolicy() | BinPolicy() | ChoicePolicy():
+            return DirectStep(policy, n_robots)
         case RecurrentPolicy():
             return RememberingStep(policy, n_robots)
         case SequencePolicy(joint=True):

@@ -43,7 +43,10 @@ class BinPolicy(Memoryless):
         framed = observations if self.frame is None else self.frame.inputs(observations)
         mean, std = self.observation_mean, self.observation_std
         (first,) = rows_of(self.layers[:1], slice(len(self.layers[0].weight) // self.n_critics))
-        features = standard_features(first, framed, mean, std, self.parameters)
+        return self.best(standard_features(first, framed, mean, std, self.parameters))
+
+    def best(self, features: Tensor) -> Tensor:
+        """Returns the best choices, [E, N, D], by what the networks see, float64 [E, N, O]."""
         utilities = mean_utilities(self.layers, features, self.parameters, self.n_critics)
         return greedy(by_dimension(utilities, self.n_bins))
 
@@ -106,13 +109,22 @@ class ChoicePolicy(Memoryless):
         columns = None
         if allowed is not None:
             columns = columns_of(torch.from_numpy(allowed), self.ranges, self.choices.n_columns)
+        weights = self.preferred(features, columns)
+        actions = self.choices.to_actions(weights).numpy()
+        return in_world(self.frame, observations, actions).astype(np.float32)
+
+    def preferred(self, features: Tensor, allowed: Tensor | None = None) -> Tensor:
+        """Returns the actions as weights of the choices, float64 [E, N, D, C].
+
+        Args:
+            features: what the networks see, float64 [E, N, F].
+            allowed: choices that the environment allows, bool [E, N, D, C]; None: all.
+        """
         log_probs = None
         if self.behavior:
             outputs = answer(self.behavior, features, self.parameters)
             log_probs = behavior_log_probs(outputs, self.choices, self.rule.head)
-        weights = self.rule.act(self.utilities(features), log_probs, self.choices, columns)
-        actions = self.choices.to_actions(weights).numpy()
-        return in_world(self.frame, observations, actions).astype(np.float32)
+        return self.rule.act(self.utilities(features), log_probs, self.choices, allowed)
 
     def features(self, first: Layer, observations: Float) -> Tensor:
         """Returns normalized observations in the robots' frame, float64 [E, N, O].

@@ -48,7 +48,9 @@ class ExecutorEngine:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._cancel()
+        for future in self._running:
+            future.cancel()
+        self._running.clear()
         self._close()
 
     def run(
@@ -115,11 +117,6 @@ class ExecutorEngine:
             except Exception as again:
                 raise _refused(again, "run the same command again to continue") from again
         self._running[future] = job
-
-    def _cancel(self) -> None:
-        for future in self._running:
-            future.cancel()
-        self._running.clear()
 
     def _close(self) -> None:
         if self._executor is not None and self.is_owned:

@@ -50,17 +50,13 @@ def open_engine(
     kind, _, partition = name.partition(":")
     if kind == "slurm":
         logs = folder.resolve().parent / f"{folder.name}.slurm"
-        minutes = _minutes(options, engine)
+        found = dict(parse_qsl(options, keep_blank_values=True))
+        text = found.pop("minutes", str(SLURM_MINUTES))
+        if found or not text.isdecimal() or int(text) < 1:
+            raise EngineError(f"engine {engine!r} has {options!r}, expected such as ?minutes=60")
+        minutes = int(text)
         return ExecutorEngine(entry, partial(open_slurm, partition or None, logs, minutes))
     raise EngineError(f"unknown engine {engine!r}, expected {FORMS}")
-
-
-def _minutes(options: str, engine: str) -> int:
-    found = dict(parse_qsl(options, keep_blank_values=True))
-    text = found.pop("minutes", str(SLURM_MINUTES))
-    if found or not text.isdecimal() or int(text) < 1:
-        raise EngineError(f"engine {engine!r} has {options!r}, expected such as ?minutes=60")
-    return int(text)
 
 
 def do_jobs(
