@@ -130,18 +130,18 @@ class Frame:
             observations: in the world's frame, [..., N, O].
             actions: in this frame, [..., N, A].
         """
-        return self._rotated(actions, *self.directions(observations))
+        return self._rotated(observations, actions, 1.0)
 
     def to_local(self, observations: Float, actions: Float | Double) -> Double:
         """Returns actions in this frame; the inverse of `to_world`."""
-        ux, uy = self.directions(observations)
-        return self._rotated(actions, ux, -uy)
+        return self._rotated(observations, actions, -1.0)
 
-    def _rotated(self, actions: Float | Double, ux: Double, uy: Double) -> Double:
-        """Turns the first two columns of actions by an angle with this cosine and sine."""
+    def _rotated(self, observations: Float, actions: Float | Double, sign: float) -> Double:
+        """Turns actions from this frame to the world's (sign 1), or back (sign -1)."""
         out = actions.astype(np.float64)
         if self.turns_commands:
-            x, y = out[..., 0].copy(), out[..., 1].copy()
+            ux, uy = self.directions(observations)
+            x, y, uy = out[..., 0].copy(), out[..., 1].copy(), sign * uy
             out[..., 0], out[..., 1] = ux * x - uy * y, uy * x + ux * y
         return out
 
