@@ -239,23 +239,17 @@ def _root(
 
 def list_command() -> None:
     """List the published datasets, then others in the cache."""
-    from swarmdata.drawing.markdown import aligned_table
     from swarmdata.hub.catalog.catalog import list_datasets, own_datasets
 
     own, problems = own_datasets()
-    rows = [
-        (
-            info.id,
-            str(info.n_agents),
-            f"{info.n_steps:,}",
-            f"{info.n_bytes / 1e6:.0f} MB" if info.n_bytes else "unknown",
-            "unknown" if info.score is None else f"{info.score:.1f}",
-            "yes" if info.is_cached else "no",
-        )
-        for info in [*list_datasets(), *own]
-    ]
-    head = ("id", "robots", "joint steps", "size", "score", "cached")
-    typer.echo(aligned_table(head, rows), nl=False)
+    every = [*list_datasets(), *own]
+    line = f"{{:{max(len(info.id) for info in every)}}} {{:>7}} {{:>12}} {{:>10}} {{:>8}} {{:>8}}"
+    typer.echo(line.format("id", "robots", "joint steps", "size", "score", "cached"))
+    for info in every:
+        size = f"{info.n_bytes / 1e6:.0f} MB" if info.n_bytes else "unknown"
+        cached = "yes" if info.is_cached else "no"
+        score = "unknown" if info.score is None else f"{info.score:.1f}"
+        typer.echo(line.format(info.id, info.n_agents, f"{info.n_steps:,}", size, score, cached))
     for problem in problems:
         typer.echo(f"left out {problem}", err=True)
 

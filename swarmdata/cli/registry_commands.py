@@ -30,15 +30,19 @@ registry_app = typer.Typer(
 @registry_app.command("list")
 def list_command() -> None:
     """List all recipes with their published figures and digests."""
-    from swarmdata.drawing.markdown import aligned_table
     from swarmdata.registry.published import published
     from swarmdata.registry.recipes import shipped_recipes
 
-    known, recipes, rows = published(), shipped_recipes(), []
-    for key in sorted(known.keys() | recipes.keys()):
+    known, recipes = published(), shipped_recipes()
+    keys = sorted(known.keys() | recipes.keys())
+    width = max(map(len, keys))
+    line = f"{{:{width}}} {{:>12}} {{:>9}} {{:>8}} {{:>8}} {{:>8}}  {{:12}}  {{:12}}  {{}}"
+    head = ("id", "joint steps", "MB", "return", "success", "clean", "digest", "transport", "")
+    typer.echo(line.format(*head).rstrip())
+    for key in keys:
         entry = known.get(key)
         if entry is None:
-            rows.append((key, *[""] * 7, "not published"))
+            typer.echo(f"{key:{width}} not published")
             continue
         current = key in recipes and recipes[key].hash() == entry.recipe_hash
         row = (
@@ -52,9 +56,7 @@ def list_command() -> None:
             entry.transport_digest[:12],
             "" if current else "of another recipe",
         )
-        rows.append(row)
-    head = ("id", "joint steps", "MB", "return", "success", "clean", "digest", "transport", "")
-    typer.echo(aligned_table(head, rows, words=(0, 6, 7, 8)), nl=False)
+        typer.echo(line.format(*row).rstrip())
 
 
 @registry_app.command()

@@ -22,17 +22,16 @@ task_app = typer.Typer(
 @task_app.command("list")
 def list_command() -> None:
     """List all presets."""
-    from swarmdata.drawing.markdown import aligned_table
     from swarmdata.registry.presets import preset, preset_names, preset_summary
 
-    rows = []
+    longest = max(map(len, preset_names()))
+    line = f"{{:{longest}}}  {{:12}} {{:>6}}  {{:>11}}  {{:>7}}  {{}}"
+    typer.echo(line.format("name", "task", "robots", "arena (m)", "horizon", "summary"))
     for name in preset_names():
         spec = preset(name)
         arena = f"{spec.arena.width:g} x {spec.arena.height:g}"
-        counts = (str(spec.n_agents), arena, str(spec.horizon))
-        rows.append((name, spec.task, *counts, preset_summary(name)))
-    head = ("name", "task", "robots", "arena (m)", "horizon", "summary")
-    typer.echo(aligned_table(head, rows, words=(0, 1, 5)), nl=False)
+        row = (name, spec.task, spec.n_agents, arena, spec.horizon, preset_summary(name))
+        typer.echo(line.format(*row))
 
 
 @task_app.command()

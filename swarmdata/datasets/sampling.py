@@ -173,18 +173,9 @@ def _gather(
     def rows_of(name: str, at: Int) -> NDArray[Any]:
         return arrays[name].take(at, axis=0)
 
-    def next_actions() -> NDArray[Any]:
-        last = rows.ends.take(episode) - 1
-        actions = rows_of("actions", np.minimum(index + 1, last))
-        actions[index == last] = 0  # nobody acts after the end
-        return actions
-
-    def log_probs() -> NDArray[Any] | None:
-        has_some = arrays["log_probs"].shape[1]  # [T, 0] where none were recorded
-        return rows_of("log_probs", index) if has_some else None
-
     def if_recorded(name: str, at: Int) -> NDArray[Any] | None:
-        return rows_of(name, at) if name in arrays else None
+        has_some = name in arrays and arrays[name].shape[1]  # [T, 0] where none were recorded
+        return rows_of(name, at) if has_some else None
 
     reads: dict[str, Callable[[], NDArray[Any] | None]] = {
         "observations": lambda: rows_of("observations", states),
@@ -195,8 +186,8 @@ def _gather(
         "next_states": lambda: rows_of("states", states + 1),
         "terminations": lambda: rows_of("terminations", index),
         "truncations": lambda: rows_of("truncations", index),
-        "next_actions": next_actions,
-        "log_probs": log_probs,
+        "next_actions": lambda: _next_actions(arrays["actions"], rows, index),
+        "log_probs": lambda: if_recorded("log_probs", index),
         "episodes": lambda: rows.positions.take(episode),
         "costs": lambda: costs_of(rows_of("events", index)),
         "alive": lambda: if_recorded("alive", states),
@@ -209,6 +200,14 @@ def _gather(
             for name, read in reads.items()
         },
     )
+
+
+def _next_actions(actions: NDArray[Any], rows: Rows, index: Int) -> NDArray[Any]:
+    """The actions of the steps after `index`."""
+    last = rows.ends.take(rows.episode.take(index)) - 1
+    found = actions.take(np.minimum(index + 1, last), axis=0)
+    found[index == last] = 0  # nobody acts after the end
+    return found
 
 
 class SampledView(Protocol):

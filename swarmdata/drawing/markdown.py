@@ -2,7 +2,7 @@
 
 import html
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 _CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
 """Text in which Markdown reads no marks and no HTML."""
@@ -42,15 +42,13 @@ def plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)
 
 
-def aligned_table(
-    head: Sequence[str], rows: Sequence[Sequence[str]], words: Collection[int] = (0,)
-) -> str:
-    """A table with a rule under its head; columns `words` are to the left, others to the right."""
+def aligned_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table with a rule under its head: the first column to the left, the others to the right."""
     grid = [head, *rows]
     widths = [max(map(len, column)) for column in zip(*grid, strict=True)]
     lines = [
         "  ".join(
-            cell.ljust(width) if index in words else cell.rjust(width)
+            cell.rjust(width) if index else cell.ljust(width)
             for index, (cell, width) in enumerate(zip(line, widths, strict=True))
         ).rstrip()
         for line in grid

@@ -50,7 +50,8 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_update_check_and_list(file: Path) -> None:
-    assert "coop_nav-tiny-mini-v0                  not published" in run("list")
+    (listed,) = [line for line in run("list").splitlines() if "not published" in line]
+    assert listed.split() == ["coop_nav-tiny-mini-v0", "not", "published"]
     assert "0 datasets checked" in run("check")
     output = run("update", "--id", "coop_nav-tiny-mini", "--out", file, "--workers", "1")
     entry = json.loads(file.read_text())[TINY.id]
