@@ -69,10 +69,10 @@ class Frozen(BaseModel):
         return cls.model_construct()
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """The fields as plain data, of pydantic's options, without later fields at their defaults.
+        """The fields as plain data, without later fields at their defaults; options are pydantic's.
 
-        No serializer of pydantic's does this: while pydantic writes a union, it takes an interrupt
-        in our code for a value of another kind, and goes on.
+        This is no serializer that pydantic calls: while it writes a union, it would take an
+        interrupt in one for a value of another kind, and go on.
         """
         content = super().model_dump(**options)
         _leave_out_later_defaults(self, content)
