@@ -24,6 +24,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.own_task import nothing_registered
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
@@ -218,6 +219,7 @@ def test_python_blocks_run(
     namespace: dict[str, Any] = {"__name__": page.stem}
     with contextlib.ExitStack() as stack:
         stack.callback(_close_figures)
+        stack.enter_context(nothing_registered())
         for block in python_of(page):
             exec(compile("\n" * block.line + block.text, str(page), "exec"), namespace)
 
