@@ -137,7 +137,7 @@ def test_a_slow_hub_is_left(
     """Row 59: the same of `hf://`."""
     remote = HubRemote("hf://org", backoff=backoff)
     release = remote.publish(dataset, ID, beside)
-    hub.clock, hub.faults = clock, [slow_headers("GET .*/revision/")]
+    hub.clock, hub.faults = clock, [Fault("GET .*/revision/", trickle=1.0)]
     with pytest.raises(HubError, match=r"did not answer within 30 s"):
         remote.find(ID)
     hub.faults = [slow_body("GET .*/resolve/|GET /_lfs")]
