@@ -93,7 +93,7 @@ def test_the_algorithm_keeps_the_contract(variant: str, tmp_path: Path) -> None:
         return kind(make_env(SPEC, config.n_copies * len(seeds)), seeds, config, folder)
 
     step = make_env(SPEC, 5).reset(np.arange(5, dtype=np.uint64))
-    check_online_algorithm(build, step, tmp_path, n_rounds=2)
+    check_online_algorithm(build, step, tmp_path)
 
 
 @pytest.mark.slow

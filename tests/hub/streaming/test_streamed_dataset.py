@@ -138,7 +138,8 @@ def test_a_window_holds_what_is_near_in_the_order_of_a_pass(host: StaticHost) ->
         assert set(found.tolist()) == {order[turn], order[turn + 1]}
 
 
-@pytest.mark.parametrize("sizes", slow(*SIZES))
+@pytest.mark.slow
+@pytest.mark.parametrize("sizes", SIZES)
 def test_streams_are_mixed_as_whole_datasets_are(
     host: StaticHost, folder: Path, sizes: dict[str, int]
 ) -> None:
