@@ -68,7 +68,8 @@ def train(
     reward: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=WEIGHT", help="weight of a reward, may be repeated; or safe, or team"
+            metavar="NAME=WEIGHT",
+            help="weight of a reward, may be repeated; or safe, team, or module:function",
         ),
     ] = None,
     side: Annotated[
@@ -85,9 +86,9 @@ def train(
 
     `auto` chooses bc, filtered_bc or iql by statistics of the data, and says which and why. Uses
     the train split; with --observation or --communication, the dataset is re-observed from its
-    states, and with --reward, its rewards are computed from their terms. An interrupted training
-    resumes: run the same command again. Several processes train groups of the seeds in folders
-    OUT/seeds-..., as --part K/N trains the K-th.
+    states, and with --reward, its rewards are computed anew. An interrupted training resumes: run
+    the same command again. Several processes train groups of the seeds in folders OUT/seeds-...,
+    as --part K/N trains the K-th.
     """
     group = _group(context, engine, part)
     if algorithm == "auto":
@@ -251,7 +252,7 @@ def _datasets(text: str) -> tuple[str | list[str], list[float] | None]:
 
 
 def _rewards(texts: list[str] | None) -> dict[str, str] | str:
-    """Reads the rewards to learn from: the name of a set, such as safe, or NAME=WEIGHT, ..."""
+    """Reads the rewards to learn from: NAME=WEIGHT, ..., or the name of a set or a function."""
     if texts and len(texts) == 1 and "=" not in texts[0]:
         return texts[0]
     return parse_settings(texts, "--reward")

@@ -24,7 +24,7 @@ from swarmdata.types import Column, Episode, Int, shortened
 
 if TYPE_CHECKING:
     from swarmdata.datasets.reobservation import Reobservation
-    from swarmdata.datasets.reweighting import Reweighting
+    from swarmdata.datasets.reweighting import OtherRewards, RewardFunction
     from swarmdata.datasets.side_view import SideView
 
 
@@ -42,7 +42,7 @@ class Dataset(View[Sampler]):
         references: anchors of the normalized score, if known.
         source: where the files came from, for example `folder`, `cache` or `rebuilt`.
         reobservation: with which sensors and radios this was observed again, if it was.
-        reweighting: with which weights the rewards were computed again, if they were.
+        reweighting: how the rewards were computed again, if they were.
         side_view: of which side the rows are, if not of all agents.
     """
 
@@ -51,7 +51,7 @@ class Dataset(View[Sampler]):
     references: Reference | None = None
     source: str = "folder"
     reobservation: "Reobservation | None" = None
-    reweighting: "Reweighting | None" = None
+    reweighting: "OtherRewards | None" = None
     side_view: "SideView | None" = None
 
     @classmethod
@@ -101,7 +101,7 @@ class Dataset(View[Sampler]):
         return None if self.side_view is None else self.side_view.spec
 
     @property
-    def _other_views(self) -> "list[Reobservation | Reweighting | SideView]":
+    def _other_views(self) -> "list[Reobservation | OtherRewards | SideView]":
         """What makes this another view than that of the recording."""
         views = (self.side_view, self.reobservation, self.reweighting)
         return [each for each in views if each is not None]
@@ -215,33 +215,54 @@ class Dataset(View[Sampler]):
         names = ("rewards", "episodes/team_return")
         return stored.with_arrays({name: self.stored.arrays[name] for name in names})
 
-    def with_rewards(self, **weights: float | str) -> "Dataset":
-        """Returns the same episodes with the rewards that other weights of their terms give.
+    def with_rewards(
+        self, function: "RewardFunction | None" = None, /, **weights: float | str
+    ) -> "Dataset":
+        """Returns the same episodes with rewards of other weights, or of a function.
 
-        The rewards are computed from the stored `reward_terms` as worlds compute them, so the
-        recorded weights give the recorded rewards bit for bit. Returns, `statistics` and batches
-        follow them. `spec`, `make_env` and the scale of the score stay those of
-        the task: policies that learn from other rewards are still evaluated on its own, and the
+            >>> dataset.with_rewards(robot_collision=2.0)
+            >>> dataset.with_rewards(lambda episode: -np.abs(episode.actions).sum(axis=2))
+
+        With weights, the rewards are computed from the stored `reward_terms` as worlds compute
+        them, so the recorded weights give the recorded rewards bit for bit. Returns, `statistics`
+        and batches follow the new rewards. `spec`, `make_env` and the scale of the score stay those
+        of the task: policies that learn from other rewards are still evaluated on its own, and the
         new returns have no score.
 
         The new rewards have 4 N bytes per step; more than 256 MiB are in a file without a name, as
         those of `reobserve` are.
 
         Args:
+            function: gets each `Episode` of the whole dataset as this view has it, and returns
+                each robot's reward in each step, [T, N]. It is called now, and not kept: `view`
+                has its name and the SHA-256 of its rewards.
             weights: new weights of terms by name, such as `robot_collision=2.0`, or `team_share`;
-                the others stay as they are. `dataset.task.rules.rewards` has the recorded.
+                the others stay as they are, or those of the recording after a function.
+                `dataset.task.rules.rewards` has the recorded.
 
         Raises:
             UnknownNameError: no such weight; the message lists those that exist.
             SpecError: a weight cannot have the value, or the dataset is of another environment.
-            SchemaError: the dataset has no terms.
+            SchemaError: the dataset has no terms, the function gives other than finite rewards of
+                each robot in each step, or there are both a function and weights.
         """
-        if not weights:
+        if function is None and not weights:
             return self
         self._check_whole("with_rewards")
-        from swarmdata.datasets.reweighting import reweight  # noqa: PLC0415  (compiled code, rarely needed)
+        from swarmdata.datasets.reweighting import Reweighting, relabel, reweight  # noqa: PLC0415  (compiled code, rarely needed)
 
-        now = self.task.rules.rewards if self.reweighting is None else self.reweighting.weights
+        if function is not None:
+            if weights:
+                raise SchemaError(
+                    f"with_rewards got a function and weights of {', '.join(weights)}, expected "
+                    "one of them: add the weighted `episode.reward_terms` in the function."
+                )
+            episodes = map(self._episode, range(len(self.stored.table)))
+            labels = relabel(self.stored, episodes, function)
+            return replace(self, stored=labels.stored, reweighting=labels)
+        now, before = self.task.rules.rewards, self.reweighting
+        if isinstance(before, Reweighting):
+            now = before.weights
         found = reweight(self.stored, changed_weights(now, weights))
         return replace(self, stored=found.stored, reweighting=found if found.changes else None)
 

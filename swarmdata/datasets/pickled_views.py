@@ -1,7 +1,8 @@
 """A dataset's view on its way to another process: by its folder, and by maps of what was computed.
 
 A reobservation and other rewards are in files without a name. A process of this machine maps these
-files as long as the first one keeps them; any other one computes them again, bit for bit.
+files as long as the first one keeps them; any other one computes them again, bit for bit, but for
+the rewards of a function, which only the first one has.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from swarmdata.errors import SchemaError
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.rules import Rewards
 from swarmdata.specs.task_spec import TaskSpec
@@ -30,7 +32,7 @@ class PickledView(NamedTuple):
     digest: str
     fields: Mapping[str, Any]  # of the `Dataset`, but its files and what was computed
     spec: TaskSpec | None  # of a reobservation
-    weights: Rewards | None  # of other rewards
+    rewards: Rewards | str | None  # weights of other rewards, or the function that gave them
     computed: Carried
 
 
@@ -45,10 +47,20 @@ def pickled(dataset: "Dataset") -> tuple[Callable[[PickledView], "Dataset"], tup
         dataset.digest,
         {name: getattr(dataset, name) for name in ("selection", "references", "source")},
         None if dataset.reobservation is None else dataset.reobservation.spec,
-        None if dataset.reweighting is None else dataset.reweighting.weights,
+        _origin_of_rewards(dataset),
         computed,
     )
     return restored, (view,)
+
+
+def _origin_of_rewards(dataset: "Dataset") -> Rewards | str | None:
+    """The weights of other rewards, or the function that gave them; None for the recorded."""
+    from swarmdata.datasets.reweighting import Relabeling, Reweighting  # noqa: PLC0415  (as below)
+
+    found = dataset.reweighting
+    if isinstance(found, Reweighting):
+        return found.weights
+    return found.function if isinstance(found, Relabeling) else None
 
 
 def restored(view: PickledView) -> "Dataset":
@@ -56,12 +68,13 @@ def restored(view: PickledView) -> "Dataset":
 
     Raises:
         ChecksumError: another dataset is in its folder now.
+        SchemaError: it has rewards of a function, and the process that called it has ended.
         DatasetError: the folder cannot be used.
     """
     # imported late: compiled code, rarely needed
     from swarmdata.datasets.dataset import Dataset  # noqa: PLC0415
     from swarmdata.datasets.reobservation import Reobservation  # noqa: PLC0415
-    from swarmdata.datasets.reweighting import Reweighting  # noqa: PLC0415
+    from swarmdata.datasets.reweighting import OtherRewards, Relabeling, Reweighting  # noqa: PLC0415
 
     recorded = reopen_store(view.path, view.digest, {})
     mapped = {
@@ -76,11 +89,20 @@ def restored(view: PickledView) -> "Dataset":
         if view.spec is not None:
             models = view.spec.observation, view.spec.communication
             again = again.reobserve(*models, progress=False)
-        return again if view.weights is None else again.with_rewards(**dict(view.weights))
-    stored, reobservation, reweighting = recorded.with_arrays(arrays), None, None
+        if isinstance(view.rewards, str):
+            raise SchemaError(
+                f"the rewards of {again!r} were computed by the function {view.rewards} in another "
+                "process, which has ended or runs on another machine. Open the dataset here, and "
+                "call `with_rewards` again."
+            )
+        return again if view.rewards is None else again.with_rewards(**dict(view.rewards))
+    stored, reobservation = recorded.with_arrays(arrays), None
     if view.spec is not None:
         reobservation = Reobservation(recorded, view.spec, stored.arrays)
-    if view.weights is not None:
-        weights = task_of(recorded.recipe, "reweighting").rules.rewards
-        reweighting = Reweighting(stored, weights, view.weights)
-    return Dataset(stored, **view.fields, reobservation=reobservation, reweighting=reweighting)
+    rewards: OtherRewards | None = None
+    if isinstance(view.rewards, str):
+        rewards = Relabeling(stored, view.rewards)
+    elif view.rewards is not None:
+        recorded_weights = task_of(recorded.recipe, "reweighting").rules.rewards
+        rewards = Reweighting(stored, recorded_weights, view.rewards)
+    return Dataset(stored, **view.fields, reobservation=reobservation, reweighting=rewards)

@@ -1,68 +1,68 @@
-"""Reweighting: recorded episodes with the rewards that other weights of their terms give."""
+"""Other rewards of recorded episodes: of other weights of their terms, or of a function."""
 
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.weighted_terms import weighted_rewards
 from swarmdata.registry.components import make_task, reward_terms
 from swarmdata.runtime.mapped_pages import MappedReads, release_pages
 from swarmdata.specs.origins import task_of
-from swarmdata.specs.rules import Rewards
+from swarmdata.specs.rules import Rewards, words_of_rewards
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.scratch_arrays import new_arrays
-from swarmdata.types import Double, Float, shortened
+from swarmdata.types import Double, Episode, Float, shortened
 
 BLOCK_ROWS = 1 << 16
 """Steps whose rewards are computed together."""
 
 
+RewardFunction = Callable[[Episode], ArrayLike]
+"""Gives each robot's reward in each step of an episode, [T, N]."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Reweighting:
-    """The episodes of a dataset with rewards of other weights."""
+class OtherRewards(ABC):
+    """The episodes of a dataset with rewards that were not recorded."""
 
     stored: StoredDataset  # the dataset with these rewards and their returns
-    recorded: Rewards  # the weights of the recording
-    weights: Rewards  # all weights, those of the rewards
 
     def __repr__(self) -> str:
         """Shows the dataset and what is new."""
-        return shortened(f"<Reweighting of {self.stored!r}: {self.summary}>")
+        return shortened(f"<{type(self).__name__} of {self.stored!r}: {self.summary}>")
+
+    @property
+    @abstractmethod
+    def changes(self) -> dict[str, Any]:
+        """What tells these rewards from the recorded ones, by name; empty: nothing does."""
+
+    @property
+    @abstractmethod
+    def source(self) -> str:
+        """How they were computed, a clause for the note."""
 
     @property
     def summary(self) -> str:
-        """The weights that differ from the recorded ones, a few words."""
-        changes = (f"{name} {value:g}" for name, value in self.changes.items())
-        return f"rewards with {', '.join(changes)}"
-
-    @property
-    def changes(self) -> dict[str, float]:
-        """The weights that differ from those of the recording, by name."""
-        return {
-            name: value for name, value in self.weights if value != getattr(self.recorded, name)
-        }
+        """What is new, a few words."""
+        return f"rewards with {words_of_rewards(self.changes)}"
 
     @property
     def note(self) -> str:
-        """One paragraph about the weights, Markdown."""
-        changed = ", ".join(
-            f"{name} {value:g} instead of {getattr(self.recorded, name):g}"
-            for name, value in self.changes.items()
-        )
+        """One paragraph about the rewards, Markdown."""
         return (
-            "> **These are other rewards.** They were computed from the recorded terms with other "
-            f"weights: {changed}. The policies that chose the actions were trained with rewards of "
-            "their own. The card below describes the recorded dataset.\n"
+            f"> **These are other rewards.** They were computed {self.source}. The policies that "
+            "chose the actions were trained with rewards of their own. The card below describes "
+            "the recorded dataset.\n"
         )
-
-    def applied_to(self, spec: TaskSpec) -> TaskSpec:
-        """The same task with these weights."""
-        rules = spec.rules.model_copy(update={"rewards": self.weights})
-        return spec.with_updates(rules=rules)
 
     @cached_property
     def moments(self) -> tuple[float, float]:
@@ -74,6 +74,49 @@ class Reweighting:
             moments.add(rows.reshape(-1, 1))
         (mean,), (std,) = moments.result()
         return mean, std
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reweighting(OtherRewards):
+    """Rewards of other weights of the recorded terms."""
+
+    recorded: Rewards  # the weights of the recording
+    weights: Rewards  # all weights, those of the rewards
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        return {
+            name: value for name, value in self.weights if value != getattr(self.recorded, name)
+        }
+
+    @property
+    def source(self) -> str:
+        changed = ", ".join(
+            f"{name} {value:g} instead of {getattr(self.recorded, name):g}"
+            for name, value in self.changes.items()
+        )
+        return f"from the recorded terms with other weights: {changed}"
+
+    def applied_to(self, spec: TaskSpec) -> TaskSpec:
+        """The same task with these weights."""
+        rules = spec.rules.model_copy(update={"rewards": self.weights})
+        return spec.with_updates(rules=rules)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Relabeling(OtherRewards):
+    """Rewards of a function of the episodes."""
+
+    function: str  # its name
+
+    @cached_property
+    def changes(self) -> dict[str, Any]:
+        digest = hashlib.sha256(self.stored.arrays["rewards"].data).hexdigest()
+        return {"function": self.function, "sha256": digest}
+
+    @property
+    def source(self) -> str:
+        return f"by the function `{self.function}`"
 
 
 def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
@@ -100,6 +143,57 @@ def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
     terms = reward_terms(make_task(task.with_updates(rules=rules)))
     signed = np.array([term.signed_weight for term in terms])
     rewards = _computed(recorded.arrays["reward_terms"], signed, weights.team_share, task)
+    return Reweighting(_rewarded(recorded, rewards), task.rules.rewards, weights)
+
+
+def relabel(
+    recorded: StoredDataset, episodes: Iterable[Episode], function: RewardFunction
+) -> Relabeling:
+    """Computes the rewards of a whole dataset by a function.
+
+    They have 4 N bytes per step, as those of `reweight`.
+
+    Args:
+        recorded: the open files, with any observations.
+        episodes: all of them in stored order.
+        function: of one episode.
+
+    Raises:
+        SchemaError: the function gives no finite rewards of each robot in each step.
+        DiskFullError: the rewards are many, and no space is left.
+    """
+    name = getattr(function, "__qualname__", type(function).__qualname__)
+    shape = recorded.arrays["rewards"].shape
+    rewards = new_arrays({"rewards": (shape, np.dtype(np.float32))})["rewards"]
+    for number, episode in enumerate(episodes):
+        first, length = int(recorded.table.starts[number]), len(episode)
+        found, expected = function(episode), (length, *shape[1:])
+        if (problem := _problem(found, expected)) is not None:
+            raise SchemaError(
+                f"the function {name} gave {problem} for episode {number} of "
+                f"{recorded.manifest.id}, expected finite rewards of shape {expected}: one of "
+                "each robot in each step."
+            )
+        rewards[first : first + length] = found
+    rewards.setflags(write=False)
+    return Relabeling(_rewarded(recorded, rewards), name)
+
+
+def _problem(found: ArrayLike, shape: tuple[int, ...]) -> str | None:
+    """What is wrong with the rewards of an episode, None if nothing is."""
+    try:
+        rewards = np.asarray(found, dtype=np.float64)
+    except (TypeError, ValueError):
+        return f"{found!r:.100}"
+    if rewards.shape != shape:
+        return f"the shape {rewards.shape}"
+    if not (np.abs(rewards) <= np.finfo(np.float32).max).all():
+        return "a number that is not finite in float32"
+    return None
+
+
+def _rewarded(recorded: StoredDataset, rewards: Float) -> StoredDataset:
+    """The dataset with other rewards and their returns."""
     table = recorded.table
     episodes = zip(table.starts.tolist(), (table.starts + table.lengths).tolist(), strict=True)
     returns = np.array(
@@ -109,7 +203,7 @@ def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
     returns.setflags(write=False)
     arrays = {**recorded.arrays, "rewards": rewards, "episodes/team_return": returns}
     table = replace(table, team_return=returns)
-    return Reweighting(replace(recorded, arrays=arrays, table=table), task.rules.rewards, weights)
+    return replace(recorded, arrays=arrays, table=table)
 
 
 def _computed(terms: Float, weights: Double, team_share: float, task: TaskSpec) -> Float:

@@ -10,14 +10,14 @@ import inspect
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points, packages_distributions, version
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 from swarmdata.errors import SpecError
 
@@ -99,6 +99,24 @@ def import_component(component: Any) -> Any:
         return component
     module, _, attribute = component.partition(":")
     return getattr(import_module(module), attribute)
+
+
+def import_function(place: str) -> Callable[..., Any]:
+    """Returns the function that "module:name" names.
+
+    Raises:
+        SpecError: there is no such module, or no such function in it.
+    """
+    try:
+        found = import_component(place)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise SpecError(
+            f"{place!r:.100} cannot be imported: {error}. Expected a function as module:name, of a "
+            "module that is installed or on PYTHONPATH."
+        ) from error
+    if not callable(found):
+        raise SpecError(f"{place!r:.100} is {found!r:.100}, expected a function")
+    return cast(Callable[..., Any], found)
 
 
 def defined_elsewhere(what: str, name: str, package: str = "") -> str:

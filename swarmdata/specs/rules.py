@@ -67,6 +67,13 @@ def changed_weights(weights: Rewards, changes: Mapping[str, float | str]) -> Rew
     return type(weights).parse({**weights.model_dump(), **changes}, "rewards")
 
 
+def words_of_rewards(changes: Mapping[str, Any]) -> str:
+    """What makes rewards others than the recorded ones, in words: robot_collision 2, time 0.5."""
+    if "function" in changes:
+        return f"function {changes['function']}"
+    return ", ".join(f"{name} {value:g}" for name, value in changes.items())
+
+
 class Payload(Frozen):
     """A rigid body that slides on the floor and turns."""
 
@@ -207,7 +214,7 @@ Rules = Annotated[SerializeAsAny[TaskRules], WrapValidator(_read_rules), _Schema
 
 
 RewardChoice = Mapping[str, float | str] | str
-"""New weights of rewards by name, or the name of a set of them."""
+"""New weights of rewards by name, the name of a set of them, or a function as "module:name"."""
 
 SAFE_FACTORS: Mapping[str, float] = {"proximity": 5.0}
 """Factors on weights that `safe` gives.
@@ -226,7 +233,7 @@ def chosen_weights(choice: RewardChoice, rules: TaskRules) -> dict[str, float | 
     """Returns new weights by name.
 
     Args:
-        choice: these weights, or the name of a set: `safe` or `team`.
+        choice: these weights, or the name of a set: `safe` or `team`; no function.
         rules: of the task, with its recorded weights.
 
     Raises:

@@ -1,7 +1,9 @@
 """Rewards of other weights: those of a world with these weights, and the recorded ones back."""
 
+import hashlib
 import json
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.reweighting import Reweighting
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.registry.components import TASKS, make_env, make_policy
 from swarmdata.registry.presets import preset
@@ -21,7 +24,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.assembly import assemble
 from swarmdata.store.episode_order import merge_order
 from swarmdata.testing.synthetic import make_dataset, write_streams
-from swarmdata.types import Episode
+from swarmdata.types import Episode, Float
+from tests.support.own_rewards import effort
 
 CHANGES = {"robot_collision": 1.5, "time": 0.0, "proximity": 0.3, "team_share": 0.25}
 
@@ -119,7 +123,7 @@ def test_a_view_says_what_it_is(dataset: Dataset) -> None:
     assert view.spec == dataset.spec
     assert view.digest == dataset.digest
     assert view.with_rewards() is view
-    assert view.reweighting is not None
+    assert isinstance(view.reweighting, Reweighting)
     assert "robot_collision 1.5 instead of 1" in view.reweighting.note
     assert view.reweighting.applied_to(dataset.task) == with_weights(
         dataset.task, robot_collision=1.5, time=0.0
@@ -153,6 +157,71 @@ def test_wrong_weights_are_refused(dataset: Dataset, tmp_path: Path) -> None:
         dataset.with_rewards(team_share=1.5)
     with pytest.raises(SpecError, match="other rewards than were recorded"):
         filter_dataset(dataset.with_rewards(time=0.0), tmp_path / "out", id="coop_nav-cut-v0")
+
+
+def test_rewards_of_a_function_are_those_that_readers_see(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "ds", [[5] * 10])  # without terms of rewards
+    plain = Dataset.open(tmp_path / "ds")
+    view = plain.with_rewards(effort)
+    expected = [effort(episode).astype(np.float32) for episode in plain]
+    for ours, rewards in zip(view, expected, strict=True):
+        np.testing.assert_array_equal(ours.rewards, rewards)
+    np.testing.assert_array_equal(view.transitions()["rewards"], np.concatenate(expected))
+    assert view.episodes.team_return.tolist() == [episode.team_return for episode in view]
+    train = np.concatenate([episode.rewards.ravel() for episode in view.split("train")])
+    assert view.statistics.reward_mean == pytest.approx(train.mean(dtype=np.float64))
+    assert view[2:].with_rewards(effort).view == view.view  # of the whole dataset, whatever is seen
+    twice = view.with_rewards(lambda episode: 2 * episode.rewards)
+    np.testing.assert_array_equal(twice[0].rewards, 2 * expected[0])
+    assert twice.digest == plain.digest
+
+
+def test_a_view_names_its_function_and_digests_its_rewards(dataset: Dataset) -> None:
+    view = dataset.with_rewards(effort)
+    changes = json.loads(view.view or "")["rewards"]
+    assert changes["function"] == "effort"
+    assert changes["sha256"] == hashlib.sha256(view.stored.arrays["rewards"].data).hexdigest()
+    assert "rewards with function effort;" in repr(view)
+    assert view.reweighting is not None
+    assert "by the function `effort`" in view.reweighting.note
+    assert view.spec == dataset.spec
+
+
+def test_a_function_sees_the_view_and_gives_way_to_weights(dataset: Dataset) -> None:
+    seen = dataset.reobserve("lidar-8", progress=False)
+    sizes = {episode.observations.shape for episode in seen}
+    found: list[tuple[int, ...]] = []
+
+    def clearance(episode: Episode) -> Float:
+        found.append(episode.observations.shape)
+        return episode.observations[1:].min(axis=2)
+
+    view = seen.with_rewards(clearance)
+    assert set(found) == sizes
+    plain = view.reobserve("state", progress=False)
+    np.testing.assert_array_equal(plain[0].rewards, view[0].rewards)
+    assert view.with_rewards(time=0.0).view == seen.with_rewards(time=0.0).view
+
+
+@pytest.mark.parametrize(
+    ("function", "problem"),
+    [
+        (lambda episode: episode.rewards[:-1], r"gave the shape \(\d+, 4\) for episode 0 of"),
+        (lambda episode: episode.rewards * np.nan, "gave a number that is not finite"),
+        (lambda episode: np.full(episode.rewards.shape, 1e39), "gave a number that is not finite"),
+        (lambda episode: "much", "gave 'much' for episode 0 of .*, expected finite rewards of"),
+    ],
+)
+def test_rewards_of_another_form_are_refused(
+    dataset: Dataset, function: Callable[[Episode], Float], problem: str
+) -> None:
+    with pytest.raises(SchemaError, match=problem):
+        dataset.with_rewards(function)
+
+
+def test_a_function_and_weights_are_refused(dataset: Dataset) -> None:
+    with pytest.raises(SchemaError, match="a function and weights of time, expected one of them"):
+        dataset.with_rewards(effort, time=0.0)
 
 
 def test_a_dataset_without_terms_says_so(tmp_path: Path) -> None:

@@ -58,8 +58,8 @@ class Case:
         return {name: value for name, value in changes.items() if name != "rewards"}
 
     @property
-    def rewards(self) -> dict[str, dict[str, float]]:
-        """Label -> weights of rewards by name, of labels that learned from others than recorded."""
+    def rewards(self) -> dict[str, dict[str, Any]]:
+        """Label -> what changed its rewards, of labels that learned from others than recorded."""
         changes = {label: self.runs[label][0].provenance.changes for label in self.trained}
         return {label: found["rewards"] for label, found in changes.items() if "rewards" in found}
 

@@ -29,6 +29,7 @@ from swarmdata.rollouts.score_intervals import (
 )
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import describe
+from swarmdata.specs.rules import words_of_rewards
 from swarmdata.types import Double
 
 UNDEFINED_ESTIMATE = Estimate(math.nan, math.nan, math.nan)
@@ -238,12 +239,7 @@ def _words_of_view(case: Case) -> Iterator[str]:
     if "observation" in case.view and case.spec.world is not None:
         yield f"re-observed with {describe(case.spec.world)}"
     for label, rewards in case.rewards.items():
-        yield f"{label} learned from rewards with {words_of_weights(rewards)}"
-
-
-def words_of_weights(rewards: Mapping[str, float]) -> str:
-    """Weights of rewards in words: robot_collision 2, time 0.5."""
-    return ", ".join(f"{name} {value:g}" for name, value in rewards.items())
+        yield f"{label} learned from rewards with {words_of_rewards(rewards)}"
 
 
 def aggregate_table(results: ResultSet) -> Table:

@@ -238,8 +238,8 @@ def train(
         changes: settings of the algorithm, such as `{"n_updates": 50}`; text is read as by `--set`.
         observation: observation model for training and evaluation; None: as recorded.
         communication: communication model, likewise.
-        rewards: weights of rewards to learn from, as `load` takes them; learning curves and
-            evaluations stay on those of the task.
+        rewards: rewards to learn from, as `load` takes them; learning curves and evaluations stay
+            on those of the task.
         side: the side to learn for, in a task of several; it has no learning curve, since that
             takes opponents.
         frame: anchor of the frame of observations and actions, as `frames.find_frame` takes it.

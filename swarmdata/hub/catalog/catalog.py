@@ -25,6 +25,7 @@ from swarmdata.registry.published import (
 )
 from swarmdata.registry.recipes import FAMILY_SPECS, Outline, outlines, shipped_recipes
 from swarmdata.runtime.documents import MAX_JSON_BYTES
+from swarmdata.runtime.own_components import import_function
 from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Origin, Spec
@@ -220,8 +221,8 @@ def load(
         communication: the communication model, such as `lossy-30`, in the same way.
         rewards: weights to compute rewards with, such as `{"robot_collision": 2.0}`, or the
             name of a set in `specs.rules`: `"safe"`, or `"team"`, which gives every
-            robot the mean reward of the team; see `Dataset.with_rewards`.
-            None: the recorded rewards.
+            robot the mean reward of the team; or a function of the recorded episodes that can be
+            imported, as "module:name"; see `Dataset.with_rewards`. None: the recorded rewards.
         side: the side whose agents are wanted alone, such as `pursuers`; see `Dataset.side`.
         path: the folder of the dataset of a shipped recipe, where it is not in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
@@ -316,12 +317,19 @@ def _open(
         warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=3)
     if (sentence := misnamed(stored.path, stored.manifest)) is not None:
         warnings.warn(f"{sentence}.", AnotherDatasetWarning, stacklevel=3)
-    if rewards:
-        from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
-
-        dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
+    dataset = _rewarded(dataset, rewards)
     dataset = dataset.reobserve(observation, communication, progress=progress)
     return dataset if side is None else dataset.side(side)
+
+
+def _rewarded(dataset: Dataset, rewards: "RewardChoice | None") -> Dataset:
+    if isinstance(rewards, str) and ":" in rewards:
+        return dataset.with_rewards(import_function(rewards))
+    if not rewards:
+        return dataset
+    from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
+
+    return dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
 
 
 def _check_view(
@@ -332,6 +340,9 @@ def _check_view(
     side: str | None,
 ) -> None:
     """Refuses what a dataset of a recipe cannot be seen as, before it is built in minutes."""
+    if isinstance(rewards, str) and ":" in rewards:
+        import_function(rewards)
+        rewards = None
     has_models = observation is not None or communication is not None
     is_plain = not (has_models or rewards or side)
     recipe = None if is_plain else request.recipe  # that takes time to make

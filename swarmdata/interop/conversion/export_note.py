@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.reweighting import Reweighting
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
 from swarmdata.interop.conversion.episode_cuts import ReadRows, check_continues
@@ -73,7 +74,7 @@ def note_of(dataset: Dataset, frame: str) -> ExportNote:
         frame: that its observations and actions were turned into; `world` if they were not.
     """
     table, spec = dataset.episodes, dataset.spec
-    if dataset.reweighting is not None:  # the spec of the export is that of its rewards
+    if isinstance(dataset.reweighting, Reweighting):  # the spec is that of the exported rewards
         spec = dataset.reweighting.applied_to(dataset.task)
     return ExportNote(
         id=dataset.id,

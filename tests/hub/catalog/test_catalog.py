@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
 import pytest
 
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
@@ -18,6 +19,7 @@ from swarmdata.store import open_store
 from swarmdata.store.cache import note_build
 from swarmdata.store.publication import publication
 from tests.support.measured import references_at
+from tests.support.own_rewards import effort
 from tests.support.tiny import TINY
 
 pytestmark = pytest.mark.usefixtures("one_process")
@@ -101,6 +103,19 @@ def test_load_with_other_rewards() -> None:
     assert safe.view == recorded.with_rewards(**weights).view is not None
     with pytest.raises(UnknownNameError, match="unknown set of reward weights 'save'"):
         load("coop_nav-tiny", rewards="save")
+
+
+@pytest.mark.usefixtures("cached")
+def test_load_with_rewards_of_a_function() -> None:
+    view = load("coop_nav-tiny", rewards="tests.support.own_rewards:effort", observation="lidar-8")
+    np.testing.assert_array_equal(view[0].rewards, effort(view[0]))
+    for place, problem in {
+        "tests.support.own_rewards:lost": "no attribute 'lost'. Expected a function as module:name",
+        "no_rewards:effort": "No module named 'no_rewards'",
+        "tests.support.own_rewards:np": "is <module 'numpy'.*expected a function",
+    }.items():
+        with pytest.raises(SpecError, match=problem):
+            load("coop_nav-tiny", rewards=place)
 
 
 @pytest.mark.usefixtures("cached")

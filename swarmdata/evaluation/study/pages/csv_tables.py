@@ -78,7 +78,7 @@ def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
     }
 
 
-def weights_text(rewards: Mapping[str, float]) -> str:
+def weights_text(rewards: Mapping[str, object]) -> str:
     """Weights of rewards that a row learned from, as JSON; empty: those of its data."""
     return json.dumps(rewards, sort_keys=True) if rewards else ""
 

@@ -16,7 +16,7 @@ from swarmdata.evaluation.figures.dot_plot import (
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
-from swarmdata.evaluation.results.result_tables import aggregate_table, words_of_weights
+from swarmdata.evaluation.results.result_tables import aggregate_table
 from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE, Degradation
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
@@ -75,6 +75,7 @@ from swarmdata.evaluation.study.shifts.sweep_sections import (
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
 from swarmdata.specs.plain_names import without_version
+from swarmdata.specs.rules import words_of_rewards
 from swarmdata.store import write_file
 
 MADE = "<!-- What follows is made by swarmdata; what stands above this line is kept. -->"
@@ -268,7 +269,7 @@ def _mixtures(found: Findings) -> str:
 def _rewards(found: Findings) -> str:
     """Which rows learned from other rewards than they are scored by; empty: none did."""
     rows = [
-        (f"`{label}`", without_version(case.name), words_of_weights(rewards))
+        (f"`{label}`", without_version(case.name), words_of_rewards(rewards))
         for case in found.results.cases
         for label, rewards in case.rewards.items()
     ]
