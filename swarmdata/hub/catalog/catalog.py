@@ -30,7 +30,7 @@ from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.recipe import Recipe
-from swarmdata.specs.rules import changed_weights
+from swarmdata.specs.rules import changed_weights, chosen_weights
 from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays.layout import RECIPE
 from swarmdata.store.cache import cache_folder
@@ -327,8 +327,6 @@ def _rewarded(dataset: Dataset, rewards: "RewardChoice | None") -> Dataset:
         return dataset.with_rewards(import_function(rewards))
     if not rewards:
         return dataset
-    from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
-
     return dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
 
 
@@ -352,8 +350,6 @@ def _check_view(
     if has_models:
         check_messages(with_models(spec, observation, communication), spec)
     if rewards:
-        from swarmdata.specs.rules import chosen_weights  # noqa: PLC0415
-
         changed_weights(spec.rules.rewards, chosen_weights(rewards, spec.rules))
     if side is not None:
         spec.side(side)
