@@ -116,6 +116,7 @@ def test_the_sidebar_has_every_page_of_the_documentation(tree: Path) -> None:
         assert name in ("docs/index", "docs/measurements") or f"<{name}>" in home, name
 
 
+@pytest.mark.slow
 def test_the_site_has_six_parts_and_no_page_of_maintainers(tree: Path) -> None:
     home = (tree / "index.md").read_text(encoding="utf-8")
     parts = re.findall(r"^:caption: (.+)$", home, re.MULTILINE)

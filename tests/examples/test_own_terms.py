@@ -18,7 +18,7 @@ EXAMPLE = Path(__file__).with_name("own_terms.py")
 POLICIES = (PolicySource(label="a", name="scripted"), PolicySource(label="b", name="random"))
 
 
-@pytest.fixture(scope="module", params=["search", *slow("intersection")])
+@pytest.fixture(scope="module", params=slow("search", "intersection"))
 def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("own") / "coop_nav-tiny-v0"
     return make_tiny(path, spec=preset(request.param), policies=POLICIES, n_steps=600)

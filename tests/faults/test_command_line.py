@@ -27,6 +27,7 @@ from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.store import read_manifest
 from swarmdata.testing.synthetic import make_dataset
+from tests.support.pairs import slow
 from tests.support.tiny import sign
 
 LONG = "x" * 300
@@ -44,7 +45,7 @@ def shell(command: str) -> tuple[int, str, str]:
     return found.returncode, found.stdout, found.stderr
 
 
-@pytest.mark.parametrize("command", ["list", "--help"])
+@pytest.mark.parametrize("command", [*slow("list"), "--help"])
 def test_a_closed_pipe_ends_a_command_like_any_other(command: str) -> None:
     """Row 65: `swarmdata list | head` says nothing, and has the exit code of SIGPIPE."""
     assert shell(f"swarmdata {command} | true") == (141, "", "")
@@ -58,7 +59,7 @@ def test_the_first_line_is_there() -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full")
-@pytest.mark.parametrize("command", ["list", "--help"])
+@pytest.mark.parametrize("command", [*slow("list"), "--help"])
 def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
     """Row 65: and no traceback of Python's end."""
     code, _, err = shell(f"swarmdata {command} > /dev/full")

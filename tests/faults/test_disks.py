@@ -87,6 +87,7 @@ def test_a_disk_without_inodes_is_one_error(tmp_path: Path) -> None:
     assert (found["again"], found["left"]) == ("none", ["d"])
 
 
+@pytest.mark.slow
 def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> None:
     """Row 27: without locks and writes; with a home and a package that are read-only as well."""
     found = seen(disk_trouble.read_only, tmp_path)
@@ -101,7 +102,7 @@ def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> 
 
 
 @pytest.mark.parametrize(
-    "name", ["ünï çødé 群 [a]*?{b} 'quoted\"", *slow("n" * 200)], ids=["all", "long"]
+    "name", slow("ünï çødé 群 [a]*?{b} 'quoted\"", "n" * 200), ids=["all", "long"]
 )
 def test_strange_names_of_folders(tmp_path: Path, digest: str, name: str) -> None:
     """Row 31: a dataset may be anywhere."""

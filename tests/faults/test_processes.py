@@ -53,6 +53,7 @@ def test_kills_before_many_changes_of_the_disk_are_survived(
     assert found["kills"] >= 30
 
 
+@pytest.mark.slow
 def test_a_killed_holder_of_the_lock_is_taken_over(tmp_path: Path, cache_folder: Path) -> None:
     """Rows 05, 26: who waits says for whom, and goes on at once when that one is killed."""
     notes = tmp_path / "builds"
@@ -134,7 +135,7 @@ def add_ten_remotes(_: str, letter: str) -> None:
         run("remote", "add", f"hf://org{letter}-{k}")
 
 
-@pytest.mark.parametrize("what", ["registry", *slow("remotes")])
+@pytest.mark.parametrize("what", slow("registry", "remotes"))
 def test_no_update_of_two_processes_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:

@@ -70,6 +70,7 @@ def pattern(server: FaultyServer, file: str) -> str:
     return f"GET .*{file}"
 
 
+@pytest.mark.slow
 def test_listing_with_hostile_names(on_a_hub: Served, hub: LoopbackHub, tmp_path: Path) -> None:
     """Row 17: a listing with a name that leads out, or that is there twice, is refused whole."""
     hostile = ("../../.bashrc", "/etc/cron.d/x", "C:\\x", "a\\..\\b", "CARD.MD", "recipe.json")
@@ -282,7 +283,14 @@ def test_a_push_that_is_cut_off_at_every_request(
     assert n_finished <= 1  # the tag was made, and its answer lost
 
 
-@pytest.mark.parametrize(("at", "is_committed"), [("preupload", 0), ("commit", 0), ("tag", 1)])
+@pytest.mark.parametrize(
+    ("at", "is_committed"),
+    [
+        pytest.param("preupload", 0, marks=pytest.mark.slow),
+        ("commit", 0),
+        ("tag", 1),
+    ],
+)
 def test_a_push_that_is_cut_off(
     dataset: Path, hub: LoopbackHub, at: str, is_committed: int
 ) -> None:
@@ -307,6 +315,7 @@ def test_a_commit_whose_answer_is_lost_is_not_made_twice(
     assert remote.find(ID) == release
 
 
+@pytest.mark.slow
 def test_two_pushers(hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path) -> None:
     """Row 25: who comes second gets a conflict, is told to pull, and has changed nothing."""
     hub.faults = [Fault("POST .*/commit/", 412, times=1)]

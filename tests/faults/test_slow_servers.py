@@ -63,6 +63,7 @@ def test_a_deadline_on_headers(
         WebRemote(host.url, backoff=backoff).find(ID)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_file_at_a_time")
 def test_a_least_rate_of_bodies(
     host: StaticHost, clock: Clock, backoff: Backoff, dataset: Path, tmp_path: Path

@@ -157,6 +157,7 @@ def test_an_environment_of_gymnasium_is_one_agent(
     assert isinstance(spec.agents[0].action, expected)
 
 
+@pytest.mark.slow
 def test_a_policy_plays_gymnasium(tmp_path: Path) -> None:
     dataset = record(gymnasium.make("Pendulum-v1"), "pendulum_v1", tmp_path / "ds", 4)
     assert isinstance(dataset.spec, RecordedSpec)

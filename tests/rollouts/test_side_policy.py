@@ -109,6 +109,7 @@ def test_a_dataset_of_sides_passes_the_audit_and_is_made_again(tmp_path: Path) -
     assert digests[0] == digests[1]
 
 
+@pytest.mark.slow
 def test_generate_takes_a_name_for_each_side(tmp_path: Path) -> None:
     def made(name: str, noise: float) -> swarmdata.Dataset:
         return swarmdata.generate(

@@ -47,7 +47,7 @@ def test_published_text_shows_one_sheet_of_fixed_size_with_a_palette(
     assert picture.stat().st_size <= MAX_PICTURE_BYTES
 
 
-@pytest.mark.parametrize("name", ["transport", *slow("formation-unicycle")])
+@pytest.mark.parametrize("name", slow("transport", "formation-unicycle"))
 def test_every_kind_of_task_is_drawn(name: str, tmp_path: Path, record: Record) -> None:
     spec = preset(name).with_updates(horizon=12)
     dataset = Dataset.open(record(tmp_path / "data", spec, ("random",)))

@@ -100,6 +100,7 @@ def test_the_clocks_of_commands_are_found(dataset: Dataset) -> None:
         assert clock.explained > 0.7
 
 
+@pytest.mark.slow
 def test_the_bounds_of_commands_are_those_of_the_logs(dataset: Dataset) -> None:
     for space in dataset.spec.action_spaces:
         lows, highs = bounds(space)

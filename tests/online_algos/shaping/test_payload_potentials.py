@@ -54,6 +54,7 @@ def test_a_path_is_at_least_as_long_as_the_straight_line(first: int) -> None:
     assert (lengths >= 0.98 * straight(step) - 0.08).all()
 
 
+@pytest.mark.slow
 def test_behind_an_obstacle_the_path_leads_around_it() -> None:
     """A payload that touches an obstacle which lies between it and its goal."""
     step = begin()

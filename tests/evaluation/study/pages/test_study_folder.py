@@ -158,6 +158,7 @@ def test_pages_are_made_again_from_the_folder_alone(finished: StudyOptions, tmp_
         rewrite_pages(moved)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     make_study: Callable[..., Study], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
