@@ -20,6 +20,7 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "coop_nav-corridor-strict": {"success": 0.95},
         "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-ranks": {"success": 0.95, "clean_success": 0.85},
+        "coop_nav-strict": {"success": 0.7},
         "coop_nav-n8-strict": {"success": 0.5},
         "intersection-strict": {"success": 0.7},
         "search-strict": {"success": 0.7},

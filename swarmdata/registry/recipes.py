@@ -39,7 +39,10 @@ SCRIPTED_FAMILIES = tuple(name for name in LEARNED_FAMILIES if name != "pursuit"
 """Those that have scripted data, too; the controller of `pursuit` is slow."""
 
 STRICT_FAMILIES = MappingProxyType(
-    {f"{name}-strict": name for name in ("coop_nav-n8", "intersection", "search", "warehouse")}
+    {
+        f"{name}-strict": name
+        for name in ("coop_nav", "coop_nav-n8", "intersection", "search", "warehouse")
+    }
 )
 """Presets in which a contact ends the episode without success, and those without this rule, whose
 policies record their data; other teams than experts hardly ever succeed there."""
