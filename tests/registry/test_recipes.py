@@ -56,7 +56,7 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> Mapping[str, Recipe]:
     table = {"coop_nav": INDEX, "formation-n8": {"expert": INDEX["expert"]}}
 
     def found(family: str, tier: str) -> tuple[Checkpoint, ...]:
-        return table.get(family, {}).get(tier, ())
+        return table.get(STRICT_FAMILIES.get(family, family), {}).get(tier, ())
 
     monkeypatch.setattr(recipes, "checkpoints", found)
     monkeypatch.setattr(recipes, "_index", lambda: table)
@@ -83,7 +83,7 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
     names |= {f"{family}-{name}" for family in LEARNED_FAMILIES for name in ("random", "scripted")}
     names -= {"pursuit-scripted"}  # its controller is slow
     names |= {f"{family}-two-conventions" for family in CONVENTION_FAMILIES}
-    names |= {"formation-n8-expert"}
+    names |= {"formation-n8-expert", "coop_nav-strict-expert", "coop_nav-strict-medium-replay"}
     assert set(trained) == {f"{n}{s}-v1" for n in names for s in ("", "-mini")}
     for name in names:
         full, mini = trained[f"{name}-v1"], trained[f"{name}-mini-v1"]
