@@ -84,7 +84,7 @@ def train(
 ) -> None:
     """Train an offline algorithm on a dataset.
 
-    `auto` chooses bc, filtered_bc or iql by statistics of the data, and says which and why. Uses
+    `auto` chooses bc, filtered_bc, iql or maddpg_bc by statistics of the data, and says why. Uses
     the train split; with --observation or --communication, the dataset is re-observed from its
     states, and with --reward, its rewards are computed anew. An interrupted training resumes: run
     the same command again. Several processes train groups of the seeds in folders OUT/seeds-...,

@@ -27,14 +27,17 @@ from swarmdata.drawing import markdown
 from swarmdata.evaluation.runs.algorithm_choice import (
     CANDIDATES,
     STATISTICS,
+    THRESHOLDS,
     EpisodeStatistics,
     Threshold,
     choose_algorithm,
 )
-from swarmdata.registry.recipes import find_recipe
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.registry.recipes import find_recipe, is_dataset
 from swarmdata.specs.recipe import Recipe
 
-STUDY = Path(__file__).parents[2] / "cards/studies/regimes"
+STUDIES = Path(__file__).parents[2] / "cards/studies"
+FITTED_STUDY, LATER_STUDY = STUDIES / "regimes", STUDIES / "strict"
 MEASURED = Path(__file__).parent / "auto_statistics.csv"
 FAMILY_OF_ABLATIONS = "ablations"
 
@@ -42,7 +45,14 @@ CLONES = ("bc", "filtered_bc")
 """Where the best episodes are by the same policies as the rest, and by others."""
 
 POOR = ("iql", "filtered_bc")
-"""Where no policy solves most episodes, robots have returns of their own, and share them."""
+"""Where no policy solves most episodes, robots have returns of their own, and share them.
+
+`auto` takes `maddpg_bc` in place of `iql` where a contact ends the episode. That was found on these
+datasets, too, and has no threshold; thresholds are fitted as if it took `iql` there.
+"""
+
+FITTED = ("bc", "filtered_bc", "iql")
+"""What thresholds are fitted to."""
 
 N_STEPS = 200_000
 """Joint steps that statistics are measured on: a fifth of the published datasets."""
@@ -66,19 +76,23 @@ class Row:
     def task(self) -> str:
         return self.dataset.partition("-")[0]
 
+    @property
+    def contact_ends(self) -> bool:
+        return "-strict-" in self.dataset
+
     def regret(self, algorithm: str) -> float:
         return max(self.scores.values()) - self.scores[algorithm]
 
     def is_worse(self, algorithm: str) -> bool:
-        """Whether a candidate is clearly worse than the best one."""
-        best = max(self.scores[each] for each in CANDIDATES)
+        """Whether one of the fitted algorithms is clearly worse than the best of them."""
+        best = max(self.scores[each] for each in FITTED)
         return self.scores[algorithm] < best - TOLERANCE
 
 
-def read_scores() -> dict[str, dict[str, float]]:
+def read_scores(study: Path) -> dict[str, dict[str, float]]:
     """Scores by dataset and label, of full datasets with the recorded rewards."""
     found: dict[str, dict[str, float]] = {}
-    with (STUDY / "estimates.csv").open(encoding="utf-8") as file:
+    with (study / "estimates.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             if row["quantity"] == "score" and row["family"] != FAMILY_OF_ABLATIONS:
                 name = row["dataset"].removesuffix("-v1")
@@ -86,10 +100,10 @@ def read_scores() -> dict[str, dict[str, float]]:
     return {name: scores for name, scores in found.items() if {*CANDIDATES} <= scores.keys()}
 
 
-def read_rows() -> list[Row]:
+def read_rows(study: Path = FITTED_STUDY) -> list[Row]:
     """The datasets that all candidates were trained on, with their statistics."""
     measured = read_measured()
-    return [Row(name, scores, measured[name]) for name, scores in read_scores().items()]
+    return [Row(name, scores, measured[name]) for name, scores in read_scores(study).items()]
 
 
 def read_measured() -> dict[str, EpisodeStatistics]:
@@ -102,16 +116,23 @@ def read_measured() -> dict[str, EpisodeStatistics]:
     }
 
 
+def recipe_of(name: str) -> Recipe:
+    """The recipe of a shipped dataset, or of one that was generated on this machine."""
+    found = find_recipe(name) if is_dataset(name) else load(name).recipe.recipe
+    assert isinstance(found, Recipe)
+    return found
+
+
 def measure() -> None:
     """Adds the statistics of train splits of `N_STEPS` joint steps of new datasets, built here."""
     known = read_measured()
     with MEASURED.open("a", encoding="utf-8", newline="") as file:
         columns = ["dataset", *(field.name for field in fields(EpisodeStatistics))]
         writer = csv.DictWriter(file, columns, lineterminator="\n")
-        for name in read_scores():
+        for name in (*read_scores(FITTED_STUDY), *read_scores(LATER_STUDY)):
             if name in known:
                 continue
-            recipe = Recipe.parse({**find_recipe(name).model_dump(), "n_steps": N_STEPS})
+            recipe = Recipe.parse({**recipe_of(name).model_dump(), "n_steps": N_STEPS})
             with TemporaryDirectory() as folder:
                 dataset = Dataset.open(build(recipe, Path(folder) / name))
                 found = EpisodeStatistics.of(dataset.split("train"))
@@ -167,7 +188,7 @@ def width(threshold: Threshold) -> float:
 
 
 def chosen(row: Row, thresholds: Thresholds) -> str:
-    return choose_algorithm(row.statistics, thresholds).algorithm
+    return choose_algorithm(row.statistics, thresholds, contact_ends=row.contact_ends).algorithm
 
 
 def left_out(rows: Sequence[Row], key: Callable[[Row], str]) -> list[str]:
@@ -184,7 +205,7 @@ def choices(rows: Sequence[Row]) -> dict[str, list[str]]:
         "auto, leave one task out": left_out(rows, lambda row: row.task),
         "auto, fitted to all": [chosen(row, thresholds) for row in rows],
         **{f"always `{name}`": [name] * len(rows) for name in CANDIDATES},
-        "best of the three": [min(CANDIDATES, key=row.regret) for row in rows],
+        "best of the four": [min(CANDIDATES, key=row.regret) for row in rows],
     }
 
 
@@ -201,6 +222,12 @@ def report(rows: Sequence[Row], found: Mapping[str, Sequence[str]]) -> str:
         ways.append([way, f"{np.mean(lost):.1f}", f"{max(lost):.1f}", str(within)])
     head = ["choice", "mean regret", "worst", f"within 3, of {len(rows)}"]
     picked = found["auto, leave one dataset out"]
+    tables = (markdown.table(head, ways, is_numeric=True), table_of_datasets(rows, picked))
+    return "\n".join(tables)
+
+
+def table_of_datasets(rows: Sequence[Row], picked: Sequence[str]) -> str:
+    """A row for each dataset with the algorithm that is picked, as Markdown."""
     lines = [
         [
             f"`{row.dataset}`",
@@ -212,9 +239,8 @@ def report(rows: Sequence[Row], found: Mapping[str, Sequence[str]]) -> str:
         for row, name in zip(rows, picked, strict=True)
     ]
     columns = ["dataset", "common reward", "best success", "best shift"]
-    columns += [*(f"`{each}`" for each in CANDIDATES), "auto, left out", "regret"]
-    tables = (markdown.table(head, ways, is_numeric=True), markdown.table(columns, lines))
-    return "\n".join(tables)
+    columns += [*(f"`{each}`" for each in CANDIDATES), "auto", "regret"]
+    return markdown.table(columns, lines)
 
 
 if __name__ == "__main__":
@@ -224,3 +250,5 @@ if __name__ == "__main__":
     for name, (low, high) in ((name, rounded(each)) for name, each in fit(datasets).items()):
         print(f'    "{name}": Threshold({low:.2f}, {high:.2f}),')
     print(f"\n{report(datasets, choices(datasets))}")
+    later = read_rows(LATER_STUDY)
+    print(f"\n{table_of_datasets(later, [chosen(row, THRESHOLDS) for row in later])}")

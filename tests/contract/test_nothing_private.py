@@ -78,7 +78,6 @@ def data(home: Path) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_a_pushed_dataset_and_its_card(home: Path, data: Path, tmp_path: Path) -> None:
     for name in ("hub", "cards"):
         (tmp_path / name).mkdir()

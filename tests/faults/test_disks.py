@@ -87,7 +87,6 @@ def test_a_disk_without_inodes_is_one_error(tmp_path: Path) -> None:
     assert (found["again"], found["left"]) == ("none", ["d"])
 
 
-@pytest.mark.slow
 def test_a_read_only_cache_serves_what_is_in_it(tmp_path: Path, digest: str) -> None:
     """Row 27: without locks and writes; with a home and a package that are read-only as well."""
     found = seen(disk_trouble.read_only, tmp_path)

@@ -53,7 +53,6 @@ def test_kills_before_many_changes_of_the_disk_are_survived(
     assert found["kills"] >= 30
 
 
-@pytest.mark.slow
 def test_a_killed_holder_of_the_lock_is_taken_over(tmp_path: Path, cache_folder: Path) -> None:
     """Rows 05, 26: who waits says for whom, and goes on at once when that one is killed."""
     notes = tmp_path / "builds"

@@ -68,7 +68,6 @@ def check_whole(dataset: Dataset) -> None:
     assert len(set(dataset.episodes.seeds.tolist())) == len(dataset)
 
 
-@pytest.mark.slow
 def test_kill_while_recording(tmp_path: Path) -> None:
     """Row 01: what is lost is the part that was not on the disk yet."""
     path, rng, survived = tmp_path / "ds", random.Random(0), 0

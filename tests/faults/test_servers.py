@@ -70,7 +70,6 @@ def pattern(server: FaultyServer, file: str) -> str:
     return f"GET .*{file}"
 
 
-@pytest.mark.slow
 def test_listing_with_hostile_names(on_a_hub: Served, hub: LoopbackHub, tmp_path: Path) -> None:
     """Row 17: a listing with a name that leads out, or that is there twice, is refused whole."""
     hostile = ("../../.bashrc", "/etc/cron.d/x", "C:\\x", "a\\..\\b", "CARD.MD", "recipe.json")
@@ -315,7 +314,6 @@ def test_a_commit_whose_answer_is_lost_is_not_made_twice(
     assert remote.find(ID) == release
 
 
-@pytest.mark.slow
 def test_two_pushers(hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path) -> None:
     """Row 25: who comes second gets a conflict, is told to pull, and has changed nothing."""
     hub.faults = [Fault("POST .*/commit/", 412, times=1)]

@@ -6,7 +6,8 @@ Two questions of three:
 2. If so: are the best episodes by other policies than the rest? Then clone the best episodes, else
    all.
 3. If not: do the robots of a team share most of their return? Then a robot's own action explains
-   little of it, and learned values mislead: clone the best episodes. Else learn values.
+   little of it, and learned values mislead: clone the best episodes. Else learn values: with
+   `maddpg_bc`, which stays close to the data, where a contact ends the episode, else with `iql`.
 
 `tests/benchmarks/fit_auto.py` fits the thresholds to the scores of the study `regimes`: the fewest
 datasets get an algorithm that is clearly worse than another one, and the gaps between the datasets
@@ -30,7 +31,7 @@ _LOG = logging.getLogger("swarmdata")
 AUTO = "auto"
 """What `train` takes for the name of an algorithm, to choose one of `CANDIDATES`."""
 
-CANDIDATES = ("bc", "filtered_bc", "iql")
+CANDIDATES = ("bc", "filtered_bc", "iql", "maddpg_bc")
 
 BEST_SHARE = 0.1
 """Of the episodes: those that `filtered_bc` keeps."""
@@ -137,14 +138,18 @@ class AlgorithmChoice:
 
 
 def choose_algorithm(
-    found: EpisodeStatistics, thresholds: Mapping[str, Threshold] = THRESHOLDS
+    found: EpisodeStatistics,
+    thresholds: Mapping[str, Threshold] = THRESHOLDS,
+    *,
+    contact_ends: bool = False,
 ) -> AlgorithmChoice:
-    """Chooses by the questions of this module."""
+    """Chooses by the questions of this module; `contact_ends`: whether one ends the episode."""
     has_expert, is_shifted, is_common = (
         getattr(found, name) >= thresholds[name].middle for name in STATISTICS
     )
     clone = "filtered_bc" if is_shifted else "bc"
-    other = "filtered_bc" if is_common else "iql"
+    learner = "maddpg_bc" if contact_ends else "iql"
+    other = "filtered_bc" if is_common else learner
     limits = {name: f"(threshold {100 * thresholds[name].middle:.0f} %)" for name in STATISTICS}
     asked = {"best_success": (other, clone)}
     solved = f"the best policy solves {100 * found.best_success:.0f} % of its episodes"
@@ -154,9 +159,11 @@ def choose_algorithm(
         shift = f"{100 * found.best_shift:.0f} %, beyond chance, {limits['best_shift']}"
         reasons.append(f"the policies of the best episodes differ from those of all by {shift}")
     else:
-        asked["common_reward"] = "iql", "filtered_bc"
+        asked["common_reward"] = learner, "filtered_bc"
         share = f"robots' returns correlate by {100 * found.common_reward:.0f} %"
         reasons.append(f"{share} {limits['common_reward']}")
+        if other == "maddpg_bc":
+            reasons.append("a contact ends the episode, where iql moves too far from the data")
     doubts = [
         doubt for name, pair in asked.items() if (doubt := _doubt(found, name, pair, thresholds))
     ]
@@ -196,7 +203,9 @@ def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:
             f"{', '.join(CANDIDATES)}."
         )
     train = data.split("train")
-    choice = choose_algorithm(EpisodeStatistics.of(train))
+    world = train.spec.world
+    ends = world is not None and world.on_collision == "fail"
+    choice = choose_algorithm(EpisodeStatistics.of(train), contact_ends=ends)
     if np.ptp(train.episodes.team_return) == 0:
         reason = "all episodes have the same return, so that none is better than another"
         choice = AlgorithmChoice("bc", (reason,), ())

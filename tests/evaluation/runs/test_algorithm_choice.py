@@ -1,5 +1,6 @@
 """`train auto`: statistics by hand, the rule, and what it would have lost on measured datasets."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +22,18 @@ from swarmdata.evaluation.runs.algorithm_choice import (
     choose_for,
 )
 from tests.benchmarks import measuring
-from tests.benchmarks.fit_auto import Row, choices, fit, read_rows, regrets, report, rounded
+from tests.benchmarks.fit_auto import (
+    LATER_STUDY,
+    Row,
+    choices,
+    fit,
+    read_rows,
+    regrets,
+    report,
+    rounded,
+    table_of_datasets,
+)
+from tests.benchmarks.fit_auto import chosen as chosen_by
 from tests.benchmarks.measuring import long_tables_as_files
 
 
@@ -92,6 +104,15 @@ def test_the_rule(common: float, success: float, shift: float, expected: str) ->
     assert choice.line.startswith(f"auto takes {expected}: ")
 
 
+def test_where_a_contact_ends_the_episode_values_are_learned_close_to_the_data() -> None:
+    found = EpisodeStatistics(common_reward=0.2, best_success=0.3, best_shift=0.4)
+    choice = choose_algorithm(found, contact_ends=True)
+    assert choice.algorithm == "maddpg_bc"
+    assert "a contact ends the episode" in choice.line
+    for other in (replace(found, common_reward=0.9), replace(found, best_success=0.9)):
+        assert choose_algorithm(other, contact_ends=True) == choose_algorithm(other)
+
+
 def test_what_no_measured_dataset_tells_apart_is_said() -> None:
     sure = {"common_reward": 0.1, "best_success": 1.0, "best_shift": 0.5}
     for name in STATISTICS:
@@ -126,19 +147,17 @@ def test_measured_datasets_leave_no_doubt_but_that_nothing_is_solved() -> None:
 
 @pytest.mark.slow
 def test_left_out_datasets_lose_little() -> None:
-    """The goal, a regret of at most 10 on any dataset, is missed on one, of the corridor."""
+    """The goal: a regret of 2 on average, and of at most 10 on any dataset."""
     rows, picked = chosen()
     found = {way: regrets(rows, names) for way, names in picked.items()}
     auto = found["auto, leave one dataset out"]
     assert len(rows) == 32
     for lost in (auto, found["auto, fitted to all"]):
-        assert np.mean(lost) <= 2.1
-        assert [row.dataset for row, each in zip(rows, lost, strict=True) if each > 10] == [
-            "coop_nav-corridor-strict-medium-replay"
-        ]
+        assert np.mean(lost) <= 2
+        assert max(lost) <= 10
     fixed = [found[f"always `{name}`"] for name in CANDIDATES]
     assert np.mean(auto) < min(map(np.mean, fixed)) / 3
-    assert np.mean(found["best of the three"]) <= np.mean(auto)
+    assert np.mean(found["best of the four"]) <= np.mean(auto)
 
 
 def test_the_page_of_measurements_has_these_tables(
@@ -160,9 +179,10 @@ def test_pages_quote_these_regrets() -> None:
     lost = {way: regrets(rows, names) for way, names in picked.items()}
     dataset, task = lost["auto, leave one dataset out"], lost["auto, leave one task out"]
     clones = lost["always `filtered_bc`"]
-    last = [each for row, each in zip(rows, dataset, strict=True) if "corridor" in row.dataset]
-    page = measuring.PAGE.read_text(encoding="utf-8")
-    assert f"`coop_nav-corridor-strict`, {np.mean(last):.1f} and {max(last):.1f}." in page
+    later = read_rows(LATER_STUDY)
+    picked_later = [chosen_by(row, THRESHOLDS) for row in later]
+    lost_later = regrets(later, picked_later)
+    assert table_of_datasets(later, picked_later).strip() in measuring.PAGE.read_text("utf-8")
     learning, claims = (
         " ".join((measuring.PAGE.parent / name).read_text(encoding="utf-8").split())
         for name in ("learning.md", "results/claims.md")
@@ -172,9 +192,9 @@ def test_pages_quote_these_regrets() -> None:
         f"algorithms, and {max(dataset):.1f} at most"
     ) in learning
     assert f"it loses {np.mean(task):.1f} and {max(task):.1f}:" in learning
-    assert f"`swarmdata train auto` is {np.mean(dataset):.0f} points below the best" in claims
+    assert f"not part of the fit, `auto` loses at most {max(lost_later):.0f} points" in claims
+    assert f"`swarmdata train auto` is {np.mean(dataset):.0f} point below the best" in claims
     assert f"at worst {max(dataset):.0f}, on" in claims
-    assert f"do refute it: {np.mean(last):.0f} points." in claims
     assert f"alone is {np.mean(clones):.0f} below, at worst {max(clones):.0f}." in claims
     assert f"`auto` is {np.mean(task):.0f} below, at worst {max(task):.0f}, on" in claims
 
