@@ -235,11 +235,14 @@ def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
 
 
 def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
-    """Nanoseconds of a failed attempt: two draws of each place, and all draws of the last one."""
+    """Nanoseconds of a failed attempt: two draws of each place, and all draws of the last one.
+
+    A draw takes 40, 1 more for each robot and 6 for each obstacle that it is compared with.
+    """
     task = spec.rules.demand(spec)
     if not task.is_drawn:
         return 0.0
-    one = 1.0 * n + 6.0 * m
+    one = 40.0 + 1.0 * n + 6.0 * m
     attempt = 2.0 * ((2 * n + m) * one) + N_DRAWS_OF_A_PLACE * one
     return attempt + task.attempt_nanoseconds
 

@@ -198,6 +198,11 @@ PRODUCTS = {
         "{team: [{count: 1024}], rules: {task: formation}}",
         r"one control step takes about [0-9.]+ s, at most 1 s",
     ),
+    "many attempts of few robots": (
+        "{team: [{count: 8}], spawn: {max_attempts: 2000000}, "
+        "obstacles: {circles: 1, boxes: 0, corners: 0, pockets: 0}}",
+        "drawing a layout takes up to about .*max_att",
+    ),
     "attempts": (
         "spawn: {max_attempts: 1000000000}",
         "drawing a layout takes up to about .*max_att",
