@@ -7,7 +7,8 @@ Scores are those of the study `regimes`: means of 5 seeds on full datasets. Stat
 train splits of a fifth of these datasets, in `auto_statistics.csv`. A regret is the score of the
 best algorithm of the study, ablations apart, less that of the chosen one. "Leave one dataset out"
 fits the thresholds to the other datasets, "leave one task out" to the datasets of other tasks. The
-statistics and the order of the questions were chosen with all datasets in view.
+statistics and the order of the questions were chosen with all datasets in view. The last table is
+of the study `strict`, whose datasets are not part of the fit.
 """
 
 import csv

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reweighting import Reweighting
-from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import ConversionError, SchemaError, SpecError, UnknownNameError
+from swarmdata.interop.export import export_dataset
 from swarmdata.registry.components import TASKS, make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
@@ -218,6 +219,14 @@ def test_rewards_of_another_form_are_refused(
 ) -> None:
     with pytest.raises(SchemaError, match=problem):
         dataset.with_rewards(function)
+
+
+def test_rewards_of_a_function_are_not_exported_as_those_of_the_task(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    with pytest.raises(ConversionError, match="rewards of a function, which an export cannot"):
+        export_dataset(dataset.with_rewards(effort), tmp_path / "out", format="numpy")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_function_and_weights_are_refused(dataset: Dataset) -> None:

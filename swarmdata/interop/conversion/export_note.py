@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.datasets.reweighting import Reweighting
+from swarmdata.datasets.reweighting import Relabeling, Reweighting
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
 from swarmdata.interop.conversion.episode_cuts import ReadRows, check_continues
@@ -72,8 +72,17 @@ def note_of(dataset: Dataset, frame: str) -> ExportNote:
     Args:
         dataset: the view.
         frame: that its observations and actions were turned into; `world` if they were not.
+
+    Raises:
+        ConversionError: its rewards are those of a function, which no spec describes: an import
+            would score its returns as those of the task.
     """
     table, spec = dataset.episodes, dataset.spec
+    if isinstance(dataset.reweighting, Relabeling):
+        raise ConversionError(
+            f"{dataset!r} has rewards of a function, which an export cannot state. Export the "
+            "dataset as it was recorded, and call the function on what is imported."
+        )
     if isinstance(dataset.reweighting, Reweighting):  # the spec is that of the exported rewards
         spec = dataset.reweighting.applied_to(dataset.task)
     return ExportNote(

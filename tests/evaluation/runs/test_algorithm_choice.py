@@ -21,6 +21,7 @@ from swarmdata.evaluation.runs.algorithm_choice import (
     choose_algorithm,
     choose_for,
 )
+from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks import measuring
 from tests.benchmarks.fit_auto import (
     LATER_STUDY,
@@ -111,6 +112,16 @@ def test_where_a_contact_ends_the_episode_values_are_learned_close_to_the_data()
     assert "a contact ends the episode" in choice.line
     for other in (replace(found, common_reward=0.9), replace(found, best_success=0.9)):
         assert choose_algorithm(other, contact_ends=True) == choose_algorithm(other)
+
+
+@pytest.mark.parametrize(("rule", "expected"), [("fail", "maddpg_bc"), ("continue", "iql")])
+def test_whether_a_contact_ends_the_episode_is_in_the_spec(rule: str, expected: str) -> None:
+    n = 400
+    returns = np.random.default_rng(0).normal(size=(n, 4))
+    found = data(returns, np.zeros(n), np.zeros(n))
+    found.split = lambda name: found
+    found.spec = SimpleNamespace(world=TaskSpec.parse({"on_collision": rule}))
+    assert choose_for(found).algorithm == expected
 
 
 def test_what_no_measured_dataset_tells_apart_is_said() -> None:
