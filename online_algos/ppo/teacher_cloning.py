@@ -57,6 +57,9 @@ def clone_teacher(
 ) -> list[Tensor]:
     """Fits actors to a teacher; returns the mean squared errors after each round, each [K].
 
+    A round goes on where the one before it stopped, so that episodes longer than a round are seen
+    to their ends.
+
     Args:
         actors: trained in place.
         worlds: to act in; left in the middle of episodes.
@@ -65,6 +68,8 @@ def clone_teacher(
         config: how long.
     """
     optimizer = StackedAdam(actors.network, len(generators), 1.0)
+    worlds.restart()
+    teacher.reset(worlds.current_step, np.arange(worlds.env.n_copies))
     errors = []
     for k in tqdm(range(config.n_rounds), desc="cloning the teacher", unit="round", disable=None):
         collected = _collect(actors, worlds, generators, teacher, config, teacher_acts=k == 0)
@@ -93,9 +98,6 @@ def _collect(
     teacher_acts: bool,
 ) -> tuple[Float, Float]:
     """Actor inputs and the teacher's actions, [T, K, E, N, I] and [T, K, E, N, A]."""
-    all_copies = np.arange(worlds.env.n_copies)
-    worlds.restart()
-    teacher.reset(worlds.current_step, all_copies)
     all_inputs, labels = [], []
     for _ in range(config.rollout_steps):
         step = worlds.current_step

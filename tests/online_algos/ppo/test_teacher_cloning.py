@@ -17,6 +17,7 @@ from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teache
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on
+from swarmdata.types import Float, Int, Step
 from tests.support.pairs import slow
 
 SPEC = TaskSpec(horizon=20)
@@ -56,6 +57,23 @@ def test_only_actors_change() -> None:
     clone(run, make_policy("straight", SPEC), replace(SHORT, n_rounds=1))
     assert (run.critic.network.flat == critic).all()
     assert run.frames == 0
+
+
+def test_episodes_longer_than_a_round_are_labelled_to_their_ends() -> None:
+    labelled: list[int] = []
+
+    class Watched:
+        def reset(self, step: Step, copies: Int) -> None:
+            pass
+
+        def act(self, step: Step) -> Float:
+            labelled.extend(step.times)
+            return np.zeros((len(step.times), SPEC.n_agents, 2), np.float32)
+
+    run = made()
+    config = replace(SHORT, rollout_steps=SPEC.horizon // 2, n_rounds=3)
+    clone_teacher(run.actors, run.worlds, run.generators, Watched(), config)
+    assert set(labelled) == set(range(SPEC.horizon))
 
 
 def test_more_rounds_than_samples_allow_take_a_part_of_the_data_each(
