@@ -49,7 +49,7 @@ class StartConfig:
     """What the actors start from; without policies and a teacher, their random weights.
 
     Raises:
-        SpecError: there is no round of cloning, the noise is not a standard deviation, or the
+        SpecError: there is no round of cloning, the noise is not a standard deviation, or a
             margin is negative.
     """
 
@@ -57,6 +57,7 @@ class StartConfig:
     teacher: str = ""  # registered policy that the actors clone before training
     avoidance: bool = False  # keeps the teacher, or else the policies, from contacts, for clones
     surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
+    teacher_margin: float = 0.0  # metres by which it takes the robots' radii for larger
     teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
     clone_rounds: int = 10  # rounds of states that the teacher labels
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
@@ -68,11 +69,10 @@ class StartConfig:
             raise SpecError(
                 f"clone_noise is {self.clone_noise:g}, expected a number that is not negative"
             )
-        if not 0.0 <= self.surface_margin < math.inf:
-            raise SpecError(
-                f"surface_margin is {self.surface_margin:g} m, expected a length that is not "
-                "negative"
-            )
+        for name in ("teacher_margin", "surface_margin"):
+            margin = getattr(self, name)
+            if not 0.0 <= margin < math.inf:
+                raise SpecError(f"{name} is {margin:g} m, expected a length that is not negative")
 
     @property
     def has_teacher(self) -> bool:
@@ -131,10 +131,15 @@ def initial_weights(
 def make_teacher(start: StartConfig, spec: TaskSpec) -> Policy:
     """Builds the registered policy that is cloned in the task that `spec` describes.
 
+    Clones are not exact: where the teacher keeps from others as if robots were larger, they touch
+    less.
+
     Raises:
         SpecError: the policy has no memory that it can do without.
         UnknownNameError: there is no such policy.
     """
+    if start.teacher_margin:
+        spec = _with_larger_robots(spec, start.teacher_margin)
     if start.teacher_remembers:
         return make_policy(start.teacher, spec)
     if "remembers" not in inspect.signature(policy_class(start.teacher, spec)).parameters:
@@ -143,6 +148,15 @@ def make_teacher(start: StartConfig, spec: TaskSpec) -> Policy:
             "cannot decide without its memory, as 'scripted' of task search can. Leave it out."
         )
     return make_policy(start.teacher, spec, remembers=False)
+
+
+def _with_larger_robots(spec: TaskSpec, margin: float) -> TaskSpec:
+    """The spec with radii larger by `margin`, m."""
+    team = []
+    for role in spec.team:
+        robot = role.robot.model_copy(update={"radius": role.robot.radius + margin})
+        team.append(role.model_copy(update={"robot": robot}))
+    return spec.model_copy(update={"team": tuple(team)})
 
 
 def find_policy(source: str, seed: int, n_agents: int) -> Policy:

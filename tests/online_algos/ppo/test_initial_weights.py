@@ -20,6 +20,7 @@ from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weig
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
+from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 
@@ -149,8 +150,32 @@ def test_the_weights_are_returned_and_the_actors_left_alone(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [({"clone_rounds": 0}, "clone_rounds is 0"), ({"clone_noise": -0.1}, "clone_noise is -0.1")],
+    [
+        ({"clone_rounds": 0}, "clone_rounds is 0"),
+        ({"clone_noise": -0.1}, "clone_noise is -0.1"),
+        ({"teacher_margin": -0.1}, "teacher_margin is -0.1 m"),
+    ],
 )
 def test_impossible_clones_are_refused(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         StartConfig(**wrong)
+
+
+def test_a_teacher_with_a_margin_keeps_robots_farther_apart() -> None:
+    spec = preset("robotarium")
+    copies = np.arange(4)
+
+    def least_gap(margin: float) -> float:
+        env = make_env(spec, 4)
+        teacher = make_teacher(StartConfig(teacher="scripted", teacher_margin=margin), spec)
+        step = env.reset(copies.astype(np.uint64))
+        teacher.reset(step, copies)
+        least = np.inf
+        for _ in range(400):
+            step = env.step(teacher.act(step))
+            at = robots_of(step.states, spec.n_agents)[..., [X, Y]]
+            apart = np.linalg.norm(at[:, :, None] - at[:, None], axis=-1)
+            least = min(least, float(apart[apart > 0].min()))
+        return least - 2 * spec.robots[0].radius
+
+    assert least_gap(0.02) > least_gap(0.0) + 0.02
