@@ -55,9 +55,9 @@ class StartConfig:
 
     policies: str = ""  # a run's folder or a shipped tier
     teacher: str = ""  # registered policy that the actors clone before training
+    teacher_margin: float = 0.0  # metres by which it takes robots' radii for larger than they are
     avoidance: bool = False  # keeps the teacher, or else the policies, from contacts, for clones
     surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
-    teacher_margin: float = 0.0  # metres by which it takes the robots' radii for larger
     teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
     clone_rounds: int = 10  # rounds of states that the teacher labels
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
