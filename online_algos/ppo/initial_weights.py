@@ -49,13 +49,13 @@ class StartConfig:
     """What the actors start from; without policies and a teacher, their random weights.
 
     Raises:
-        SpecError: there is no round of cloning, the noise is not a standard deviation, or a
-            margin is negative.
+        SpecError: there is no round of cloning, the noise is not a standard deviation, a margin
+            is negative, or the teacher's margin is given without a teacher.
     """
 
     policies: str = ""  # a run's folder or a shipped tier
     teacher: str = ""  # registered policy that the actors clone before training
-    teacher_margin: float = 0.0  # metres by which it takes robots' radii for larger than they are
+    teacher_margin: float = 0.0  # metres added to the radii that it plans with, for clones
     avoidance: bool = False  # keeps the teacher, or else the policies, from contacts, for clones
     surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
     teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
@@ -73,6 +73,10 @@ class StartConfig:
             margin = getattr(self, name)
             if not 0.0 <= margin < math.inf:
                 raise SpecError(f"{name} is {margin:g} m, expected a length that is not negative")
+        if self.teacher_margin and not self.teacher:
+            raise SpecError(
+                "teacher_margin is set without a teacher; set teacher too, or leave the margin out"
+            )
 
     @property
     def has_teacher(self) -> bool:
@@ -131,8 +135,8 @@ def initial_weights(
 def make_teacher(start: StartConfig, spec: TaskSpec) -> Policy:
     """Builds the registered policy that is cloned in the task that `spec` describes.
 
-    Clones are not exact: where the teacher keeps from others as if robots were larger, they touch
-    less.
+    With `teacher_margin`, it plans for larger robots, so that its clones, which are not exact, make
+    contact less often.
 
     Raises:
         SpecError: the policy has no memory that it can do without.
