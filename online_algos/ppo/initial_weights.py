@@ -49,8 +49,8 @@ class StartConfig:
     """What the actors start from; without policies and a teacher, their random weights.
 
     Raises:
-        SpecError: there is no round of cloning, the noise is not a standard deviation, a margin
-            is negative, or the teacher's margin is given without a teacher.
+        SpecError: there is no round of cloning or no step in one, the noise is not a standard
+            deviation, a margin is negative, or the teacher's margin is given without a teacher.
     """
 
     policies: str = ""  # a run's folder or a shipped tier
@@ -60,11 +60,13 @@ class StartConfig:
     surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
     teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
     clone_rounds: int = 10  # rounds of states that the teacher labels
+    clone_steps: int = 256  # of a round, in each world; the next round goes on from there
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
 
     def __post_init__(self) -> None:
-        if self.clone_rounds < 1:
-            raise SpecError(f"clone_rounds is {self.clone_rounds}, expected at least 1")
+        for name in ("clone_rounds", "clone_steps"):
+            if getattr(self, name) < 1:
+                raise SpecError(f"{name} is {getattr(self, name)}, expected at least 1")
         if not 0.0 <= self.clone_noise < math.inf:
             raise SpecError(
                 f"clone_noise is {self.clone_noise:g}, expected a number that is not negative"
@@ -119,6 +121,7 @@ def initial_weights(
     if start.has_teacher:
         config = CloneConfig(
             n_rounds=start.clone_rounds,
+            rollout_steps=start.clone_steps,
             noise=start.clone_noise,
         )
         teacher: Teacher

@@ -152,6 +152,7 @@ def test_the_weights_are_returned_and_the_actors_left_alone(tmp_path: Path) -> N
     ("wrong", "message"),
     [
         ({"clone_rounds": 0}, "clone_rounds is 0"),
+        ({"clone_steps": 0}, "clone_steps is 0"),
         ({"clone_noise": -0.1}, "clone_noise is -0.1"),
         ({"teacher_margin": -0.1}, "teacher_margin is -0.1 m"),
         ({"teacher_margin": 0.1}, "set without a teacher"),
