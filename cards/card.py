@@ -10,7 +10,7 @@ import numpy as np
 
 from swarmdata.cards.committed_studies import committed_studies
 from swarmdata.cards.recording_card import render_recorded
-from swarmdata.cards.references import gap_section, reference_bytes
+from swarmdata.cards.references import reference_bytes
 from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.measured_content import CardData, card_data_of
@@ -27,6 +27,7 @@ from swarmdata.cards.sections.problem import (
     senses_section,
     task_section,
 )
+from swarmdata.cards.sections.reference_scores import references_section
 from swarmdata.cards.sections.statistics import (
     coverage_section,
     log_probs_section,
@@ -34,26 +35,13 @@ from swarmdata.cards.sections.statistics import (
     statistics_section,
 )
 from swarmdata.cards.sections.wording import limits_of
-from swarmdata.drawing import markdown
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_task
-from swarmdata.registry.published import Interval
-from swarmdata.rollouts.metrics import EPISODE_METRICS, SOLVED_TIME
 from swarmdata.specs.origins import task_of
 from swarmdata.store import open_store, write_file
 from swarmdata.store.arrays.layout import CARD, REFERENCES
 from swarmdata.types import END_REASONS
-
-REFERENCE_METRICS = (
-    "return",
-    "success",
-    "clean_success",
-    "time_to_goal",
-    "robot_collisions",
-    "obstacle_collisions",
-)
-"""Columns of the table of reference policies."""
 
 FOREIGN_REWARDS = (
     "\n## Reward\n\nThe rewards are not those of the task, which are its terms (`reward_terms`) "
@@ -115,7 +103,12 @@ def render(data: CardData, picture: str | None = None) -> str:
         about_section(data.origin),
         statistics_section(data, picture),
         policies_section(data),
-        _references(data),
+        references_section(
+            data.references,
+            spec,
+            float(data.table.team_return.mean()),
+            has_task_rewards=data.has_task_rewards,
+        ),
         baselines_section(data.origin.id, data.manifest.digest, committed_studies()),
         coverage_section(data),
         log_probs_section(data),
@@ -130,38 +123,6 @@ def render(data: CardData, picture: str | None = None) -> str:
         origin_section(data.origin, data.manifest),
     )
     return "".join([front_matter(data.manifest, data.origin), *sections])
-
-
-def _references(data: CardData) -> str:
-    known = data.references
-    if known is None:
-        return "\n## Reference scores\n\nNo reference policies were measured for this spec.\n"
-    rows = [
-        (policy, *(_interval(metrics.get(name)) for name in REFERENCE_METRICS))
-        for policy, metrics in known.policies.items()
-    ]
-    score = known.score(float(data.table.team_return.mean()))
-    anchors = "There is no score yet, because no expert was measured.\n"
-    if not data.has_task_rewards:
-        anchors = "This dataset has no score: its rewards are not those of the task.\n"
-    elif score is not None:
-        anchors = (
-            f"Score = 100 (R - R0) / (R1 - R0) with R0 = {known.no_skill:.3f}, the better of the "
-            f"idle and the random team, and R1 = {known.expert:.3f}, the expert. The mean return "
-            f"of this dataset scores {score:.1f}.\n"
-        )
-    labels = tuple(
-        SOLVED_TIME if name == "time_to_goal" else EPISODE_METRICS[name].label
-        for name in REFERENCE_METRICS
-    )
-    return (
-        "\n## Reference scores\n\n"
-        + markdown.table(("policy", *labels), rows)
-        + f"\nMeans over {known.n_episodes:,} reserved evaluation seeds with 95 % bootstrap "
-        f"intervals; the policies act without noise. {anchors}"
-        f"`{REFERENCES}` beside this card has all metrics at full precision.\n"
-        + gap_section(known, task_of(data.origin, "a card of a task").rules.naive_teams)
-    )
 
 
 def check(data: CardData) -> tuple[str, ...]:
@@ -195,9 +156,3 @@ def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
         tuple(claim for claim, holds in claims.items() if holds),
         tuple(claim for claim, holds in claims.items() if not holds),
     )
-
-
-def _interval(interval: Interval | None) -> str:
-    if interval is None:
-        return "never"
-    return f"{interval.value:.3f} [{interval.low:.3f}, {interval.high:.3f}]"

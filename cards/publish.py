@@ -1,4 +1,4 @@
-"""Cards as they are published, `<id>.md` with a picture: written from data, or from new studies."""
+"""Cards as they are published, `<id>.md` with a picture: from data, or with new measurements."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,10 +7,13 @@ from swarmdata.cards.card import card_of
 from swarmdata.cards.committed_studies import CommittedStudy
 from swarmdata.cards.pictures.sheet import draw_card
 from swarmdata.cards.sections.baselines import BASELINES_TITLE, baselines_section
+from swarmdata.cards.sections.reference_scores import REFERENCES_TITLE, references_section
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.registry.published import published
+from swarmdata.registry.published import published, references_of
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.output_folder import OutputKind, filled
+from swarmdata.specs.origins import task_of
 from swarmdata.store import write_file
 
 CARDS = OutputKind("folder of cards")
@@ -42,7 +45,7 @@ def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path
 
 
 def refresh_cards(folder: Path, studies: Sequence[CommittedStudy]) -> list[Path]:
-    """Writes the section of baselines again in the cards of published datasets.
+    """Writes reference scores and baselines again in the cards of published datasets.
 
     The other sections come from the data, and stay as they are.
 
@@ -54,7 +57,7 @@ def refresh_cards(folder: Path, studies: Sequence[CommittedStudy]) -> list[Path]
         The cards that changed.
 
     Raises:
-        SchemaError: there is no card, or one is of other data or has no such section.
+        SchemaError: there is no card, or one is of other data or lacks one of these sections.
         StudyError: the plan of a study cannot be read.
     """
     files = {key: folder / f"{key}.md" for key in published() if (folder / f"{key}.md").is_file()}
@@ -62,19 +65,34 @@ def refresh_cards(folder: Path, studies: Sequence[CommittedStudy]) -> list[Path]
         raise SchemaError(f"{folder} has no card of a published dataset, expected ID.md.")
     changed = []
     for key, file in files.items():
-        entry = published()[key]
+        digest = published()[key].digest
         old = file.read_text(encoding="utf-8")
-        before, title, rest = old.partition(BASELINES_TITLE)
+        before, references_title, rest = old.partition(REFERENCES_TITLE)
+        _, baselines_title, rest = rest.partition(BASELINES_TITLE)
         _, next_title, after = rest.partition("\n## ")
-        if entry.digest not in old or not title or not next_title:
+        if digest not in old or not (references_title and baselines_title and next_title):
             raise SchemaError(
-                f"{file} is not the card of the published {key} (digest {entry.digest[:12]}) with "
-                f"a section of baselines. Write it from the data: `swarmdata card {key} --out "
-                f"{folder}`."
+                f"{file} is not the card of the published {key} (digest {digest[:12]}) with "
+                f"sections of reference scores and baselines. Write it from the data: `swarmdata "
+                f"card {key} --out {folder}`."
             )
-        section = baselines_section(key, entry.digest, studies)
-        new = f"{before}{section}{next_title}{after}"
+        new = f"{before}{measured_sections(key, studies)}{next_title}{after}"
         if new != old:
             write_file(file, new.encode())
             changed.append(file)
     return changed
+
+
+def measured_sections(dataset_id: str, studies: Sequence[CommittedStudy]) -> str:
+    """Returns what a published dataset's card says of policies: reference scores and baselines.
+
+    Args:
+        dataset_id: with its version.
+        studies: whose results it shows.
+
+    Raises:
+        StudyError: the plan of a study cannot be read.
+    """
+    entry, spec = published()[dataset_id], task_of(find_recipe(dataset_id), "a card")
+    references = references_section(references_of(spec.hash()), spec, entry.mean_return)
+    return references + baselines_section(dataset_id, entry.digest, studies)

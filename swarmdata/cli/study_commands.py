@@ -141,7 +141,7 @@ def study_cards(
     ] = Path("cards/studies"),
     cards: Annotated[Path, typer.Option(help="folder of the cards")] = Path("cards/published"),
 ) -> None:
-    """Write the results of finished studies on the cards of their datasets again."""
+    """Write reference scores and the results of finished studies on cards again."""
     from swarmdata.cards.committed_studies import read_studies
     from swarmdata.cards.publish import refresh_cards
 

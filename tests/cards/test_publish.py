@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.cards.committed_studies import committed_studies
-from swarmdata.cards.publish import refresh_cards
-from swarmdata.cards.sections.baselines import baselines_section
+from swarmdata.cards.publish import measured_sections, refresh_cards
 from swarmdata.errors import SchemaError
 from swarmdata.registry.published import published
 
@@ -23,15 +22,15 @@ def cards(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_committed_cards_show_the_committed_studies() -> None:
+def test_the_committed_cards_show_the_committed_references_and_studies() -> None:
     studied = {row["digest"] for study in committed_studies() for row in study.estimates}
     for key, entry in published().items():
         card = (CARDS / f"{key}.md").read_text("utf-8")
-        assert baselines_section(key, entry.digest, committed_studies()) in card, key
+        assert f"{measured_sections(key, committed_studies())}\n## Coverage\n" in card, key
         assert ("No results on this dataset" in card) == (entry.digest not in studied), key
 
 
-def test_only_the_section_of_results_changes(cards: Path) -> None:
+def test_only_the_sections_of_policies_change(cards: Path) -> None:
     card = cards / f"{ID}.md"
     whole = card.read_text("utf-8")
     assert refresh_cards(cards, committed_studies()) == []
@@ -44,16 +43,29 @@ def test_only_the_section_of_results_changes(cards: Path) -> None:
     assert card.read_text("utf-8") == whole
 
 
+def test_reference_scores_are_written_again(cards: Path) -> None:
+    card = cards / f"{ID}.md"
+    whole = card.read_text("utf-8")
+    table = whole[whole.index("| gap to |") : whole.index("\n## Baselines")]
+    card.write_text(whole.replace(table, f"{table}\n{table}"))
+    assert refresh_cards(cards, committed_studies()) == [card]
+    assert card.read_text("utf-8") == whole
+
+
 def test_a_folder_without_cards_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="no card of a published dataset"):
         refresh_cards(tmp_path, committed_studies())
 
 
-@pytest.mark.parametrize("change", ["digest", "section"])
+@pytest.mark.parametrize("change", ["digest", "references", "baselines"])
 def test_a_card_of_other_data_is_refused_and_kept(change: str, cards: Path) -> None:
     card = cards / f"{ID}.md"
     text = card.read_text("utf-8")
-    lost = {"digest": published()[ID].digest, "section": "\n## Baselines\n"}[change]
+    lost = {
+        "digest": published()[ID].digest,
+        "references": "\n## Reference scores\n",
+        "baselines": "\n## Baselines\n",
+    }[change]
     card.write_text(text.replace(lost, "other"))
     before = card.read_bytes()
     with pytest.raises(SchemaError, match=rf"card {ID} --out"):

@@ -9,6 +9,8 @@ import pytest
 
 pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from torch import Tensor
+
 from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import OnlineAlgorithm
@@ -16,7 +18,9 @@ from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.learn.training.run_files import policy_path
 from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.online_algos.ppo import initial_weights as module
 from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights, make_teacher
+from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teacher
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
@@ -146,6 +150,19 @@ def test_the_weights_are_returned_and_the_actors_left_alone(tmp_path: Path) -> N
     for left, own in zip(before, run.actors.weights, strict=True):
         np.testing.assert_array_equal(left, own)
     assert not (weights.parameters == before.parameters).all()
+
+
+def test_rounds_of_cloning_are_as_many_and_as_long_as_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    configs: list[CloneConfig] = []
+
+    def watch(*arguments: Any) -> list[Tensor]:
+        configs.append(arguments[-1])
+        return clone_teacher(*arguments)
+
+    monkeypatch.setattr(module, "clone_teacher", watch)
+    start = StartConfig(teacher="straight", clone_rounds=2, clone_steps=12, clone_noise=0.02)
+    made((0,), replace(SMALL, start=start)).prepare()
+    assert configs == [CloneConfig(n_rounds=2, rollout_steps=12, noise=0.02)]
 
 
 @pytest.mark.parametrize(
