@@ -49,6 +49,11 @@ QUESTIONS = (
         "nearly all episodes are solved without a contact",
     ),
     (
+        "drive differential robots?",
+        ("robotarium-medium", "robotarium-expert"),
+        "the speeds, sizes and rules of a public testbed",
+    ),
+    (
         "need a team?",
         ("pursuit-medium-replay", "coop_nav-corridor-strict-medium-expert", "search-strict-expert"),
         "robots that ignore each other solve nothing",
