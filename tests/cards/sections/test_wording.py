@@ -26,8 +26,8 @@ def test_shipped_tiers_have_a_meaning_and_limits() -> None:
     ("tier", "words", "least", "most"),
     [
         ("random", "success is almost never seen", 0.0, 0.01),
-        ("medium", "Many episodes fail", 0.2, 0.6),
-        ("medium-replay", "most episodes are poor, a few are good", 0.01, 0.4),
+        ("medium", "Many episodes fail", 0.2, 0.65),
+        ("medium-replay", "most episodes fail", 0.01, 0.5),
         ("expert", "Most episodes succeed", 0.75, 1.0),
         ("mixed-conventions", "Nearly every episode is good", 0.95, 1.0),
         ("narrow", "high returns", 0.95, 1.0),
