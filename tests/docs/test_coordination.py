@@ -3,9 +3,13 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.published import Interval, references
+from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
+from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from tests.docs.marked_numbers import MARK, faults
 
 PAGE = Path(__file__).parents[2] / "docs" / "coordination.md"
@@ -46,6 +50,25 @@ def test_the_best_naive_team_of_pursuit() -> None:
     assert f"solves {percent(shares[best])} %" in text
     naive = references()["pursuit"].gaps["scripted-naive"]["clean_success"]
     assert f"cleanly: {percent(naive)} points" in text
+
+
+@pytest.mark.parametrize(("tier", "sides"), [("medium", (4, 2)), ("expert", (3, 1))])
+def test_the_sides_to_which_learned_teams_turn(tier: str, sides: tuple[int, int]) -> None:
+    spec = FAMILY_SPECS["coop_nav-swap-strict"]
+    turns = []
+    for shipped in checkpoints("coop_nav-swap-strict", tier):
+        policy = make_policy("learned", spec, checkpoint=shipped.file, sha256=shipped.sha256)
+        env = make_env(spec, 4)
+        step = env.reset(np.arange(4, dtype=np.uint64))
+        policy.reset(step, np.arange(4))
+        turn = np.zeros(4)
+        for _ in range(30):
+            step = env.step(policy.act(step))
+            robots = robots_of(step.states, spec.n_agents)
+            turn += (robots[..., X] * robots[..., VY] - robots[..., Y] * robots[..., VX]).sum(-1)
+        assert len(set(np.sign(turn))) == 1, "in all episodes to the same side"
+        turns.append(turn[0] > 0)
+    assert (sum(turns), len(turns) - sum(turns)) == sides
 
 
 def test_what_robots_that_ignore_each_other_solve_in_coop_nav() -> None:
