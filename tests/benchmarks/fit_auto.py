@@ -8,7 +8,7 @@ train splits of a fifth of these datasets, in `auto_statistics.csv`. A regret is
 best algorithm of the study, ablations apart, less that of the chosen one. "Leave one dataset out"
 fits the thresholds to the other datasets, "leave one task out" to the datasets of other tasks. The
 statistics and the order of the questions were chosen with all datasets in view. The last table is
-of the study `strict`, whose datasets are not part of the fit.
+of studies whose datasets are not part of the fit.
 """
 
 import csv
@@ -38,7 +38,8 @@ from swarmdata.registry.recipes import find_recipe, is_dataset
 from swarmdata.specs.recipe import Recipe
 
 STUDIES = Path(__file__).parents[2] / "cards/studies"
-FITTED_STUDY, LATER_STUDY = STUDIES / "regimes", STUDIES / "strict"
+FITTED_STUDY = STUDIES / "regimes"
+LATER_STUDIES = tuple(STUDIES / name for name in ("strict", "robotarium", "swap"))
 MEASURED = Path(__file__).parent / "auto_statistics.csv"
 FAMILY_OF_ABLATIONS = "ablations"
 
@@ -107,6 +108,11 @@ def read_rows(study: Path = FITTED_STUDY) -> list[Row]:
     return [Row(name, scores, measured[name]) for name, scores in read_scores(study).items()]
 
 
+def read_later_rows() -> list[Row]:
+    """The datasets of the studies that are not part of the fit."""
+    return [row for study in LATER_STUDIES for row in read_rows(study)]
+
+
 def read_measured() -> dict[str, EpisodeStatistics]:
     """The statistics of each dataset that was measured."""
     with MEASURED.open(encoding="utf-8") as file:
@@ -130,7 +136,9 @@ def measure() -> None:
     with MEASURED.open("a", encoding="utf-8", newline="") as file:
         columns = ["dataset", *(field.name for field in fields(EpisodeStatistics))]
         writer = csv.DictWriter(file, columns, lineterminator="\n")
-        for name in (*read_scores(FITTED_STUDY), *read_scores(LATER_STUDY)):
+        for name in (
+            each for study in (FITTED_STUDY, *LATER_STUDIES) for each in read_scores(study)
+        ):
             if name in known:
                 continue
             recipe = Recipe.parse({**recipe_of(name).model_dump(), "n_steps": N_STEPS})
@@ -251,5 +259,5 @@ if __name__ == "__main__":
     for name, (low, high) in ((name, rounded(each)) for name, each in fit(datasets).items()):
         print(f'    "{name}": Threshold({low:.2f}, {high:.2f}),')
     print(f"\n{report(datasets, choices(datasets))}")
-    later = read_rows(LATER_STUDY)
+    later = read_later_rows()
     print(f"\n{table_of_datasets(later, [chosen(row, THRESHOLDS) for row in later])}")
