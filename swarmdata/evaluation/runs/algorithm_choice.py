@@ -56,7 +56,7 @@ class Threshold(NamedTuple):
 
 
 THRESHOLDS = {
-    "best_success": Threshold(0.56, 0.74),
+    "best_success": Threshold(0.50, 0.69),
     "best_shift": Threshold(0.18, 0.26),
     "common_reward": Threshold(0.48, 0.64),
 }
