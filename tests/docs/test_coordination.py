@@ -69,6 +69,8 @@ def test_the_sides_to_which_learned_teams_turn(tier: str, sides: tuple[int, int]
         assert len(set(np.sign(turn))) == 1, "in all episodes to the same side"
         turns.append(turn[0] > 0)
     assert (sum(turns), len(turns) - sum(turns)) == sides
+    said = {"medium": "four and two of those of `medium`", "expert": "three and one of the experts"}
+    assert said[tier] in " ".join(PAGE.read_text("utf-8").split())
 
 
 def test_what_robots_that_ignore_each_other_solve_in_coop_nav() -> None:
