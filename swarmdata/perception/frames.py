@@ -33,7 +33,7 @@ NOT_SENT = -1
 """Stands for the index of a velocity that messages do not have."""
 
 HEADING = "own.heading"
-"""The observed direction of a unicycle, 0 for the other robots of a mixed team."""
+"""The observed direction of a unicycle; (1, 0) for the other robots of a mixed team."""
 
 TARGET = "own.goal_dx"
 """The observed vector to a robot's own target, the anchor `target`."""
