@@ -92,19 +92,19 @@ def width(space: Space) -> int:
 
 def is_continuous(space: Space) -> bool:
     """Whether a space has boxes of real numbers only, and at least one number."""
-    if isinstance(space, BoxSpace):
-        return space.dtype.startswith("float")
-    if isinstance(space, DictSpace | TupleSpace):
-        return width(space) > 0 and all(map(is_continuous, _parts(space)))
-    return False
+    return _has_boxes_of(space, "float")
 
 
 def holds_bytes(space: Space) -> bool:
     """Whether a space has boxes of uint8 only, and at least one number, as images have."""
+    return _has_boxes_of(space, "uint8")
+
+
+def _has_boxes_of(space: Space, dtype: str) -> bool:
     if isinstance(space, BoxSpace):
-        return space.dtype == "uint8"
+        return space.dtype.startswith(dtype)
     if isinstance(space, DictSpace | TupleSpace):
-        return width(space) > 0 and all(map(holds_bytes, _parts(space)))
+        return width(space) > 0 and all(_has_boxes_of(part, dtype) for part in _parts(space))
     return False
 
 

@@ -9,10 +9,10 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, Protocol, Self
 
 from swarmdata.errors import BuildError, SwarmdataError
+from swarmdata.runtime.own_components import import_component
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -79,8 +79,7 @@ class Engine(Protocol):
 
 def load_handler(entry: str) -> Handler:
     """Returns what `module:function` returns, which is called without arguments."""
-    module, function = entry.split(":")
-    handler: Handler = getattr(import_module(module), function)()
+    handler: Handler = import_component(entry)()
     return handler
 
 
