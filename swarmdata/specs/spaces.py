@@ -128,10 +128,7 @@ def to_float32(values: Any, where: str) -> Float:
 
     Every array and number of others comes in through here. Numbers up to `LARGEST_EXACT_INTEGER`
     are rounded as float32 rounds; larger ones, such as seconds since 1970, would lose whole units.
-
-    Args:
-        values: as they were given.
-        where: names them in errors, such as "reward of agent_0".
+    Errors call them `where`, such as "reward of agent_0".
 
     Raises:
         SchemaError: they are no real numbers, are not finite in float32, or would be changed.
@@ -204,9 +201,7 @@ def flatten(space: Space, value: Any, where: str, batch: tuple[int, ...] = ()) -
 def unflatten(space: Space, row: Float) -> Any:
     """Returns the value of a row from `flatten`, in the environment's structure and dtypes.
 
-    Args:
-        space: of the value.
-        row: at least its columns, [>= width(space)]; further ones are padding.
+    Columns of the row beyond width(space) are padding.
     """
     match space:
         case DictSpace() | TupleSpace():
@@ -338,9 +333,7 @@ _KINDS = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Dict", "Tuple")
 def space_of(space: Any, where: str) -> Space:
     """Describes a space of gymnasium or of the older gym, which VMAS uses, by the class names.
 
-    Args:
-        space: of an agent.
-        where: names it in errors, such as "action space of agent_0".
+    Errors call it `where`, such as "action space of agent_0".
 
     Raises:
         SpecError: values of such a space cannot be stored as rows of numbers.

@@ -88,11 +88,7 @@ _one_at_a_time = threading.Lock()
 
 
 def do_job(entry: str, payload: dict[str, Any]) -> dict[str, Any]:
-    """Does a job in this process, which keeps the handler for the next one.
-
-    Args:
-        entry: "module:function" that returns the handler.
-        payload: of the job.
+    """Does a job in this process, which keeps the handler of `entry` for the next one.
 
     Returns:
         `progress`, the sum of what the handler reported, or `error`, in one line or, for a bug,
