@@ -65,12 +65,18 @@ def starts(folder: Path, name: str) -> int:
     return len((folder / name).read_text().splitlines())
 
 
+def wait_for(condition: Callable[[], object]) -> None:
+    end = time.monotonic() + 300.0
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
 def once_there(folder: Path, pattern: str, action: Callable[[], object]) -> threading.Thread:
     """Does something in another thread as soon as a folder has a file of a name."""
 
     def watch() -> None:
-        while not list(folder.glob(pattern)):
-            time.sleep(0.05)
+        wait_for(lambda: list(folder.glob(pattern)))
         action()
 
     thread = threading.Thread(target=watch, daemon=True)

@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from swarmdata.runtime import kernel_progress
 from swarmdata.runtime.engines import crew as crew_module
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.jobs import Job
-from tests.runtime.engines.conftest import ENTRY, job, starts
+from tests.runtime.engines.conftest import ENTRY, job, starts, wait_for
 
 
 def test_workers_leave_it_to_the_supervisor_to_say_once_that_kernels_are_compiled(
@@ -64,14 +63,6 @@ def test_workers_end_when_the_supervisor_is_killed(
     supervisor.wait()
 
     wait_for(lambda: not is_running(worker))
-
-
-def wait_for(condition: object, seconds: float = 300.0) -> None:
-    assert callable(condition)
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
 
 
 def is_running(pid: int) -> bool:

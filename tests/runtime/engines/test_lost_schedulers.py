@@ -14,7 +14,7 @@ from swarmdata.runtime.engines import cluster_executors, slurm_executor
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.runtime.engines.slurm_executor import SlurmExecutor
-from tests.runtime.engines.conftest import ENTRY, job, once_there, starts
+from tests.runtime.engines.conftest import ENTRY, job, once_there, starts, wait_for
 from tests.runtime.engines.test_engines import START_SECONDS, free_port, start_dask
 
 N_JOBS = 4
@@ -187,8 +187,8 @@ class SlurmJob:
 
     job_id, stderr = "7", "7_log.err"
 
-    def __init__(self, error: Exception | None = None) -> None:
-        self.error = error
+    def __init__(self, error: Exception | None = None, *, is_done: bool = True) -> None:
+        self.error, self.is_done = error, is_done
         self.cancelled: list[bool] = []
 
     @property
@@ -202,7 +202,7 @@ class SlurmJob:
     def exists(self) -> bool:
         if self.error is not None:
             raise self.error
-        return True
+        return self.is_done
 
     def result(self) -> int:
         return 3
@@ -226,6 +226,31 @@ def test_slurm_jobs_of_which_nothing_is_known_are_lost_and_the_others_found(
     assert isinstance(lost.exception(START_SECONDS), OSError)
     executor._submitter = good
     assert executor.submit(print).result(START_SECONDS) == 3, "the thread still looks"
+    executor.shutdown()
+
+
+def test_slurm_jobs_are_waited_for_while_it_does_not_answer_and_cancelled_with_their_futures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(slurm_executor, "POLL_SECONDS", 0.01)
+    monkeypatch.setattr(slurm_executor, "RESULT_SECONDS", 0.0)
+    answer: set[str] | None = None
+    looks: list[object] = []
+
+    def queued_jobs() -> set[str] | None:
+        looks.append(answer)
+        return answer
+
+    waiting = SlurmJob(is_done=False)
+    executor = SlurmExecutor(waiting, queued_jobs)
+    future, unwanted = executor.submit(print), executor.submit(print)
+    wait_for(lambda: len(looks) > 3)
+    assert not future.done()
+    assert unwanted.cancel()
+    wait_for(lambda: waiting.cancelled == [False])
+    answer = set()
+    with pytest.raises(EngineError, match="SLURM job 7 ended without a result; its log is 7_log"):
+        future.result(START_SECONDS)
     executor.shutdown()
 
 
