@@ -257,14 +257,44 @@ def test_a_dataset_is_the_same_from_every_engine(
     assert read_manifest(out).digest == read_manifest(tiny).digest
 
 
+def study_tables(engine: str | Executor, data: Path, folder: Path) -> dict[str, bytes]:
+    """Runs a study of two cells by an engine; returns its tables, but for those of costs."""
+    from swarmdata.evaluation.study.plan import Study
+    from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+
+    build(TINY, data, workers=1, progress=False)
+    cell = {"algorithm": "bc", "family": "cloning", "updates": 4}
+    plan = {
+        "name": "tiny",
+        "datasets": [str(data)],
+        "algorithms": {"bc": cell, "other": {**cell, "settings": {"output": "clip"}}},
+        "seeds": [0, 1],
+        "hidden": [8],
+        "episodes": 4,
+        "tasks": {
+            "datasets": [str(data)], "algorithms": ["bc"], "tasks": ["coop_nav-easy"],
+            "episodes": 3,
+        },
+        "sweeps": {
+            "noise": {"dataset": str(data), "vary": "observation", "axis": "noise=0,0.2",
+                      "points": 2, "episodes": 2},
+        },
+    }  # fmt: skip
+    options = StudyOptions(folder / "out", folder / "work", 2, engine, progress=False)
+    failures, _ = run_study(Study.parse(plan, "the test's study"), options, "the command")
+    assert failures == {}
+    out = folder / "out"
+    tables = {str(file.relative_to(out)): file for file in sorted(out.rglob("*.csv"))}
+    assert {"results.csv", "tasks.csv", "sweeps/noise/sweep.csv"} <= tables.keys()
+    return {name: file.read_bytes() for name, file in tables.items() if "cost" not in name}
+
+
 @pytest.mark.slow
 def test_a_study_has_the_same_tables_from_every_engine(
     engine: str | Executor, tmp_path: Path
 ) -> None:
     pytest.importorskip("torch", reason="cells are trained")
     pytest.importorskip("matplotlib", reason="a study has figures")
-    from tests.support.small_study import study_tables
-
     data = tmp_path / TINY.id
     there = study_tables(engine, data, tmp_path / "there")
     assert there == study_tables("local", data, tmp_path / "here")
