@@ -191,8 +191,7 @@ def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
 def no_messages(*shape: int) -> dict[str, Any]:
     """Returns the fields `sent`, `delivered` and `ages` of robots that do not communicate.
 
-    Args:
-        shape: leading axes, robots included: (E, N) for a step, (T + 1, N) for an episode.
+    The shape is that of the leading axes: (E, N) for a step, (T + 1, N) for an episode.
     """
     return {
         "sent": np.zeros((*shape, 0), dtype=np.float32),
@@ -202,13 +201,7 @@ def no_messages(*shape: int) -> dict[str, Any]:
 
 
 def blank_step(observations: Float, states: Float, **changes: Any) -> Step:
-    """A step of robots that do not communicate, in which nothing has happened yet.
-
-    Args:
-        observations: [E, N, O].
-        states: [E, S].
-        changes: fields that are not zero.
-    """
+    """A step of robots that do not communicate, in which nothing but `changes` has happened."""
     e, n = observations.shape[:2]
     flags = {name: np.zeros(e, np.bool_) for name in ("terminations", "truncations", "successes")}
     nothing: dict[str, Any] = {

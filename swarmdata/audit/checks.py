@@ -78,7 +78,7 @@ def audit(
         DatasetError: a subclass that names the file that cannot be read.
         SpecError: another package defines what was recorded, and is not installed.
     """
-    subject = Subject(open_store(Path(path), "none"), sample, progress)
+    subject = Subject.of(open_store(Path(path), "none"), sample, progress)
     check_installed(subject.origin, "an audit")
     checks = {name: CHECKS[name] for name in only or CHECKS}
     findings = tuple(_findings(subject, checks))
@@ -104,7 +104,7 @@ def contradictions(path: Path | str) -> tuple[str, ...]:
         DatasetError: it cannot be read at all.
     """
     checks = {name: CHECKS[name] for name in _CONTRADICTIONS}
-    found = _findings(Subject(open_store(Path(path), "fast"), 0, False), checks)
+    found = _findings(Subject.of(open_store(Path(path), "fast"), 0, False), checks)
     return tuple(f"{each.check}: {each.message}" for each in found if each.level == "problem")
 
 

@@ -116,11 +116,6 @@ def _distinct_share(subject: Subject, name: str, chosen: Bool) -> float:
 
     Rows are told apart by a hash. Of more than `MOST_KEYS` rows, those with small hashes are
     counted: all copies of a row or none.
-
-    Args:
-        subject: the dataset.
-        name: of the array.
-        chosen: episodes that count, [n].
     """
     n_rows = int((subject.table.lengths[chosen] + 1).sum())
     greatest = min((1 << 64) - 1, (MOST_KEYS << 64) // n_rows)
@@ -249,13 +244,7 @@ def leaving(subject: Subject) -> Remarks:
 
 
 def _misplaced(subject: Subject, steps: Int, states: Int) -> dict[str, Bool]:
-    """Rows that must not exist, by their description, [n, N] each.
-
-    Args:
-        subject: with `alive`.
-        steps: rows of actions, [n].
-        states: rows of the states before them, [n].
-    """
+    """Rows that must not exist, by description, [n, N] each: of steps, and the states before."""
     arrays = subject.arrays
     alive, later = arrays["alive"][states], arrays["alive"][states + 1]
     found = {

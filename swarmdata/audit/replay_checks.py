@@ -167,13 +167,9 @@ class _Wave:
             self._compare(name, self.subject.state_starts[self.wave] + t, step, t)
 
     def _compare(self, name: str, rows: Int, values: Step | NDArray[Any], t: int) -> None:
-        """Records the first difference of each episode that has a row t.
+        """Records the first difference of each episode that has a row t, which is stored at `rows`.
 
-        Args:
-            name: of the array.
-            rows: its stored rows, one for each episode of the wave; beyond an episode's end unused.
-            values: replayed rows, [E, ...], or the step that has them under the same name.
-            t: time of the row in its episode.
+        The replayed rows are `values`, [E, ...], or in that step under the same name.
         """
         array = self.subject.arrays[name]
         if not array.size:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,34 +24,19 @@ BLOCK_ROWS = 10_000
 class Subject:
     """A dataset under audit."""
 
-    stored: StoredDataset  # the open files, unverified
+    path: Path
+    manifest: Manifest
+    origin: Origin
+    table: EpisodeTable
+    arrays: dict[str, NDArray[Any]]
     sample: int  # episodes to replay
     progress: bool  # whether to show bars
 
-    @property
-    def path(self) -> Path:
-        """Its folder."""
-        return self.stored.path
-
-    @property
-    def manifest(self) -> Manifest:
-        """Its manifest."""
-        return self.stored.manifest
-
-    @property
-    def origin(self) -> Origin:
-        """Where it comes from."""
-        return self.stored.recipe
-
-    @property
-    def table(self) -> EpisodeTable:
-        """Its episodes."""
-        return self.stored.table
-
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Its arrays by name."""
-        return self.stored.arrays
+    @classmethod
+    def of(cls, stored: StoredDataset, sample: int, progress: bool) -> Self:
+        """A subject of open files."""
+        parts = stored.path, stored.manifest, stored.recipe, stored.table, stored.arrays
+        return cls(*parts, sample, progress)
 
     @property
     def spec(self) -> Spec:

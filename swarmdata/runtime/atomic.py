@@ -87,13 +87,9 @@ def is_vacant(folder: Path) -> bool:
 def put_in_place(source: Path, path: Path, last: str = "") -> None:
     """Makes a finished file or folder visible: in one rename, where nothing is mounted at `path`.
 
-    A mount point cannot be renamed, so the content of `source` is moved into it piece by piece.
-    Where that is interrupted, the folder still `is_vacant`.
-
-    Args:
-        source: what is finished, in the same file system.
-        path: where it belongs; a file is replaced, a folder only if it `is_vacant`.
-        last: name of what is moved last, which makes the folder complete.
+    A file there is replaced, a folder only if it `is_vacant`. A mount point cannot be renamed, so
+    the content of `source` is moved into it piece by piece, at the end that which is called `last`
+    and makes the folder complete. Where that is interrupted, the folder still `is_vacant`.
     """
     if beside(path) != path:
         source.rename(path)
@@ -117,12 +113,8 @@ def staged(path: Path, install: Callable[[Path, Path], None] = put_in_place) -> 
     """Yields where to write a file or folder, which becomes `path` if the block ends well.
 
     The yielded path has the same name, in a temporary folder beside `path`, so that the final
-    rename stays in one filesystem. What killed writers of the same path left is removed first. An
-    existing file is replaced, an existing folder only if it is empty.
-
-    Args:
-        path: of the file or folder; its parents are made.
-        install: puts what was written in its place.
+    rename stays in one filesystem. Parents are made. What killed writers of the same path left is
+    removed first. An existing file is replaced, an existing folder only if it is empty.
 
     Raises:
         DiskFullError: no space, or no inode, was left.
@@ -165,11 +157,7 @@ def new_folder(path: Path, last: str = "") -> Iterator[Path]:
     """Yields a new folder that becomes `path` when the block ends without an error.
 
     Where another process has published `path` first, this copy is discarded: folders are
-    immutable, so the first one stands.
-
-    Args:
-        path: of the folder.
-        last: as `put_in_place` takes it.
+    immutable, so the first one stands. `last` is that of `put_in_place`.
 
     Raises:
         DiskFullError: no space was left.
@@ -187,9 +175,7 @@ def new_folder(path: Path, last: str = "") -> Iterator[Path]:
 def disk_full_explained(path: Path, folder: Path | None = None) -> Iterator[None]:
     """Turns errors of a full disk into `DiskFullError`, where a file is added to in place.
 
-    Args:
-        path: what is written, for the message.
-        folder: where it grows; None: at `path` itself.
+    The file is `path`, or is that in the end and now grows in `folder`.
 
     Raises:
         DiskFullError: no space, or no inode, was left.
@@ -202,15 +188,7 @@ def disk_full_explained(path: Path, folder: Path | None = None) -> Iterator[None
 
 
 def require_space(path: Path, needed: int) -> None:
-    """Raises where fewer bytes are free than are needed, before a library fails over it.
-
-    Args:
-        path: a file or folder on the disk.
-        needed: bytes.
-
-    Raises:
-        DiskFullError: with both numbers.
-    """
+    """Raises DiskFullError if the disk of a path has fewer bytes free than are needed."""
     free = shutil.disk_usage(path).free
     if free < needed:
         raise DiskFullError(
@@ -265,12 +243,8 @@ def remove_leftovers(folder: Path, *names: str | re.Pattern[str]) -> None:
     """Deletes what killed writers left in `folder`: temporary folders with our marker and no owner.
 
     Each is shown on standard error. Nothing else is touched: not what a living process is writing,
-    and nothing of the user's, whatever it is called.
-
-    Args:
-        folder: where to look; it need not exist.
-        names: of the files and folders that they were writing, or patterns of such names; without
-            any, whatever they were writing.
+    and nothing of the user's, whatever it is called. With `names`, or patterns of them, only what
+    was to become a file or folder so called is deleted.
     """
     if not folder.is_dir():
         return

@@ -9,7 +9,7 @@ from swarmdata.errors import BatchError, DiskFullError, SwarmdataError
 
 @dataclass
 class Failures:
-    """Which items of a batch failed, and why; the others go on.
+    """Which items of a batch failed, and why.
 
     A full disk ends the batch, for the next item needs the same space, and so does Ctrl-C. The
     error of a batch's only item is raised as it is.
@@ -44,11 +44,7 @@ class Failures:
         self.tell(f"failed: {name}: {reason}")
 
     def check(self, what: str, advice: str = "The others are done.") -> None:
-        """Ends the batch.
-
-        Args:
-            what: the items in words, such as "datasets".
-            advice: what is kept, and what to do; whole sentences.
+        """Ends a batch of `what`, such as "datasets"; `advice` says what is kept, and what to do.
 
         Raises:
             BatchError: items failed; it names them all.

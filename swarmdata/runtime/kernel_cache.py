@@ -59,10 +59,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
         name, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFiles(self._cache_path, name, stamp)
         self._pack = _CheckedFiles(str(pack), name, stamp, is_shipped=True)
-        self._shared: _CheckedFiles | None = None
-        if shared is not None:
-            place = shared / Path(self._cache_path).relative_to(root)
-            self._shared = _CheckedFiles(str(place), name, stamp)
+        place = None if shared is None else shared / Path(self._cache_path).relative_to(root)
+        self._shared = None if place is None else _CheckedFiles(str(place), name, stamp)
         self._root = root
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -85,20 +83,22 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
         try:
             super().save_overload(sig, data)
         except (OSError, _UntrustedError) as error:
-            _warn_unkept(str(self._cache_path), getattr(error, "strerror", None) or str(error))
+            problem = getattr(error, "strerror", None) or str(error)
+            _warn_once(UNKEPT, str(self._cache_path), problem)
         finally:
             self.end_turn(sig)
 
     def end_turn(self, sig: Any) -> None:
         """Lets other processes compile a signature, or load what this one has compiled."""
-        _end_turn(self._turn(sig))
+        if (turn := self._turn(sig)) in _turns:
+            _turns.pop(turn).release()
 
     def _kept(self, sig: Any, target_context: Any) -> Any:
         """The code in the user's cache, None if there is none that can be believed."""
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # whatever unpickling makes of damaged bytes
-            _warn_damaged(str(self._cache_path), f"{type(error).__name__}: {error}")
+            _warn_once(DAMAGED, str(self._cache_path), f"{type(error).__name__}: {error}")
             with contextlib.suppress(OSError):
                 self._cache_file.flush()  # so that it is written again
             return None
@@ -116,7 +116,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
             data = files.load(key)
             return None if data is None else self._impl.rebuild(target_context, data)
         except Exception as error:  # the same
-            _warn_damaged(files.folder, f"{type(error).__name__}: {error}")
+            _warn_once(DAMAGED, str(files._cache_path), f"{type(error).__name__}: {error}")
             return None
 
     def _turn(self, sig: Any) -> str:
@@ -128,22 +128,11 @@ class _UntrustedError(ValueError):
 
 
 class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyped
-    """The files of a cache, each with the SHA-256 of its content.
-
-    Args:
-        path: of their folder.
-        name: that they begin with.
-        stamp: of the source.
-        is_shipped: whether they are part of the package, whoever owns it.
-    """
+    """The files of a cache, each with the SHA-256 of its content."""
 
     def __init__(self, path: str, name: str, stamp: Any, *, is_shipped: bool = False) -> None:
         super().__init__(path, name, stamp)
-        self._is_shipped = is_shipped
-
-    @property
-    def folder(self) -> str:
-        return str(self._cache_path)
+        self._is_shipped = is_shipped  # with the package, whoever owns it
 
     def _dump(self, obj: Any) -> bytes:
         content: bytes = super()._dump(obj)
@@ -227,11 +216,6 @@ def _wait_for_turn(root: Path, turn: str) -> bool:
     return has_waited
 
 
-def _end_turn(turn: str) -> None:
-    if turn in _turns:
-        _turns.pop(turn).release()
-
-
 class _Compilations(event.Listener):  # type: ignore[misc]  # numba is untyped
     """Follows what numba compiles; meanwhile, garbage is collected more rarely.
 
@@ -266,23 +250,17 @@ _said: set[str] = set()
 """Problems of the cache that this process has warned about."""
 
 
-def _warn_damaged(folder: str, problem: str) -> None:
-    if "damaged" not in _said:
-        _said.add("damaged")
-        _LOG.warning(
-            "a compiled kernel in %s cannot be trusted or is damaged (%s): it was not run, and is "
-            "compiled again",
-            folder,
-            problem,
-        )
+DAMAGED = (
+    "a compiled kernel in %s cannot be trusted or is damaged (%s): it was not run, and is compiled "
+    "again"
+)
+UNKEPT = (
+    "compiled kernels cannot be kept in %s (%s), so every process compiles them anew: make room, "
+    "or set SWARMDATA_CACHE or NUMBA_CACHE_DIR to another folder"
+)
 
 
-def _warn_unkept(folder: str, problem: str) -> None:
-    if "unkept" not in _said:
-        _said.add("unkept")
-        _LOG.warning(
-            "compiled kernels cannot be kept in %s (%s), so every process compiles them anew: make "
-            "room, or set SWARMDATA_CACHE or NUMBA_CACHE_DIR to another folder",
-            folder,
-            problem,
-        )
+def _warn_once(warning: str, folder: str, problem: str) -> None:
+    if warning not in _said:
+        _said.add(warning)
+        _LOG.warning(warning, folder, problem)

@@ -42,11 +42,7 @@ class KernelProgress:
         self._depth += 1
 
     def end(self, module: str) -> None:
-        """The compilation that began last ends.
-
-        Args:
-            module: that defines what has been compiled; numba compiles functions of its own, too.
-        """
+        """The compilation that began last ends, of a function that a module of anybody defines."""
         self._depth -= 1
         spent = self._spent + time.perf_counter() - self._begin
         if self._depth == 0:
@@ -67,11 +63,7 @@ class KernelProgress:
             tell(text)
 
     def estimate(self, spent: float) -> str:
-        """What happens, and how long it will take at the pace so far.
-
-        Args:
-            spent: seconds of compiling so far.
-        """
+        """What happens, and how long it will take at the pace of the seconds spent so far."""
         n_left = sum(not kernel.overloads for kernel in self.kernels)
         seconds = n_left * spent / self.n_compiled
         return (

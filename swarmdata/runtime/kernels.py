@@ -37,12 +37,8 @@ _LOG = logging.getLogger("swarmdata")
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compiles a function on its first call, without the GIL, and keeps the code on disk.
 
-    Args:
-        function: in plain Python that numba understands.
-        options: of `numba.njit`, such as `inline="always"`.
-
-    Returns:
-        The compiled function, or without `function` a decorator.
+    Options are those of `numba.njit`, such as `inline="always"`; without a function, a decorator is
+    returned.
     """
     if function is None:
         return lambda decorated: kernel(decorated, **options)
@@ -77,20 +73,14 @@ def _warn_uncached() -> None:
 def cache_folder(module: str, base: str = "") -> Path:
     """Where the compiled code of a module's functions is kept.
 
-    Args:
-        module: dotted name.
-        base: `NUMBA_CACHE_DIR` if it is set; by default `kernels` in `SWARMDATA_CACHE`, or in the
-            user's cache folder. Where somebody else has made that, `kernels-UID` beside it.
+    That is in `base`, `NUMBA_CACHE_DIR` if it is set; else in `kernels` in `SWARMDATA_CACHE`, or in
+    the user's cache folder. Where somebody else has made that, `kernels-UID` beside it.
     """
     return (Path(base) if base else _own_folder(_common_folder())) / digest_of(module)
 
 
 def shared_folder(base: str = "") -> Path | None:
-    """Kernels that root has compiled for all users of a cache, None if there are none.
-
-    Args:
-        base: `NUMBA_CACHE_DIR` if it is set, which is not shared.
-    """
+    """Kernels that root has compiled for all users; None: there are none, or `base` is set."""
     folder = _common_folder()
     is_roots = not base and os.geteuid() and _owner(folder) == 0
     return folder if is_roots else None

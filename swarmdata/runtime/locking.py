@@ -126,11 +126,9 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 class Lock:
-    """A file that one process at a time holds, and removes when it is done.
+    """A file that one process at a time holds, and removes when it is done; its folder is there.
 
-    Args:
-        file: of the lock; its folder is there.
-        subject: what is locked, for messages.
+    Messages call what is locked `subject`.
     """
 
     def __init__(self, file: Path, subject: object) -> None:

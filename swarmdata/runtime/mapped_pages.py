@@ -20,11 +20,7 @@ REGION_BYTES = 2 << 20
 
 
 class MappedReads:
-    """Counts what is read of some arrays, and gives their pages back every `READ_BYTES`.
-
-    Args:
-        arrays: mapped or in memory; what is in memory stays there.
-    """
+    """Counts what is read of some arrays, and gives their mapped pages back every `READ_BYTES`."""
 
     def __init__(self, arrays: Iterable[NDArray[Any]]) -> None:
         self._arrays = tuple(arrays)

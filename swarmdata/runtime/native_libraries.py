@@ -42,9 +42,6 @@ class ThreadLimit:
     on a busy machine a second thread cost twenty times the processor time. The libraries are those
     that were loaded when the limit is made; those loaded later are not limited. A limit can be
     entered again after it was left.
-
-    Args:
-        n_threads: how many, at least 1.
     """
 
     def __init__(self, n_threads: int = 1) -> None:

@@ -44,13 +44,9 @@ class OutputKind:
 
 
 def check_vacant(folder: Path, what: str, lack: str, besides: str = "") -> None:
-    """Checks that a folder has no files of the user's.
+    """Checks that a folder has no files of the user's, except names that match `besides`.
 
-    Args:
-        folder: to write to.
-        what: it would be, in words.
-        lack: what it would have if it were ours, in words.
-        besides: regular expression of names that may be there.
+    The message says `what` it would be, and that it has no `lack`, which ours have.
 
     Raises:
         OutputError: it is no folder, or has content.
@@ -70,13 +66,7 @@ def check_vacant(folder: Path, what: str, lack: str, besides: str = "") -> None:
 
 
 def check_marked(folder: Path, marker: str, what: str, besides: str = "") -> None:
-    """Checks that a folder has a file that makes it ours, or no files of the user's.
-
-    Args:
-        folder: to write to.
-        marker: name of the file.
-        what: the folder is, in words.
-        besides: as `check_vacant` takes it.
+    """Checks that a folder has a file `marker` that makes it ours, or no files of the user's.
 
     Raises:
         OutputError: as `check_vacant` says.

@@ -35,10 +35,6 @@ class ComponentTable(Mapping[str, Any]):
     """Components of one kind by name: those of this package, then those of users.
 
     Values are "module:Name", or the component itself where only this process has it.
-
-    Args:
-        group: one of `GROUPS`.
-        own: this package's.
     """
 
     def __init__(self, group: str, own: Mapping[str, str]) -> None:
@@ -120,12 +116,9 @@ def import_function(place: str) -> Callable[..., Any]:
 
 
 def defined_elsewhere(what: str, name: str, package: str = "") -> str:
-    """Says that something is not known here, and what to do: no whole sentence.
+    """Says that something of a kind, such as a task, is not known here, and what to do.
 
-    Args:
-        what: its kind, such as "task".
-        name: of it.
-        package: that defines it; empty: not known.
+    It is no whole sentence, and names the package if that is known.
     """
     of = f" ({package})" if package else ""
     return f"{what} {name!r:.100}, which is defined by another package{of}: install it"

@@ -11,12 +11,8 @@ def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> b
     """Returns the bytes of a regular file.
 
     Kind and size are checked before anything is read, and never more than `most_bytes` is read: a
-    device, a pipe or a file that grows neither blocks nor fills the memory.
-
-    Args:
-        path: of the file.
-        most_bytes: that it may have.
-        follow_links: whether `path` may be a symbolic link to such a file.
+    device, a pipe or a file that grows neither blocks nor fills the memory. The path itself is no
+    symbolic link unless `follow_links`.
 
     Raises:
         OSError: it cannot be opened.
@@ -36,11 +32,7 @@ def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> b
 
 
 def check_regular(path: Path, found: os.stat_result | None = None) -> None:
-    """Raises FileKindError unless a path is a regular file, or leads to one.
-
-    Args:
-        path: of the file.
-        found: what the system says of it, if it was asked.
+    """Checks that a path, of which the system may have said what it is, leads to a regular file.
 
     Raises:
         OSError: there is none.

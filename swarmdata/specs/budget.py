@@ -94,7 +94,8 @@ def excesses(spec: "TaskSpec") -> Iterator[str]:
 
 
 def _costs_too_much(spec: "TaskSpec", demand: Demand) -> Iterator[str]:
-    team, view = f"{spec.n_agents:,} robots", _view(spec)
+    team = f"{spec.n_agents:,} robots"
+    view = f"{_sensor(spec, 0, 0).words} x {spec.observation.stack:,} frames"
     if demand.copy_bytes > MAX_COPY_BYTES:
         yield (
             f"one copy of the world takes about {in_bytes(demand.copy_bytes)}, at most "
@@ -157,7 +158,7 @@ def describe_demand(demand: Demand) -> str:
 def size_of(spec: "TaskSpec") -> Size:
     """Counts the sizes in a spec, without building anything of that size."""
     n, task = spec.n_agents, spec.rules.demand(spec)
-    frame = _frame(spec) + task.features
+    frame = _sensor(spec, n, 0).frame + task.features
     roles = len(spec.team) if len(spec.team) > 1 else 0
     message = links = heard = 0
     channel = spec.communication
@@ -192,7 +193,7 @@ def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
     objects = 400 * o + 20_000 * n + 6_000 * m + 100 * size.places + 24 * n * n + size.horizon
     map_bytes = size.nodes * (8 * (4 * n + 8) + 8)
     around = n + m + 4
-    sensing = _sensing_operations(spec, n, m) + n * o + links * (size.message + 4)
+    sensing = _sensor(spec, n, m).nanoseconds + n * o + links * (size.message + 4)
     matching = 2 * n**3 if spec.rules.demand(spec).is_matched else 0
     finding = n * (2_000 * size.ways + 10 * size.nodes)  # each robot plans in one step of ten
     physics = substeps * (500 * around + 2 * n * around)
@@ -210,28 +211,29 @@ def _mapped(spec: "TaskSpec", n: int) -> tuple[int, int]:
     return 2 * n + 4, int(rows * columns)
 
 
-def _frame(spec: "TaskSpec") -> int:
-    """Numbers of a frame of the model's kind."""
-    model = spec.observation
-    if isinstance(model, LidarModel):
-        return 12 + 5 * model.n_rays
-    if isinstance(model, OccupancyModel):
-        return 12 + 4 * model.cells**2
-    if isinstance(model, BearingModel):
-        return 12 + 8 * model.n_neighbors
-    return 12 + 8 * (model.n_neighbors + model.n_obstacles)
+class _Sensor(NamedTuple):
+    """What the observation model of a spec costs."""
+
+    frame: int  # numbers of a frame, without those of the task
+    nanoseconds: float  # of sensing, for all robots in one step
+    words: str
 
 
-def _sensing_operations(spec: "TaskSpec", n: int, m: int) -> float:
-    """Nanoseconds that sensing takes for all robots in one step."""
-    model, around = spec.observation, n + m + 4
-    if isinstance(model, LidarModel):
-        return 0.3 * n * around * model.n_rays
-    if isinstance(model, OccupancyModel):
-        return 0.2 * n * around * model.cells**2
-    if isinstance(model, BearingModel):
-        return 1.0 * n * n * around
-    return n * around * (10.0 + 0.5 * min(model.n_neighbors + model.n_obstacles, n + m))
+def _sensor(spec: "TaskSpec", n: int, m: int) -> _Sensor:
+    """The cost of sensing for n robots among m obstacles."""
+    around = n + m + 4
+    match spec.observation:
+        case LidarModel(n_rays=rays):
+            return _Sensor(12 + 5 * rays, 0.3 * n * around * rays, f"{rays:,} rays")
+        case OccupancyModel(cells=cells):
+            words = f"{cells:,} x {cells:,} cells"
+            return _Sensor(12 + 4 * cells**2, 0.2 * n * around * cells**2, words)
+        case BearingModel(n_neighbors=seen):
+            return _Sensor(12 + 8 * seen, 1.0 * n * n * around, f"{seen:,} neighbors")
+        case StateModel(n_neighbors=seen, n_obstacles=obstacles):
+            slots, words = seen + obstacles, f"{seen:,} neighbors and {obstacles:,} obstacles"
+            spent = n * around * (10.0 + 0.5 * min(slots, n + m))
+            return _Sensor(12 + 8 * slots, spent, words)
 
 
 def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
@@ -245,20 +247,6 @@ def _draw_operations(spec: "TaskSpec", n: int, m: int) -> float:
     one = 40.0 + 1.0 * n + 6.0 * m
     attempt = 2.0 * ((2 * n + m) * one) + N_DRAWS_OF_A_PLACE * one
     return attempt + task.attempt_nanoseconds
-
-
-def _view(spec: "TaskSpec") -> str:
-    model = spec.observation
-    match model:
-        case LidarModel():
-            size = f"{model.n_rays:,} rays"
-        case OccupancyModel():
-            size = f"{model.cells:,} x {model.cells:,} cells"
-        case BearingModel():
-            size = f"{model.n_neighbors:,} neighbors"
-        case StateModel():
-            size = f"{model.n_neighbors:,} neighbors and {model.n_obstacles:,} obstacles"
-    return f"{size} x {model.stack:,} frames"
 
 
 def in_bytes(n: float) -> str:

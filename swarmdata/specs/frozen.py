@@ -155,12 +155,9 @@ TaggedModel = TypeVar("TaggedModel", bound=Frozen)
 def read_tagged(
     source: Mapping[str, Any] | str | Path, kinds: Mapping[str, type[TaggedModel]], what: str
 ) -> TaggedModel:
-    """Builds the model of a union that the key `kind` selects.
+    """Builds the model of a union that the key `kind` selects, of fields, or of text or a file.
 
-    Args:
-        source: its fields, YAML or JSON text of them, or a file that `is_file` with such text.
-        kinds: the models of the union by their `kind`.
-        what: the union in words for messages, such as "observation model".
+    Messages call the union `what`, such as "observation model".
 
     Raises:
         UnknownNameError: no such kind.
@@ -346,6 +343,22 @@ class Dumps(Protocol):
 
     def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]:
         """The fields as plain data."""
+        ...
+
+
+class Document(Protocol):
+    """Frozen data that is parsed from JSON, compared by value and hashed, as every `Frozen` is."""
+
+    def hash(self) -> str:
+        """SHA-256 of its canonical JSON, hex."""
+        ...
+
+    def to_json(self) -> str:
+        """Canonical JSON."""
+        ...
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
+        """A copy with some fields replaced, which are not checked."""
         ...
 
 

@@ -63,11 +63,8 @@ def with_map(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Returns the spec of a document that has `map: FILE` and may have `cell: METERS`.
 
     It is one of `coop_nav`. The arena is as large as the map, there are no other obstacles, and
-    the horizon grows with the arena unless the document says another.
-
-    Args:
-        document: of a spec file.
-        folder: that the name of the map is relative to.
+    the horizon grows with the arena unless the document says another. The name of the map is
+    relative to `folder`.
 
     Raises:
         OSError: the map cannot be read.

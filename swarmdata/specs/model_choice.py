@@ -176,12 +176,7 @@ def check_senses(
     """Checks that a pair of models gives the inputs and messages that a policy was trained with.
 
     The same features with other noise, range or losses are accepted: robustness is measured so.
-
-    Args:
-        policy: its name, for the message.
-        trained: the spec it was trained on.
-        offered: the spec it would act in.
-        features: of one robot's observation, trained and offered.
+    `features` are those of one robot's observation, trained and offered.
 
     Raises:
         PolicyFitError: the features or the lengths of actions differ.

@@ -230,11 +230,7 @@ contributes is not told."""
 
 
 def chosen_weights(choice: RewardChoice, rules: TaskRules) -> dict[str, float | str]:
-    """Returns new weights by name.
-
-    Args:
-        choice: these weights, or the name of a set: `safe` or `team`; no function.
-        rules: of the task, with its recorded weights.
+    """Returns new weights by name: those that are given, or of the set `safe` or `team`.
 
     Raises:
         UnknownNameError: there is no such set.

@@ -202,12 +202,8 @@ def modified(own: Frozen, named: Model, name: str) -> Model:
 
     Noise, drift, misses, losses and delays add to those of the task, as those of independent causes
     do, so that a modifier of strength zero changes nothing. All other fields are set. Another kind
-    of sensor keeps what all kinds have (`ObservationModel`), not the fields of the task's kind.
-
-    Args:
-        own: model of the task.
-        named: a model in which only the fields that the name gives are set.
-        name: for messages.
+    of sensor keeps what all kinds have (`ObservationModel`), not the fields of the task's kind. In
+    `named`, only the fields that the name gives are set.
 
     Raises:
         SpecError: the two do not go together.

@@ -92,19 +92,19 @@ def width(space: Space) -> int:
 
 def is_continuous(space: Space) -> bool:
     """Whether a space has boxes of real numbers only, and at least one number."""
-    if isinstance(space, BoxSpace):
-        return space.dtype.startswith("float")
-    if isinstance(space, DictSpace | TupleSpace):
-        return width(space) > 0 and all(map(is_continuous, _parts(space)))
-    return False
+    return _has_boxes_of(space, "float")
 
 
 def holds_bytes(space: Space) -> bool:
     """Whether a space has boxes of uint8 only, and at least one number, as images have."""
+    return _has_boxes_of(space, "uint8")
+
+
+def _has_boxes_of(space: Space, dtype: str) -> bool:
     if isinstance(space, BoxSpace):
-        return space.dtype == "uint8"
+        return space.dtype.startswith(dtype)
     if isinstance(space, DictSpace | TupleSpace):
-        return width(space) > 0 and all(map(holds_bytes, _parts(space)))
+        return width(space) > 0 and all(_has_boxes_of(part, dtype) for part in _parts(space))
     return False
 
 
@@ -128,10 +128,7 @@ def to_float32(values: Any, where: str) -> Float:
 
     Every array and number of others comes in through here. Numbers up to `LARGEST_EXACT_INTEGER`
     are rounded as float32 rounds; larger ones, such as seconds since 1970, would lose whole units.
-
-    Args:
-        values: as they were given.
-        where: names them in errors, such as "reward of agent_0".
+    Errors call them `where`, such as "reward of agent_0".
 
     Raises:
         SchemaError: they are no real numbers, are not finite in float32, or would be changed.
@@ -204,9 +201,7 @@ def flatten(space: Space, value: Any, where: str, batch: tuple[int, ...] = ()) -
 def unflatten(space: Space, row: Float) -> Any:
     """Returns the value of a row from `flatten`, in the environment's structure and dtypes.
 
-    Args:
-        space: of the value.
-        row: at least its columns, [>= width(space)]; further ones are padding.
+    Columns of the row beyond width(space) are padding.
     """
     match space:
         case DictSpace() | TupleSpace():
@@ -338,9 +333,7 @@ _KINDS = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Dict", "Tuple")
 def space_of(space: Any, where: str) -> Space:
     """Describes a space of gymnasium or of the older gym, which VMAS uses, by the class names.
 
-    Args:
-        space: of an agent.
-        where: names it in errors, such as "action space of agent_0".
+    Errors call it `where`, such as "action space of agent_0".
 
     Raises:
         SpecError: values of such a space cannot be stored as rows of numbers.

@@ -29,14 +29,9 @@ _TARGET = ", the point where the robot should be"
 def pair(
     prefix: str, what: str, unit: str, half: tuple[float, float] | None, more: str = ""
 ) -> tuple[Column, ...]:
-    """The columns `<prefix>x` and `<prefix>y` of a vector in the world's frame.
+    """The columns `<prefix>x` and `<prefix>y` of the vector `what` in the world's frame.
 
-    Args:
-        prefix: of both names.
-        what: the vector.
-        unit: of both.
-        half: largest absolute value of x and of y; None if there is none.
-        more: the rest of the meaning, with its punctuation.
+    Their largest absolute values are `half`; `more` is the rest of the meaning, with punctuation.
     """
     bounds = half or (None, None)
     return tuple(

@@ -71,11 +71,7 @@ def _simulated(version: int) -> int:
 
 
 def _named(find: Callable[[str], Frozen]) -> BeforeValidator:
-    """Takes the name of a model in the place of its fields, and no file: a spec is self-contained.
-
-    Args:
-        find: the model of a name.
-    """
+    """Takes a name in the place of a model's fields, and no file: a spec is self-contained."""
 
     def model_of(value: Any) -> Any:
         if not isinstance(value, str):

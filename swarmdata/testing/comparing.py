@@ -38,11 +38,7 @@ def check_policies(
 ) -> None:
     """Checks that policies act in [-1, 1], copy by copy, always the same, and are snapshots.
 
-    Args:
-        policy_of: returns the current policy of a seed by its number.
-        train: takes some updates.
-        step: to act on, with at least 2 copies.
-        are_choices: whether actions are whole numbers instead.
+    Choices are whole numbers instead. The step has at least 2 copies.
 
     Raises:
         AssertionError: naming the broken promise.

@@ -124,13 +124,18 @@ def write_streams(
 
 
 def make_dataset(
-    out: Path, lengths: Sequence[Sequence[int]], n_steps: int | None = None, block: int = 5
+    out: Path,
+    lengths: Sequence[Sequence[int]],
+    n_steps: int | None = None,
+    block: int = 5,
+    **changes: str,
 ) -> tuple[Manifest, list[Episode]]:
     """Writes a dataset at `out`; returns its manifest and the episodes it must hold, in order."""
     streams = make_streams(lengths)
     parts = write_streams(out.parent / f"{out.name}.parts", streams)
     wanted = n_steps if n_steps is not None else sum(lengths[0])
     recipe = make_recipe(wanted, n_policies=len(lengths), block=block)
+    recipe = recipe.model_copy(update=changes)
     merge = merge_order(recipe, lengths)
     assert merge.lacking is None
     manifest = assemble(out, recipe=recipe, parts=parts, order=merge.order)
@@ -139,10 +144,7 @@ def make_dataset(
 
 def write_release(folder: Path, lengths: Sequence[int], dataset_id: str) -> Path:
     """Writes a finished dataset that may be published: with a card and references."""
-    streams = make_streams([lengths])
-    parts = write_streams(folder.parent / f"{folder.name}.parts", streams)
-    recipe = make_recipe(n_steps=100).model_copy(update={"id": dataset_id})
-    assemble(folder, recipe=recipe, parts=parts, order=merge_order(recipe, [lengths]).order)
+    make_dataset(folder, [lengths], n_steps=100, id=dataset_id)
     (folder / "card.md").write_text(RELEASE_CARD)
     (folder / "references.json").write_text("{}")
     return folder

@@ -3,11 +3,9 @@
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
-import yaml
 
 import swarmdata
 from swarmdata.runtime.own_components import GROUPS
@@ -30,14 +28,6 @@ def test_public_name_resolves_and_is_documented(name: str) -> None:
         if error.name != "torch":
             raise
         pytest.skip(f"swarmdata.{name} needs the torch extra")
-
-
-def test_the_citation_is_of_this_version() -> None:
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    metadata = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert citation["version"] == metadata["version"] == swarmdata.__version__
-    assert citation["license"] == metadata["license"]
-    assert citation["authors"] == metadata["authors"]
 
 
 def test_no_public_name_is_shadowed_by_a_submodule() -> None:

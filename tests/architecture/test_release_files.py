@@ -13,6 +13,7 @@ from shutil import copy, rmtree
 import pytest
 import yaml
 
+import swarmdata
 from tests.support.package_sources import ROOT
 
 PLACEHOLDERS = {
@@ -54,8 +55,9 @@ def test_placeholders_are_where_the_list_says() -> None:
 @pytest.mark.parametrize("name", ["CITATION.cff", ".zenodo.json", "codemeta.json"])
 def test_the_version_and_license_are_those_of_the_package(name: str) -> None:
     found = loaded(name)
-    assert found["version"] == PROJECT["version"]
+    assert found["version"] == PROJECT["version"] == swarmdata.__version__
     assert str(found["license"]).rpartition("/")[2] == PROJECT["license"]
+    assert name != "CITATION.cff" or found["authors"] == PROJECT["authors"]
 
 
 def test_the_conda_recipe_requires_what_the_package_does() -> None:

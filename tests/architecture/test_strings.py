@@ -1,11 +1,15 @@
-"""No module of ours is imported by a string, which would hide an arrow from the import contracts.
+"""What only one place may do: compile, read YAML, and import modules of ours by a string.
 
-Components are named in literal tables of "module:Name", at the top of a module, and imported by
-`runtime.own_components.import_component` where a user names one.
+Such an import would hide an arrow from the import contracts. Components are named in literal tables
+of "module:Name", at the top of a module, and imported by `runtime.own_components.import_component`
+where a user names one.
 """
 
 import ast
+import re
 from collections.abc import Iterator
+
+import pytest
 
 from tests.support.package_sources import sources
 
@@ -14,7 +18,6 @@ CALLS = ("import_module", "__import__")
 IMPORTERS = {
     "swarmdata/__init__.py": "the public names, which its type-checking imports name as well",
     "swarmdata/runtime/own_components.py": "components",
-    "swarmdata/runtime/engines/jobs.py": "what a worker does",
 }
 """Files that may call `import_module` on modules of ours, and what for."""
 
@@ -44,3 +47,18 @@ def test_modules_of_ours_are_imported_by_statements() -> None:
         and not any(text and not text.startswith("swarmdata") for text in strings_below(node))
     }
     assert found == set(IMPORTERS)
+
+
+@pytest.mark.parametrize(
+    ("calls", "only"),
+    [
+        (r"@(?:numba\.)?n?jit\b|import .*\bn?jit\b", []),  # compiled functions are kernels
+        (
+            r"yaml\.(safe_|full_|unsafe_)?(load|parse|compose)(_all)?\(|yaml\.\w*Loader",
+            ["swarmdata/runtime/yaml_documents.py"],  # which has bounds
+        ),
+    ],
+)
+def test_only_one_module_does_it(calls: str, only: list[str]) -> None:
+    found = [path.as_posix() for path, text in sources().items() if re.search(calls, text)]
+    assert found == only

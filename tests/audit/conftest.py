@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from swarmdata.audit import Audit, audit
 from swarmdata.building.part_maker import make_part
 from swarmdata.cards.card import write_card
 from swarmdata.registry.components import make_env
@@ -26,7 +27,16 @@ from swarmdata.store.parts import write_part
 from swarmdata.types import END_REASONS, Episode
 
 Arrays = dict[str, NDArray[Any]]
+Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
 Forge = Callable[..., Path]
+
+
+def look(path: Path, sample: int = 4) -> Audit:
+    return audit(path, sample=sample, progress=False)
+
+
+def messages(found: Audit, check: str, level: str = "problem") -> str:
+    return " | ".join(f.message for f in found.findings if (f.check, f.level) == (check, level))
 
 
 @dataclass(frozen=True)
@@ -59,9 +69,8 @@ def forge(tmp_path: Path) -> Forge:
     """
 
     def write(
-        source: Path, change: Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None],
-        recipe: Origin | None = None,
-    ) -> Path:  # fmt: skip
+        source: Path, change: Flaw = lambda arrays, table: None, recipe: Origin | None = None
+    ) -> Path:
         stored = open_store(source)
         arrays = {name: array.copy() for name, array in stored.arrays.items()}
         columns = change(arrays, stored.table) or {}

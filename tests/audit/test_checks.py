@@ -3,7 +3,7 @@
 import json
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from swarmdata.audit import CHECKS, Audit, audit, problems_of
+from swarmdata.audit import CHECKS, audit, problems_of
 from swarmdata.behavior_policies.simple import Random
 from swarmdata.cards.card import write_card
 from swarmdata.errors import MissingManifestError
@@ -25,19 +25,8 @@ from swarmdata.store import EpisodeTable, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.types import END_REASONS, Float, Step
-from tests.support.tiny import sign
-
-Arrays = dict[str, Any]
-Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
-Forge = Callable[..., Path]
-
-
-def look(path: Path, sample: int = 4) -> Audit:
-    return audit(path, sample=sample, progress=False)
-
-
-def messages(found: Audit, check: str) -> str:
-    return " | ".join(each.message for each in found.problems if each.check == check)
+from tests.audit.conftest import Arrays, Flaw, Forge, look, messages
+from tests.support.tiny import flip, sign
 
 
 def set_last(arrays: Arrays, table: EpisodeTable, episode: int, name: str, value: bool) -> None:
@@ -289,9 +278,7 @@ def test_whatever_can_be_opened_can_be_audited(
 def test_flipped_byte_of_a_file(clean: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(clean, tmp_path / "damaged"))
     file = folder / array_file("rewards", 2)
-    content = bytearray(file.read_bytes())
-    content[10] ^= 1
-    file.write_bytes(content)
+    flip(file, 10)
     assert str(file) in messages(look(folder), "integrity")
 
 
@@ -302,17 +289,13 @@ def test_no_manifest_cannot_be_audited(clean: Path, tmp_path: Path) -> None:
         look(folder)
 
 
-def change_manifest(folder: Path, **changes: Any) -> None:
-    manifest = read_manifest(folder).model_copy(update=changes)
-    (folder / "manifest.json").write_bytes(manifest.to_bytes())
-
-
 def test_statistics_of_the_whole_dataset(clean: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(clean, tmp_path / "leaky"))
     stored = open_store(folder)
     mean = float(stored.arrays["rewards"].mean(dtype=np.float64))
     statistics = stored.manifest.statistics.model_copy(update={"reward_mean": mean})
-    change_manifest(folder, statistics=statistics)
+    changed = stored.manifest.model_copy(update={"statistics": statistics})
+    (folder / MANIFEST).write_bytes(changed.to_bytes())
     assert "mean of rewards, column 0, is" in messages(look(folder), "statistics")
 
 
@@ -320,7 +303,7 @@ def test_arrays_of_another_spec(clean: Path, forge: Forge) -> None:
     origin = open_store(clean).recipe
     assert isinstance(origin, Recipe)
     lidar = origin.spec.with_updates(observation={"kind": "lidar"})
-    found = look(forge(clean, lambda *_: None, origin.model_copy(update={"spec": lidar})))
+    found = look(forge(clean, recipe=origin.model_copy(update={"spec": lidar})))
     assert "observations has rows of shape" in messages(found, "shapes")
     assert [f.message for f in found.findings if f.check == "replay"] == [
         "not checked, because of shapes"
@@ -331,13 +314,13 @@ def test_missing_episodes(clean: Path, forge: Forge) -> None:
     origin = open_store(clean).recipe
     assert isinstance(origin, Recipe)
     more = origin.model_copy(update={"n_steps": origin.n_steps + 10_000})
-    found = look(forge(clean, lambda *_: None, more))
+    found = look(forge(clean, recipe=more))
     assert "which has no more episodes here" in messages(found, "order")
 
 
 def test_id_that_is_published_of_something_else(clean: Path, forge: Forge) -> None:
     origin = open_store(clean).recipe.model_copy(update={"id": "coop_nav-random-v1"})
-    found = look(forge(clean, lambda *_: None, origin))
+    found = look(forge(clean, recipe=origin))
     assert "Give it another id or version" in messages(found, "identity")
 
 
@@ -409,7 +392,7 @@ def test_swapped_tiers(random_team: Path, forge: Forge) -> None:
     assert not messages(look(random_team), "tiers")
     for tier in ("medium", "expert"):
         origin = open_store(random_team).recipe.model_copy(update={"tier": tier})
-        said = messages(look(forge(random_team, lambda *_: None, origin), sample=1), "tiers")
+        said = messages(look(forge(random_team, recipe=origin), sample=1), "tiers")
         assert f"is nearest to random, not to {tier}" in said
         assert f"success of this {tier} is 0.000, expected" in said
 
@@ -458,7 +441,7 @@ def test_actions_of_another_policy(random_team: Path, forge: Forge) -> None:
     assert isinstance(origin, Recipe)
     policies = (origin.policies[0].model_copy(update={"name": "straight"}),)
     other = origin.model_copy(update={"policies": policies, "seed": 9})
-    found = look(forge(random_team, lambda *_: None, other))
+    found = look(forge(random_team, recipe=other))
     assert "not of this recipe" in messages(found, "seeds")
     assert "actions is" in messages(found, "replay")
 
@@ -467,7 +450,7 @@ def test_a_recipe_whose_policy_cannot_be_built(clean: Path, forge: Forge) -> Non
     origin = open_store(clean).recipe
     lost = {"name": "learned", "checkpoint": "lost.safetensors", "sha256": "0" * 64}
     policies = (origin.policies[0], origin.policies[1].model_copy(update=lost))
-    mine = forge(clean, lambda *_: None, origin.model_copy(update={"policies": policies}))
+    mine = forge(clean, recipe=origin.model_copy(update={"policies": policies}))
     said = messages(look(mine), "replay")
     assert "straight cannot be built, so its choices were not compared: cannot read" in said
 

@@ -1,28 +1,15 @@
 """Audits of recordings: what applies is checked, what does not is said."""
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from swarmdata.audit import Audit, audit
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.store import EpisodeTable, open_store
 from swarmdata.types import END_REASONS
-
-Arrays = dict[str, Any]
-Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
-Forge = Callable[..., Path]
-
-
-def look(path: Path) -> Audit:
-    return audit(path, sample=4, progress=False)
-
-
-def messages(found: Audit, check: str, level: str = "problem") -> str:
-    return " | ".join(f.message for f in found.findings if (f.check, f.level) == (check, level))
+from tests.audit.conftest import Arrays, Flaw, Forge, look, messages
 
 
 def gone_row(table: EpisodeTable, after: int) -> int:
@@ -138,7 +125,7 @@ def test_timeouts_as_terminals(recording: Path, long_recording: Path, forge: For
 def test_longer_than_the_horizon(recording: Path, forge: Forge) -> None:
     origin = open_store(recording).recipe
     short = origin.model_copy(update={"spec": origin.spec.model_copy(update={"horizon": 11})})
-    said = messages(look(forge(recording, lambda *_: None, short)), "horizon")
+    said = messages(look(forge(recording, recipe=short)), "horizon")
     assert "are longer than the horizon of 11 steps" in said
 
 
@@ -158,7 +145,7 @@ def test_own_recording_is_replayed(own_recording: Path, forge: Forge) -> None:
 def test_a_policy_with_options_that_it_does_not_have(own_recording: Path, forge: Forge) -> None:
     origin = open_store(own_recording).recipe
     policies = tuple(p.model_copy(update={"name": "learned"}) for p in origin.policies)
-    mine = forge(own_recording, lambda *_: None, origin.model_copy(update={"policies": policies}))
+    mine = forge(own_recording, recipe=origin.model_copy(update={"policies": policies}))
     assert "random cannot be built" in messages(look(mine), "replay", "note")
 
 

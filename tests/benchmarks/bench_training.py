@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.bench_training
 
-Every run is a process of its own, pinned to a core, that works in turns. BenchMARL 1.5.2 is
+The runs take turns; each turn is a process of its own, pinned to a core. BenchMARL 1.5.2 is
 measured if it is there; it needs an older TorchRL, and runs without what it only imports for
 pictures. In a folder of its own, added to PYTHONPATH:
 
@@ -16,174 +16,191 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import ExitStack
+import time
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any, NamedTuple
+
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
 
 from tests.benchmarks.measuring import Rate, table, write_section
-from tests.benchmarks.trainers import PEER_EPOCHS, Turn
 
 ROUNDS, SECONDS = 5, 2.0
-"""Turns of each run, and how long one is at least; one of BenchMARL's is an iteration."""
+"""Turns of each run, and how long one is at least, after an update that warms up."""
 
 OUR_EPOCHS = 3
 """Passes over each frame, `MAPPOConfig.n_epochs`; BenchMARL is measured with as many as well."""
 
+PEER_FRAMES, PEER_MINIBATCH, PEER_EPOCHS = 6000, 400, 45
+"""BenchMARL 1.5.2, `conf/experiment/base_experiment.yaml`: frames of an iteration and the rest."""
 
-class Trainee:
-    """A process that trains when told to.
+PEER_COPIES, PEER_ROBOTS = 60, 3
+"""Copies: 100 steps of each make an iteration. Robots: those of its `conf/task/vmas/navigation`."""
 
-    Args:
-        arguments: of `tests.benchmarks.trainers`.
-        core: that it may use; None where processes cannot be pinned.
-    """
-
-    def __init__(self, arguments: Sequence[str], core: int | None) -> None:
-        self.arguments = tuple(arguments)
-        self.messages = tempfile.TemporaryFile("w+")  # noqa: SIM115 (closed in __exit__)
-        self.process = subprocess.Popen(
-            [sys.executable, "-W", "ignore", "-m", "tests.benchmarks.trainers", *arguments],
-            cwd=Path(__file__).parents[2], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=self.messages, text=True,
-        )  # fmt: skip
-        if core is not None:
-            os.sched_setaffinity(self.process.pid, {core})
-
-    def begin(self, seconds: float) -> None:
-        """Tells it to train for so long."""
-        assert self.process.stdin is not None
-        try:
-            self.process.stdin.write(f"{seconds}\n")
-            self.process.stdin.flush()
-        except BrokenPipeError:
-            return  # it is dead; `end` says why
-
-    def end(self) -> Turn:
-        """Waits for its answer.
-
-        Raises:
-            RuntimeError: it died, with what it said last.
-        """
-        assert self.process.stdout is not None
-        line = self.process.stdout.readline()
-        if not line:
-            code = self.process.wait()
-            self.messages.seek(0)
-            last = "".join(self.messages.readlines()[-20:])
-            raise RuntimeError(
-                f"trainer {self.arguments} ended with code {code}, and said:\n{last}"
-            )
-        return Turn(*json.loads(line))
-
-    def __enter__(self) -> Self:
-        """Itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        """Ends the process: it holds nothing worth keeping."""
-        self.process.kill()
-        self.process.communicate()
-        self.messages.close()
+Add = Callable[[int], None]
+"""Counts the frames (joint steps of one copy) of an update, all seeds together."""
 
 
-def take_turns(
-    runs: dict[str, list[Trainee]], rounds: int = ROUNDS, seconds: float = SECONDS
-) -> dict[str, list[list[Turn]]]:
-    """Every run in every round, the processes of one run together; one round before warms up."""
-    turns: dict[str, list[list[Turn]]] = {name: [] for name in runs}
-    for number in range(-1, rounds):
-        for name, trainees in runs.items():
-            for trainee in trainees:
-                trainee.begin(0.0 if number < 0 else seconds)
-            answers = [trainee.end() for trainee in trainees]
-            if number >= 0:
-                turns[name].append(answers)
-                wall = sum(turn.per_second for turn in answers)
-                print(f"round {number + 1}, {name}: {wall:.0f} frames a second", flush=True)
-    return turns
+class Turn(NamedTuple):
+    """What one process did."""
+
+    frames: int
+    seconds: float  # of the wall clock
+    processor: float  # seconds of processor time, all threads
 
 
-def rates(turns: list[list[Turn]]) -> tuple[list[float], list[float]]:
-    """Of each round: frames a second by the clock, and by the processor; processes are added."""
-    return (
-        [sum(turn.per_second for turn in answers) for answers in turns],
-        [sum(turn.per_processor_second for turn in answers) for answers in turns],
+def counting() -> Add:
+    """Counts from the second update on; when the turn is over, prints it and ends the process."""
+    begin: list[float] = []
+    counted = 0
+
+    def add(frames: int) -> None:
+        nonlocal counted
+        now = [time.perf_counter(), time.process_time()]
+        if not begin:
+            begin.extend(now)
+            return
+        counted += frames
+        seconds, processor = (after - before for after, before in zip(now, begin, strict=True))
+        if seconds >= SECONDS:
+            print(json.dumps(Turn(counted, seconds, processor)), flush=True)
+            os._exit(0)
+
+    return add
+
+
+def train_ours(add: Add, n_seeds: int) -> None:
+    """`mappo` on `coop_nav` with 4 robots as `swarmdata train` runs it, without evaluation."""
+    from swarmdata.online_algos.mappo import MAPPOConfig
+    from swarmdata.online_algos.runs.online_training import describe_run
+    from swarmdata.registry.presets import preset
+
+    run = describe_run("mappo", MAPPOConfig(), preset("coop_nav"), range(n_seeds))
+    algorithm: Any = run.build(Path())
+    while True:
+        before = algorithm.frames
+        algorithm.update()
+        add(n_seeds * (algorithm.frames - before))
+
+
+def train_benchmarl(add: Add, n_epochs: int) -> None:
+    """BenchMARL's MAPPO on VMAS `navigation` with its own defaults, without evaluation or logs."""
+    experiments: Any = import_module("benchmarl.experiment")  # a peer, not a dependency
+    models: Any = import_module("benchmarl.models.mlp")
+    config = experiments.ExperimentConfig.get_from_yaml()
+    config.on_policy_n_envs_per_worker = PEER_COPIES
+    config.on_policy_collected_frames_per_batch = PEER_FRAMES
+    config.on_policy_minibatch_size = PEER_MINIBATCH
+    config.on_policy_n_minibatch_iters = n_epochs
+    config.max_n_frames = 10**9  # until the turn ends
+    config.evaluation, config.create_json, config.loggers = False, False, []
+    config.save_folder = tempfile.mkdtemp()
+    task = import_module("benchmarl.environments").VmasTask.NAVIGATION.get_from_yaml()
+    task.config["n_agents"] = PEER_ROBOTS
+    callback = experiments.Callback()
+    callback.on_train_end = lambda training, group: add(PEER_FRAMES)
+    experiment = experiments.Experiment(
+        task=task,
+        algorithm_config=import_module("benchmarl.algorithms").MappoConfig.get_from_yaml(),
+        model_config=models.MlpConfig.get_from_yaml(),
+        critic_model_config=models.MlpConfig.get_from_yaml(),
+        seed=0,
+        config=config,
     )
+    experiment.callbacks.append(callback)  # not before: it would be pickled
+    experiment.run()
 
 
-def share_of_core(its: list[list[Turn]]) -> float:
-    """Median part of its core that each process of a run got."""
-    every = [turn.processor / turn.seconds for answers in its for turn in answers]
-    return float(np.median(every))
+TRAINERS: dict[str, Callable[[Add, int], None]] = {
+    "ours": train_ours,
+    "benchmarl": train_benchmarl,
+}
+
+Start = tuple[str, int, int]
+"""Key of `TRAINERS`, its number, and the core that it may use."""
 
 
-def speed_table(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
+def train(name: str, number: str, core: str) -> None:
+    """Trains until the turn is over, in this process."""
+    import torch
+
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {int(core)})
+    torch.set_num_threads(1)
+    TRAINERS[name](counting(), int(number))
+
+
+def turns_of(starts: Sequence[Start]) -> list[Turn]:
+    """One turn of a run, whose processes work at the same time."""
+    command = [sys.executable, "-W", "ignore", "-m", "tests.benchmarks.bench_training", "--one"]
+    processes = [
+        subprocess.Popen([*command, *map(str, start)], stdout=subprocess.PIPE, text=True)
+        for start in starts
+    ]
+    said = [process.communicate()[0] for process in processes]
+    return [Turn(*json.loads(text.splitlines()[-1])) for text in said]
+
+
+def speed_table(turns: Mapping[str, list[list[Turn]]], peers: Sequence[str]) -> str:
     """A row for each run: rates, and how many times each peer's in the same round."""
+    walls, rates = (
+        {name: [sum(each.frames / each[column] for each in made) for made in its]
+         for name, its in turns.items()}
+        for column in (1, 2)
+    )  # fmt: skip
     rows = []
     for name, its in turns.items():
-        wall, processor = rates(its)
+        shares = [turn.processor / turn.seconds for made in its for turn in made]
         ratios = [
-            Rate.of([a / b for a, b in zip(processor, rates(turns[peer])[1], strict=True)])
+            Rate.of([a / b for a, b in zip(rates[name], rates[peer], strict=True)])
             for peer in peers
         ]
-        core = f"{100 * share_of_core(its):.0f} %"
-        rows.append((name, *map(str, (Rate.of(wall), core, Rate.of(processor), *ratios))))
+        core = f"{100 * np.median(shares):.0f} %"
+        rows.append((name, *map(str, (Rate.of(walls[name]), core, Rate.of(rates[name]), *ratios))))
     head = ("run", "frames a second", "of its cores it got", "frames per second of processor")
     return table((*head, *(f"times {peer}" for peer in peers)), rows)
 
 
-def text(turns: dict[str, list[list[Turn]]], peers: Sequence[str]) -> str:
-    """The section of docs/measurements.md."""
-    parts = [
-        "Joint steps (frames) a second of `mappo` training on `coop_nav` with 4 robots and default "
-        "settings: rollouts, updates and resets, without evaluation and files. Each process has "
-        "one core; frames of stacked seeds and of both processes are added up.",
-        "BenchMARL trains its MAPPO on VMAS navigation with its defaults, on one core: 3 robots, "
-        f"60 copies, 6000 frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, "
-        f"networks of 256 units. Ours uses each frame {OUR_EPOCHS} times, in minibatches of 2048 "
-        "robot samples, with networks of 64 units; BenchMARL was therefore also measured with "
-        f"{OUR_EPOCHS} epochs. Ratios compare frames per second of processor time in the same "
-        "round; for two processes, two cores with one. Where a run got less than all of its cores, "
-        "compare the ratios only.",
-    ]
-    parts.append(speed_table(turns, peers).rstrip())
-    return "\n\n".join(parts)
+INTRO = (
+    "Joint steps (frames) a second of `mappo` training on `coop_nav` with 4 robots and default "
+    "settings: rollouts, updates and resets, without evaluation and files. Each process has "
+    "one core; frames of stacked seeds and of both processes are added up.\n\n"
+    "BenchMARL trains its MAPPO on VMAS navigation with its defaults, on one core: 3 robots, "
+    f"60 copies, 6000 frames an iteration, {PEER_EPOCHS} epochs of minibatches of 400, "
+    f"networks of 256 units. Ours uses each frame {OUR_EPOCHS} times, in minibatches of 2048 "
+    "robot samples, with networks of 64 units; BenchMARL was therefore also measured with "
+    f"{OUR_EPOCHS} epochs. Ratios compare frames per second of processor time in the same "
+    "round; for two processes, two cores with one. Where a run got less than all of its cores, "
+    "compare the ratios only."
+)
 
 
 def main() -> None:
     """Measures all, on the last core and the one before."""
-    if not find_spec("torch"):
-        print("torch is not installed: training is not measured")
-        return
-    cores: Sequence[int | None] = [None]
-    if hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0), reverse=True)
-    peers = {"BenchMARL": PEER_EPOCHS, f"BenchMARL, {OUR_EPOCHS} epochs": OUR_EPOCHS}
-    if not find_spec("benchmarl"):
-        peers = {}
-    with ExitStack() as stack:
-
-        def start(*arguments: str, core: int | None = cores[0]) -> Trainee:
-            return stack.enter_context(Trainee(arguments, core))
-
-        runs = {f"ours, {k} seed{'s' * (k > 1)}": [start("ours", str(k))] for k in (1, 2, 4)}
-        if len(cores) > 1:
-            both = [*runs["ours, 2 seeds"], start("ours", "2", core=cores[1])]
-            runs["ours, 2 processes of 2 seeds"] = both
-        runs |= {name: [start("benchmarl", str(epochs))] for name, epochs in peers.items()}
-        turns = take_turns(runs)
-    write_section("Training", text(turns, tuple(peers)))
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [0]
+    last = cores[-1]
+    runs: dict[str, list[Start]] = {
+        f"ours, {k} seed{'s' * (k > 1)}": [("ours", k, last)] for k in (1, 2, 4)
+    }
+    if len(cores) > 1:
+        runs["ours, 2 processes of 2 seeds"] = [("ours", 2, core) for core in cores[-2:]]
+    epochs = {"BenchMARL": PEER_EPOCHS, f"BenchMARL, {OUR_EPOCHS} epochs": OUR_EPOCHS}
+    peers = tuple(epochs) if find_spec("benchmarl") else ()
+    runs |= {name: [("benchmarl", epochs[name], last)] for name in peers}
+    turns: dict[str, list[list[Turn]]] = {name: [] for name in runs}
+    for number in range(ROUNDS):
+        for name, starts in runs.items():
+            turns[name].append(turns_of(starts))
+            print(f"round {number + 1}, {name}: {turns[name][-1]}", flush=True)
+    write_section("Training", f"{INTRO}\n\n{speed_table(turns, peers)}")
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:2] == ["--one"]:
+        train(*sys.argv[2:])
+    else:
+        main()

@@ -59,12 +59,12 @@ def interleave(runs: Mapping[str, Run], rounds: int = 5, seconds: float = 0.4) -
     return {name: Rate.of(values) for name, values in rates.items()}
 
 
-def pair(ours: Run, other: Run, rounds: int = 9, seconds: float = 0.2) -> Rate:
+def pair(ours: Run, other: Run) -> Rate:
     """Our rate over another's, measured in turns: the median of the ratios of neighbours."""
-    ratios = []
+    ratios, seconds = [], 0.2
     for run in (ours, other):
         run(seconds / 4)  # warms the caches
-    for turn in range(rounds):
+    for turn in range(9):
         first, second = (ours, other) if turn % 2 else (other, ours)
         rates = first(seconds), second(seconds)
         ratios.append(rates[0] / rates[1] if turn % 2 else rates[1] / rates[0])

@@ -4,7 +4,6 @@ A setting that a library ignores proves nothing, so a fresh interpreter is asked
 each of them: the kernel and the threads of OpenBLAS, and the CPU features that NumPy uses.
 """
 
-import ctypes
 import json
 import os
 import subprocess
@@ -16,6 +15,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -78,12 +78,10 @@ class Variant:
 
 def probe() -> Probe:
     """What the libraries of this interpreter do."""
-    library = _open_blas()
-    if library is None:
+    blas = next((each for each in threadpool_info() if each["internal_api"] == "openblas"), None)
+    if blas is None:
         return Probe(None, 1, found_features())
-    name = _function(library, "get_corename")
-    name.restype = ctypes.c_char_p
-    return Probe(name().decode(), _function(library, "get_num_threads")(), found_features())
+    return Probe(blas["architecture"], blas["num_threads"], found_features())
 
 
 def found_features() -> tuple[str, ...]:
@@ -129,23 +127,6 @@ def _plain(features: str, probe: Probe) -> str:
 
 def _two_threads(probe: Probe) -> str:
     return "" if probe.n_threads == 2 else f"OpenBLAS runs {probe.n_threads} threads"
-
-
-def _open_blas() -> ctypes.CDLL | None:
-    """The OpenBLAS that comes with NumPy's wheels."""
-    package = Path(np.__file__).parent
-    folders = (package.parent / "numpy.libs", package / ".dylibs")
-    found = [file for folder in folders for file in folder.glob("*openblas*")]
-    return ctypes.CDLL(str(found[0])) if found else None
-
-
-def _function(library: ctypes.CDLL, name: str) -> "ctypes._NamedFuncPointer":
-    """A function of OpenBLAS, whose names depend on how it was built."""
-    names = [f"{a}openblas_{name}{b}" for a in ("scipy_", "") for b in ("64_", "")]
-    for each in names:
-        if hasattr(library, each):
-            return getattr(library, each)
-    raise RuntimeError(f"NumPy's OpenBLAS has none of {', '.join(names)}: add its name here")
 
 
 if __name__ == "__main__":

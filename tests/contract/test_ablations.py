@@ -7,15 +7,13 @@ import pytest
 
 pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.training.training_data import Selective
 from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.testing.comparing import act_on
-from swarmdata.testing.sample_batches import N_EPISODES
-from swarmdata.testing.sample_batches import sample_statistics as statistics
+from swarmdata.testing.sample_batches import sample_setup
 from swarmdata.testing.sample_batches import sample_step as step
-from tests.contract.test_algorithms import SIZES, SMALL, batches_of
+from tests.contract.test_algorithms import SMALL, batches_of
 
 N_UPDATES = 8
 ABLATED = {name: ablation for name, ablation in ABLATIONS.items() if ablation is not None}
@@ -24,7 +22,7 @@ ABLATED = {name: ablation for name, ablation in ABLATIONS.items() if ablation is
 def made(name: str, settings: dict[str, Any]) -> Any:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**{**SMALL[name], "n_updates": N_UPDATES, **settings})
-    return kind(Setup(SIZES, (0,), statistics(), n_episodes=N_EPISODES), config)
+    return kind(sample_setup((0,)), config)
 
 
 def test_every_algorithm_has_an_ablation_or_is_the_clone() -> None:

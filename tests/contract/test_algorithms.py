@@ -12,7 +12,6 @@ import pytest
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.learn.memory.memory_settings import WindowSettings  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
 from swarmdata.registry.components import (  # noqa: E402
     DISCRETE_ALGORITHMS,
@@ -20,14 +19,12 @@ from swarmdata.registry.components import (  # noqa: E402
     resolve,
 )
 from swarmdata.testing.algorithm_contract import check_algorithm  # noqa: E402
-from swarmdata.testing.sample_batches import N_EPISODES, sample_setup  # noqa: E402
 from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
-from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402
+from swarmdata.testing.sample_batches import sample_setup  # noqa: E402
 from swarmdata.testing.sample_batches import sample_step as step  # noqa: E402
 from swarmdata.types import Batch, Step  # noqa: E402
 from tests.support.pairs import once_each  # noqa: E402
 
-SIZES = sample_setup((0,)).sizes
 Draw = Callable[[Sequence[int], int], Batch]
 
 MEMORY: dict[str, Any] = {"memory": "gru", "memory_size": 8, "burn_in": 1, "window": 3}
@@ -73,13 +70,6 @@ def batches_of(config: Any) -> Draw:
     return partial(in_windows, draw) if has_windows else draw
 
 
-@pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
-def test_the_algorithm_keeps_the_contract(name: str) -> None:
-    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    config = kind.Config(**SMALL.get(name, {}))
-    check_algorithm(kind, batches_of(config), config=config, n_updates=6, tolerance=0.0)
-
-
 CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))
 """Of robots that differ: the second has one column, with choices from 1 to 3."""
 
@@ -117,7 +107,7 @@ def test_its_policies_can_be_copied_into_a_dataset(name: str, memory: str, tmp_p
         return
     settings = {} if memory == "none" else {"memory": memory, "memory_size": 8}
     config = kind.Config(**SMALL.get(name, {}), **settings)
-    policy = kind(Setup(SIZES, (3, 1), statistics(), n_episodes=N_EPISODES), config).policy(1)
+    policy = kind(sample_setup((3, 1)), config).policy(1)
     save_policy(tmp_path / "policy.safetensors", policy)
     read = load_policy(tmp_path / "policy.safetensors")
     for each in (policy, read):
@@ -147,13 +137,13 @@ OTHER_SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
 
 @pytest.mark.parametrize(
     ("name", "changes"),
-    [*SETTINGS, *(pytest.param(*each, marks=pytest.mark.slow) for each in OTHER_SETTINGS)],
+    [
+        *((name, {}) for name in OFFLINE_ALGORITHMS),
+        *SETTINGS,
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in OTHER_SETTINGS),
+    ],
 )
-def test_other_settings_keep_the_contract(name: str, changes: dict[str, Any]) -> None:
+def test_the_algorithm_keeps_the_contract(name: str, changes: dict[str, Any]) -> None:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
-    config = kind.Config(**{**SMALL[name], **changes})
-
-    def build(seeds: Sequence[int]) -> Any:
-        return kind(Setup(SIZES, seeds, statistics()), config)
-
-    check_algorithm(build, batches_of(config), step(), n_updates=6, tolerance=0.0)
+    config = kind.Config(**{**SMALL.get(name, {}), **changes})
+    check_algorithm(kind, batches_of(config), config=config, n_updates=6, tolerance=0.0)

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from swarmdata.interfaces import Policy
 from swarmdata.registry import components
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
@@ -71,103 +70,59 @@ def test_shipped_actors_keep_the_contract(family: str, shipped: Checkpoint, nois
     check_policy(policy, spec, make_env, n_episodes=4, n_steps=10)
 
 
-class Good:
-    """A base for policies that each break one promise."""
+class Made:
+    """A policy that follows what it observes, or breaks a promise by one of its functions."""
 
     uses_state = False
 
-    def __init__(self) -> None:
-        self.calls = 0
+    def __init__(
+        self,
+        act: Callable[[Float, Step, int], Float] = lambda actions, step, calls: actions,
+        log_probs: Callable[[Float, int], Float] | None = None,
+    ) -> None:
+        self.calls, self._act, self._log_probs = 0, act, log_probs
 
     def reset(self, step: Step, copies: Int) -> None:
         pass
 
     def act(self, step: Step) -> Float:
         self.calls += 1
-        return np.clip(step.observations[..., 6:8], -1.0, 1.0)
+        return self._act(np.clip(step.observations[..., 6:8], -1.0, 1.0), step, self.calls)
 
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.zeros(actions.shape[:2], np.float32)
-
-
-class Loud(Good):
-    def act(self, step: Step) -> Float:
-        return super().act(step) * np.float32(3)
-
-
-class Wide(Good):
-    def act(self, step: Step) -> Float:
-        return super().act(step).astype(np.float64)
-
-
-class Flat(Good):
-    def act(self, step: Step) -> Float:
-        actions: Float = super().act(step)[:, 0]
-        return actions
-
-
-class Undefined(Good):
-    def act(self, step: Step) -> Float:
-        return super().act(step) * np.float32(np.nan)
-
-
-class Gambler(Good):
-    def act(self, step: Step) -> Float:
-        return super().act(step) * np.float32(np.random.random())  # noqa: NPY002
-
-
-class Vandal(Good):
-    def act(self, step: Step) -> Float:
-        step.observations[0, 0, 0] += 1
-        return super().act(step)
-
-
-class Seer(Good):
-    def act(self, step: Step) -> Float:
-        robots = step.states.reshape(len(step.states), -1, 8)
-        goals: Float = np.tanh(np.nan_to_num(robots[..., 6:]))
-        return goals
-
-
-class Moody(Good):
-    """Acts on how often it was called, not on the episode's own time."""
-
-    def act(self, step: Step) -> Float:
-        return super().act(step) * np.float32(1 / (1 + self.calls % 7))
-
-
-class Crowd(Good):
-    """Copies influence each other."""
-
-    def act(self, step: Step) -> Float:
-        actions = super().act(step)
-        mixed: Float = (0.5 * actions + 0.5 * actions.mean(0)).astype(np.float32)
-        return mixed
-
-
-class Impossible(Good):
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.full(actions.shape[:2], -np.inf, np.float32)
-
-
-class PerComponent(Good):
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.zeros_like(actions)
-
-
-class Forgetful(Good):
     def log_probs(self, step: Step, actions: Float) -> Float:
         self.calls += 1
-        return np.full(actions.shape[:2], -self.calls, np.float32)
+        if self._log_probs is None:
+            return np.zeros(actions.shape[:2], np.float32)
+        return self._log_probs(actions, self.calls)
 
 
-class Team(Good):
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.broadcast_to(actions.sum(), actions.shape[:2]).astype(np.float32)
+def vandal(actions: Float, step: Step, calls: int) -> Float:
+    step.observations[0, 0, 0] += 1
+    return actions
+
+
+def seer(actions: Float, step: Step, calls: int) -> Float:
+    robots = step.states.reshape(len(step.states), -1, 8)
+    goals: Float = np.tanh(np.nan_to_num(robots[..., 6:]))
+    return goals
+
+
+def gambler(actions: Float, step: Step, calls: int) -> Float:
+    return actions * np.float32(np.random.random())  # noqa: NPY002
+
+
+def crowd(actions: Float, step: Step, calls: int) -> Float:
+    """Copies influence each other."""
+    mixed: Float = (0.5 * actions + 0.5 * actions.mean(0)).astype(np.float32)
+    return mixed
+
+
+def full(actions: Float, value: float) -> Float:
+    return np.full(actions.shape[:2], value, np.float32)
 
 
 def test_a_good_policy_passes() -> None:
-    check_policy(Good(), SPEC, make_env)
+    check_policy(Made(), SPEC, make_env)
 
 
 def test_what_is_no_policy_is_named() -> None:
@@ -176,23 +131,37 @@ def test_what_is_no_policy_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("broken", "message"),
+    ("act", "message"),
     [
-        (Loud, r"actions reach 2\.\d+, above 1"),
-        (Wide, "actions are float64, not float32"),
-        (Flat, r"actions are \(3, 2\), not \[E, N, A\]"),
-        (Undefined, "actions are not finite"),
-        (Gambler, "global generator"),
-        (Vandal, "act wrote to step.observations"),
-        (Seer, "declare uses_state = True"),
-        (Moody, "has other"),
-        (Impossible, "own actions are not finite"),
-        (PerComponent, r"log_probs are \(3, 4, 2\), not \[E, N\]"),
-        (Forgetful, "differ when they are computed again"),
-        (Team, "depends on other robots"),
-        (Crowd, "has other .* copies than alone"),
+        (lambda actions, step, calls: 3 * actions, r"actions reach 2\.\d+, above 1"),
+        (lambda actions, step, calls: actions.astype(np.float64), "are float64, not float32"),
+        (lambda actions, step, calls: actions[:, 0], r"actions are \(3, 2\), not \[E, N, A\]"),
+        (lambda actions, step, calls: actions * np.float32(np.nan), "actions are not finite"),
+        (lambda actions, step, calls: actions * np.float32(1 / (1 + calls % 7)), "has other"),
+        (gambler, "global generator"),
+        (vandal, "act wrote to step.observations"),
+        (seer, "declare uses_state = True"),
+        (crowd, "has other .* copies than alone"),
     ],
 )
-def test_each_broken_promise_is_found(broken: Callable[[], Policy], message: str) -> None:
+def test_each_broken_promise_of_actions_is_found(
+    act: Callable[[Float, Step, int], Float], message: str
+) -> None:
     with pytest.raises(AssertionError, match=message):
-        check_policy(broken(), SPEC, make_env)
+        check_policy(Made(act), SPEC, make_env)
+
+
+@pytest.mark.parametrize(
+    ("log_probs", "message"),
+    [
+        (lambda actions, calls: full(actions, -np.inf), "own actions are not finite"),
+        (lambda actions, calls: 0 * actions, r"log_probs are \(3, 4, 2\), not \[E, N\]"),
+        (lambda actions, calls: full(actions, -calls), "differ when they are computed again"),
+        (lambda actions, calls: full(actions, actions.sum()), "depends on other robots"),
+    ],
+)
+def test_each_broken_promise_of_log_probs_is_found(
+    log_probs: Callable[[Float, int], Float], message: str
+) -> None:
+    with pytest.raises(AssertionError, match=message):
+        check_policy(Made(log_probs=log_probs), SPEC, make_env)

@@ -2,7 +2,7 @@
 # ruff: noqa: F811  # fixtures of tests/hub/remotes are imported, and asked for by their names
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ClassVar
 from uuid import uuid4
@@ -111,35 +111,6 @@ def test_a_registered_kind(tmp_path: Path, here: Path, monkeypatch: pytest.Monke
     swarmdata.check_remote(open_remote("shelf://place"), here)
 
 
-class Forgets(FolderRemote):
-    """Does not find what was published."""
-
-    def find(self, dataset_id: str) -> Release | None:
-        super().find(dataset_id)
-        return None
-
-
-class FindsAnything(FolderRemote):
-    """Finds what was never published."""
-
-    def find(self, dataset_id: str) -> Release | None:
-        return Release(dataset_id, f"{self.address}/{dataset_id}")
-
-
-class ListsNothing(FolderRemote):
-    """Has no list of its datasets."""
-
-    def ids(self) -> tuple[str, ...]:
-        return ()
-
-
-class ListsUnsorted(FolderRemote):
-    """Lists a dataset twice."""
-
-    def ids(self) -> tuple[str, ...]:
-        return super().ids() * 2
-
-
 class Truncates(FolderRemote):
     """Gives a part of a file instead of an error."""
 
@@ -194,13 +165,6 @@ class DropsOthers(FolderRemote):
         return super().publish(folder, dataset_id, beside)
 
 
-class DropsBeside(FolderRemote):
-    """Publishes nothing beside a dataset."""
-
-    def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
-        return super().publish(folder, dataset_id)
-
-
 class ReadOnly(FolderRemote):
     """Publishes nothing, and says it with an error of Python's."""
 
@@ -208,20 +172,28 @@ class ReadOnly(FolderRemote):
         raise NotImplementedError
 
 
+def having(**methods: Callable[..., object]) -> type[FolderRemote]:
+    """A kind of remote with other methods."""
+    return type("Having", (FolderRemote,), methods)
+
+
 @pytest.mark.parametrize(
     ("kind", "problem"),
     [
-        (Forgets, "is None after it was published"),
-        (FindsAnything, "it was never published"),
-        (ListsNothing, "without the published"),
-        (ListsUnsorted, "not sorted or not unique"),
+        (having(find=lambda self, name: None), "is None after it was published"),
+        (having(find=lambda self, name: Release(name, self.address)), "it was never published"),
+        (having(ids=lambda self: ()), "without the published"),
+        (having(ids=lambda self: FolderRemote.ids(self) * 2), "not sorted or not unique"),
         (Truncates, "no HubError"),
         (ChangesBytes, "gave other bytes of"),
         (LeavesParts, "left a file at `out`"),
         (RaisesAnything, "no AbsentFileError"),
         (Overwrites, "no VersionTakenError"),
         (DropsOthers, "with two published versions"),
-        (DropsBeside, "published beside the dataset: AbsentFileError"),
+        (
+            having(publish=lambda self, *files: FolderRemote.publish(self, *files[:2])),
+            "published beside the dataset: AbsentFileError",
+        ),
         (ReadOnly, "no error of swarmdata"),
     ],
 )

@@ -9,7 +9,6 @@ import pytest
 
 pytest.importorskip("torch", reason="algorithms need torch")
 
-from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.training.settings import (
     as_texts,
     drawn_settings,
@@ -18,12 +17,10 @@ from swarmdata.learn.training.settings import (
     space_of,
 )
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from swarmdata.testing.sample_batches import N_EPISODES, sample_setup
-from swarmdata.testing.sample_batches import sample_statistics as statistics
+from swarmdata.testing.sample_batches import sample_setup
 from tests.contract.test_algorithms import SMALL, batches_of
 
 N_DRAWN, N_UPDATES = 2, 2
-SIZES = sample_setup((0,)).sizes
 CONSERVATIVE = ("cfcql", "icql_qs", "maddpg_cql", "omar")
 
 
@@ -46,7 +43,7 @@ def test_what_is_drawn_trains(name: str) -> None:
     for settings in islice(drawn_settings(space_of(kind, name), 0), N_DRAWN):
         config = override(small, as_texts(settings))
         assert dataclasses.asdict(config) | settings == dataclasses.asdict(config)
-        algorithm = kind(Setup(SIZES, (0,), statistics(), n_episodes=N_EPISODES), config)
+        algorithm = kind(sample_setup((0,)), config)
         for index in range(N_UPDATES):
             losses = algorithm.update(batches_of(config)((0,), index))
         assert all(np.isfinite(np.asarray(loss)).all() for loss in losses.values())

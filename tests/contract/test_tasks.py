@@ -65,6 +65,12 @@ def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
     return spec.with_updates(team=team)
 
 
+def check(spec: TaskSpec, n_steps: int) -> None:
+    if spec.backend == "mujoco":
+        pytest.importorskip("mujoco", reason="mujoco is not installed")
+    check_task(make_env, spec, n_steps=n_steps)
+
+
 @pytest.mark.parametrize(
     ("task", "robot", "observation", "channel", "backend"),
     [
@@ -75,20 +81,16 @@ def with_robot(spec: TaskSpec, changes: dict[str, Any]) -> TaskSpec:
 def test_models_drives_and_simulators_keep_the_contract(
     task: str, robot: str, observation: str, channel: str, backend: str
 ) -> None:
-    if backend == "mujoco":
-        pytest.importorskip("mujoco", reason="mujoco is not installed")
     spec = preset(task).with_updates(
         observation=observation_model(observation),
         communication=communication_model(channel),
         backend=backend,
     )
-    check_task(make_env, with_robot(spec, ROBOTS[robot]), n_steps=12)
+    check(with_robot(spec, ROBOTS[robot]), 12)
 
 
 @pytest.mark.parametrize(("task", "backend"), once_each(tuple(TASKS), BACKENDS))
 def test_drawn_bodies_keep_the_contract(task: str, backend: str) -> None:
-    if backend == "mujoco":
-        pytest.importorskip("mujoco", reason="mujoco is not installed")
     rough = {} if backend == "kinematic" else {"friction": (0.0, 1.0)}
     spec = preset(task).with_updates(
         observation=observation_model("lidar"),
@@ -96,28 +98,24 @@ def test_drawn_bodies_keep_the_contract(task: str, backend: str) -> None:
         backend=backend,
         randomization={**RANGES, **rough},
     )
-    check_task(make_env, spec, n_steps=20)
+    check(spec, 20)
 
 
 @pytest.mark.parametrize(("task", "command"), once_each(tuple(TASKS), ("velocity", "acceleration")))
 def test_robots_on_wheels_keep_the_contract(task: str, command: str) -> None:
-    pytest.importorskip("mujoco", reason="mujoco is not installed")
     spec = preset(task).with_updates(backend="mujoco")
-    check_task(make_env, with_robot(spec, {**WHEELS, "command": command}), n_steps=30)
+    check(with_robot(spec, {**WHEELS, "command": command}), 30)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_keeps_the_contract_in_mujoco(name: str) -> None:
-    pytest.importorskip("mujoco", reason="mujoco is not installed")
-    check_task(make_env, preset(name).with_updates(backend="mujoco"), n_steps=30)
+    check(preset(name).with_updates(backend="mujoco"), 30)
 
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_keeps_the_contract(name: str) -> None:
-    if preset(name).backend == "mujoco":
-        pytest.importorskip("mujoco", reason="mujoco is not installed")
-    check_task(make_env, preset(name), n_steps=12)
+    check(preset(name), 12)
 
 
 @pytest.mark.parametrize(("task", "horizon"), once_each(tuple(TASKS), (1, 20)))

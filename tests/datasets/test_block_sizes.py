@@ -59,7 +59,7 @@ def findings_without_replay(path: Path) -> tuple[Finding, ...]:
 def test_shares_of_distinct_rows_are_estimated_from_some(
     tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    data = subject.Subject(Dataset.open(tiny).stored, 0, progress=False)
+    data = subject.Subject.of(Dataset.open(tiny).stored, 0, progress=False)
     data.arrays["states"] = np.repeat(data.arrays["states"][::4], 4, axis=0)[
         : len(data.arrays["states"])
     ]

@@ -7,11 +7,10 @@ import pytest
 torch = pytest.importorskip("torch", reason="compiling needs torch")
 
 from swarmdata.learn.networks.compilation import compiling, has_compilable  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
 from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
-from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402
-from tests.contract.test_algorithms import SIZES, SMALL  # noqa: E402
+from swarmdata.testing.sample_batches import sample_setup  # noqa: E402
+from tests.contract.test_algorithms import SMALL  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +26,7 @@ COMPILABLE = [
 def test_compiled_updates_equal_plain_ones(name: str) -> None:
     kind: Any = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**SMALL.get(name, {}))
-    plain, fast = (kind(Setup(SIZES, [0, 1], statistics()), config) for _ in range(2))
+    plain, fast = (kind(sample_setup([0, 1]), config) for _ in range(2))
     for index in range(8):
         expected = plain.update(draw([0, 1], index))
         with compiling():

@@ -1,14 +1,12 @@
 """Spaces: rows are as wide as they say, and values come back from them."""
 
-from typing import Any
-
-import gymnasium
 import numpy as np
 import pytest
+from gymnasium.spaces import MultiDiscrete, Text
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
@@ -19,9 +17,12 @@ from swarmdata.specs.spaces import (
     TupleSpace,
     bounds,
     flatten,
+    space_of,
+    to_gymnasium,
     unflatten,
     width,
 )
+from tests.interop.conversion.test_space_columns import Spaces
 
 leaves = st.one_of(
     st.builds(
@@ -45,24 +46,9 @@ spaces = st.recursive(
 )
 
 
-def gymnasium_space(space: Space) -> Any:
-    match space:
-        case BoxSpace():
-            return gymnasium.spaces.Box(0, 9, space.shape, np.dtype(space.dtype).type)
-        case DiscreteSpace():
-            return gymnasium.spaces.Discrete(space.n, start=space.start)
-        case MultiDiscreteSpace():
-            return gymnasium.spaces.MultiDiscrete(space.n)
-        case MultiBinarySpace():
-            return gymnasium.spaces.MultiBinary(space.n)
-        case DictSpace():
-            return gymnasium.spaces.Dict({k: gymnasium_space(s) for k, s in space.spaces.items()})
-    return gymnasium.spaces.Tuple([gymnasium_space(s) for s in space.spaces])
-
-
 @given(spaces, st.integers(0, 99))
 def test_samples_of_the_peer_come_back_exactly(space: Space, seed: int) -> None:
-    peer = gymnasium_space(space)
+    peer = to_gymnasium(space)
     peer.seed(seed)
     value = peer.sample()
     row = flatten(space, value, "value")
@@ -92,3 +78,15 @@ def test_one_bound_stands_for_all_and_none_is_infinite() -> None:
     low, high = bounds(BoxSpace(shape=(2,), dtype="float32", low=-1.0, high=(None, 3.0)))
     np.testing.assert_array_equal(low, [-1, -1])
     np.testing.assert_array_equal(high, [np.inf, 3])
+
+
+@given(Spaces)
+def test_spaces_survive(space: Space) -> None:
+    assert space_of(to_gymnasium(space), "it") == space
+
+
+def test_what_has_no_fixed_size_is_refused() -> None:
+    with pytest.raises(SpecError, match=r"action of a is Text.* expected Box"):
+        space_of(Text(3), "action of a")
+    with pytest.raises(SpecError, match="must start at 0"):
+        space_of(MultiDiscrete([2, 2], start=[1, 0]), "action of a")

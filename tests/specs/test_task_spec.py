@@ -116,6 +116,18 @@ def test_the_hash_of_the_default_is_stable() -> None:
             {"observation": {"kind": "lidar", "range": 1e-20}},
             "observation.lidar.range: 1e-20 is too small, expected at least 1e-12",
         ),
+        ({"horizon": "x"}, "horizon: expected a whole number"),
+        ({"on_collision": "stop"}, "on_collision: expected 'continue' or 'fail'"),
+        ({"team": []}, "team: expected at least 1 of them, got 0"),
+        ({"communication": {"drop": 1}}, "communication: it has no key 'kind'"),
+        ({"observation": {"kind": "lidar", "landmarks": 1.0}}, r"observation\.drift is 0"),
+        (
+            {
+                "observation": {"kind": "state", "goal_steps": 5},
+                "communication": {"kind": "broadcast", "payload": "pose_and_goal"},
+            },
+            "pose_and_goal sends the goal that",
+        ),
     ],
 )
 def test_errors_name_the_path(data: dict[str, object], message: str) -> None:
@@ -182,20 +194,6 @@ def test_only_models_that_hide_or_forget_say_so_and_older_specs_keep_their_hashe
         assert TaskSpec.from_text(changed.to_json()) == changed
 
 
-def test_landmarks_need_a_drift_that_they_correct() -> None:
-    with pytest.raises(SpecError, match=r"observation\.drift is 0"):
-        TaskSpec.parse({"observation": {"kind": "lidar", "landmarks": 1.0}})
-
-
-def test_a_robot_cannot_send_the_goal_that_is_hidden_from_it() -> None:
-    models = {
-        "observation": {"kind": "state", "goal_steps": 5},
-        "communication": {"kind": "broadcast", "payload": "pose_and_goal"},
-    }
-    with pytest.raises(SpecError, match="pose_and_goal sends the goal that"):
-        TaskSpec.parse(models)
-
-
 def test_only_policies_with_a_convention_write_it_so_that_older_recipes_keep_their_hashes() -> None:
     plain = PolicySource(label="a", name="scripted")
     kept = PolicySource(label="a", name="scripted", convention="keep-left")
@@ -210,20 +208,6 @@ def test_models_may_be_named_as_on_the_command_line() -> None:
     spec = TaskSpec.from_text(text)
     assert spec == with_models(TaskSpec(), "lidar-32+noise-0.05", "lossy-30")
     assert TaskSpec.from_text(spec.to_yaml()).hash() == spec.hash()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"horizon": "x"}, "horizon: expected a whole number"),
-        ({"on_collision": "stop"}, "on_collision: expected 'continue' or 'fail'"),
-        ({"team": []}, "team: expected at least 1 of them, got 0"),
-        ({"communication": {"drop": 1}}, "communication: it has no key 'kind'"),
-    ],
-)
-def test_wrong_values_are_described_in_our_words(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(SpecError, match=message):
-        TaskSpec.parse(change)
 
 
 def test_the_usual_simulator_is_in_no_hash() -> None:
@@ -246,7 +230,6 @@ def test_the_usual_simulator_is_in_no_hash() -> None:
 def test_a_world_of_another_version_is_refused(version: int) -> None:
     with pytest.raises(SpecError, match=f"world version {version} .* pip install --upgrade"):
         TaskSpec.parse({"version": version})
-    assert TaskSpec.from_text("horizon: 9").version == WORLD_VERSION
 
 
 @pytest.mark.parametrize("rules", [None, dict, Rewards])

@@ -108,13 +108,7 @@ class Crew:
         progress: Report = lambda amount: None,
         on_failure: OnFailure = stop_at_failure,
     ) -> None:
-        """Does all jobs, in any order.
-
-        Args:
-            jobs: what to do.
-            progress: gets what handlers report; negative when a killed job starts again.
-            on_failure: gets jobs that raised an error or whose workers were killed `MAX_ATTEMPTS`
-                times.
+        """Does all jobs, as `Engine.run` says.
 
         Raises:
             BuildError: a worker could not start; or a job failed, by default.
@@ -216,9 +210,7 @@ def _killed(job: Job, code: int) -> BuildError:
 def serve(entry: str) -> None:
     """Does jobs from standard input until it ends; the main loop of a worker.
 
-    Args:
-        entry: "module:function" that returns what does a job. A `SwarmdataError` or `OSError` that
-            it raises is sent to the supervisor.
+    A `SwarmdataError` or `OSError` that the handler of `entry` raises is sent to the supervisor.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches everyone; the supervisor acts
     lines = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")

@@ -59,12 +59,7 @@ class ExecutorEngine:
         progress: Report = lambda amount: None,
         on_failure: OnFailure = stop_at_failure,
     ) -> None:
-        """Does all jobs, in any order.
-
-        Args:
-            jobs: what to do.
-            progress: gets the sum of what the handler of a job reported, once it is done.
-            on_failure: gets jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
+        """Does all jobs, as `Engine.run` says; progress is reported once a job is done.
 
         Raises:
             BuildError: a job failed, by default.

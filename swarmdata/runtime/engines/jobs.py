@@ -9,10 +9,10 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, Protocol, Self
 
 from swarmdata.errors import BuildError, SwarmdataError
+from swarmdata.runtime.own_components import import_component
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -79,8 +79,7 @@ class Engine(Protocol):
 
 def load_handler(entry: str) -> Handler:
     """Returns what `module:function` returns, which is called without arguments."""
-    module, function = entry.split(":")
-    handler: Handler = getattr(import_module(module), function)()
+    handler: Handler = import_component(entry)()
     return handler
 
 
@@ -89,11 +88,7 @@ _one_at_a_time = threading.Lock()
 
 
 def do_job(entry: str, payload: dict[str, Any]) -> dict[str, Any]:
-    """Does a job in this process, which keeps the handler for the next one.
-
-    Args:
-        entry: "module:function" that returns the handler.
-        payload: of the job.
+    """Does a job in this process, which keeps the handler of `entry` for the next one.
 
     Returns:
         `progress`, the sum of what the handler reported, or `error`, in one line or, for a bug,

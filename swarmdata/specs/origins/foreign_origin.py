@@ -126,12 +126,7 @@ def foreign_origin(
 
 
 def missing_parts(data: Any, packages: Mapping[str, str] = MappingProxyType({})) -> str | None:
-    """What the content of a `recipe.json` names and nothing here defines, and what to do.
-
-    Args:
-        data: the content.
-        packages: as `foreign_origin` takes them.
-    """
+    """What the content of a `recipe.json` names and nothing here defines, and what to do."""
     found = [
         defined_elsewhere(what, name, packages.get(f"{what} {name}", ""))
         for what, name in _unknown_parts(data)

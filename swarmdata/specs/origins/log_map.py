@@ -139,27 +139,21 @@ class CommandSignal(Signal):
     """s, added to their times beside the robot's; `estimate`: found by the motion that follows."""
 
     @model_validator(mode="after")
-    def _check_clock(self) -> Self:
-        if self.clock_offset != "estimate":
-            return self
-        if self.differences:
-            raise ValueError("clock_offset: estimate needs logged commands, not differences")
+    def _check_components(self) -> Self:
         known = BODY_DIFFERENCES if self.frame == "body" else WORLD_DIFFERENCES
-        if not any(each.commands in known for each in self.components):
+        names = [each.column for each in self.components]
+        if self.clock_offset == "estimate" and self.differences:
+            raise ValueError("clock_offset: estimate needs logged commands, not differences")
+        is_known = any(each.commands in known for each in self.components)
+        if self.clock_offset == "estimate" and not is_known:
             raise ValueError(
                 "clock_offset: estimate needs to know what is commanded: say `motion` of a "
                 f"component, in the frame {self.frame} one of {', '.join(known)}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _check_differences(self) -> Self:
-        names = [each.column for each in self.components]
         if twice := repeated(names):
             raise ValueError(f"several components are of the column {', '.join(twice)}")
         if self.differences and any(each.low is None for each in self.components):
             raise ValueError("differences need bounds: say low and high of every component")
-        known = BODY_DIFFERENCES if self.frame == "body" else WORLD_DIFFERENCES
         if self.differences and (wrong := [name for name in names if name not in known]):
             raise ValueError(
                 f"differences in the frame {self.frame} give {', '.join(known)}, not "

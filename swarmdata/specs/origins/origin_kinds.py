@@ -1,13 +1,11 @@
-"""Origin, the protocol of everything a dataset can come from, and the table of its kinds.
-
-An origin is the content of a dataset's `recipe.json`.
-"""
+"""Origin, the protocol of everything a dataset can come from, and the table of its kinds."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from swarmdata.errors import SpecError
 from swarmdata.runtime.own_components import import_component
+from swarmdata.specs.frozen import Document
 from swarmdata.specs.origins.spec_kinds import Spec
 from swarmdata.specs.recipe import PolicySource, Recipe, SplitRule
 from swarmdata.specs.task_spec import TaskSpec
@@ -16,8 +14,8 @@ if TYPE_CHECKING:
     from swarmdata.specs.origins.edit_origin import Parent
 
 
-class Origin(Protocol):
-    """Where a dataset comes from; frozen data that is parsed from JSON and hashed."""
+class Origin(Document, Protocol):
+    """Where a dataset comes from; its JSON is the content of `recipe.json`."""
 
     @property
     def kind(self) -> str: ...  # its key in `ORIGIN_KINDS`
@@ -92,20 +90,8 @@ class Origin(Protocol):
         """What a card says of the tier; None for the description of the package's tiers."""
         ...
 
-    def hash(self) -> str:
-        """SHA-256 of its canonical JSON, hex."""
-        ...
-
     def to_yaml(self) -> str:
         """The same content as readable YAML."""
-        ...
-
-    def to_json(self) -> str:
-        """Canonical JSON, the content of `recipe.json`."""
-        ...
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
-        """A copy with some fields replaced, which are not checked."""
         ...
 
     @classmethod
@@ -141,11 +127,7 @@ def parse_origin(data: Any, source: str) -> Origin:
 
 
 def check_installed(origin: Origin, purpose: str) -> None:
-    """Checks that all that a dataset names is defined here.
-
-    Args:
-        origin: of the dataset.
-        purpose: what needs it, the subject of the error's sentence.
+    """Checks that all that a dataset names is defined here, which `purpose` needs.
 
     Raises:
         SpecError: another package defines some of it.
@@ -155,11 +137,7 @@ def check_installed(origin: Origin, purpose: str) -> None:
 
 
 def task_of(origin: Origin, purpose: str) -> TaskSpec:
-    """The spec of a dataset of a task of this library.
-
-    Args:
-        origin: of the dataset.
-        purpose: what needs the task, the subject of the error's sentence, such as "coverage".
+    """The spec of a dataset of a task of this library, which `purpose`, such as "coverage", needs.
 
     Raises:
         SpecError: the dataset was recorded in another environment, or another package defines its

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, S
 
 from pydantic import Discriminator, Tag, model_validator
 
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Document, Dumps, Frozen
 from swarmdata.specs.origins.recorded_spec import RecordedSpec
 from swarmdata.specs.plain_names import Name, Text
 from swarmdata.specs.rules import Side
@@ -13,11 +13,8 @@ from swarmdata.specs.spaces import Space
 from swarmdata.specs.task_spec import TaskSpec
 
 
-class Spec(Protocol):
-    """What was recorded: a task of this library, or any other environment with agents.
-
-    Frozen data that is parsed from JSON, compared by value and hashed.
-    """
+class Spec(Document, Dumps, Protocol):
+    """What was recorded: a task of this library, or any other environment with agents."""
 
     @property
     def kind(self) -> str: ...  # its key in `SPEC_KINDS`
@@ -77,21 +74,6 @@ class Spec(Protocol):
 
     @property
     def limits(self) -> tuple[str, ...]: ...  # known limits of datasets of it, sentences for a card
-    def hash(self) -> str:
-        """SHA-256 of its canonical JSON, hex."""
-        ...
-
-    def to_json(self) -> str:
-        """Canonical JSON."""
-        ...
-
-    def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]:
-        """Its fields as plain data."""
-        ...
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
-        """A copy with some fields replaced, which are not checked."""
-        ...
 
 
 class SideSpec(Frozen):

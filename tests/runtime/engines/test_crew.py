@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import pytest
@@ -14,30 +13,23 @@ from swarmdata.runtime import kernel_progress
 from swarmdata.runtime.engines import crew as crew_module
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.jobs import Job
-from tests.runtime.engines.test_engines import HANDLER, job, starts
-
-
-@pytest.fixture
-def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    (tmp_path / "engine_handler.py").write_text(HANDLER)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    return "engine_handler:work"
+from tests.runtime.engines.conftest import ENTRY, job, starts, wait_for
 
 
 def test_workers_leave_it_to_the_supervisor_to_say_once_that_kernels_are_compiled(
-    tmp_path: Path, entry: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []
     monkeypatch.setattr(kernel_progress, "PROGRESS", kernel_progress.KernelProgress())
     monkeypatch.setattr(crew_module, "PROGRESS", kernel_progress.PROGRESS)
     kernel_progress.PROGRESS.tell = said.append
-    with Crew(entry, 2) as crew:
+    with Crew(ENTRY, 2) as crew:
         crew.run([job(tmp_path, name, "say") for name in ("a", "b", "c")])
     assert said == ["compiling kernels"]
 
 
-def test_bug_in_a_worker_is_an_error(tmp_path: Path, entry: str) -> None:
-    with Crew(entry, 1) as crew, pytest.raises(BuildError, match="exit code 1 while doing buggy"):
+def test_bug_in_a_worker_is_an_error(tmp_path: Path) -> None:
+    with Crew(ENTRY, 1) as crew, pytest.raises(BuildError, match="exit code 1 while doing buggy"):
         crew.run([job(tmp_path, "buggy", "crash")])
 
 
@@ -55,13 +47,13 @@ def test_crew_needs_a_worker() -> None:
     ("action", "number"), [("forever", signal.SIGTERM), ("silently forever", signal.SIGKILL)]
 )
 def test_workers_end_when_the_supervisor_is_killed(
-    tmp_path: Path, entry: str, action: str, number: signal.Signals
+    tmp_path: Path, action: str, number: signal.Signals
 ) -> None:
     script = textwrap.dedent(f"""
         import sys; sys.path[:] = {sys.path!r}
         from swarmdata.runtime.engines.crew import Crew
         from swarmdata.runtime.engines.jobs import Job
-        with Crew({entry!r}, 1) as crew:
+        with Crew({ENTRY!r}, 1) as crew:
             crew.run([Job("long", {{"action": {action!r}, "note": {str(tmp_path / "long")!r}}})])
     """)
     supervisor = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
@@ -71,14 +63,6 @@ def test_workers_end_when_the_supervisor_is_killed(
     supervisor.wait()
 
     wait_for(lambda: not is_running(worker))
-
-
-def wait_for(condition: object, seconds: float = 300.0) -> None:
-    assert callable(condition)
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
 
 
 def is_running(pid: int) -> bool:

@@ -19,43 +19,8 @@ from swarmdata.errors import BuildError, EngineError
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.store import read_manifest
+from tests.runtime.engines.conftest import ENTRY, job, starts
 from tests.support.tiny import TINY
-
-HANDLER = """
-import os, signal, time  # each start of a job is a line: the process, and the threads of BLAS
-from pathlib import Path
-from swarmdata.errors import SpecError
-
-def handle(payload, report):
-    action, note = payload["action"], Path(payload["note"])
-    print("noise on standard output")
-    report(3)
-    with note.open("a") as file:
-        file.write(f"{os.getpid()} {os.environ.get('OMP_NUM_THREADS')}\\n")
-    starts = len(note.read_text().splitlines())
-    if action == "die" or (action == "die once" and starts == 1):
-        os.kill(os.getpid(), signal.SIGKILL)
-    if action == "refuse":
-        raise SpecError("this cannot be done")
-    if action == "crash":
-        raise ZeroDivisionError("a bug")
-    if action == "say":
-        from swarmdata.runtime.kernel_progress import PROGRESS
-        PROGRESS.say("compiling kernels")
-    while action in ("forever", "silently forever"):
-        if action == "forever":
-            report(1)
-        time.sleep(0.02)
-    time.sleep({"wait": 2.0, "pause": 0.3}.get(action, 0.0))
-    if action == "compile":
-        from engine_kernel import double
-        assert double(1.5) == 3.0
-        note.write_text(str(sum(double.stats.cache_misses.values())))
-    report(4)
-
-def work():
-    return handle
-"""
 
 KERNEL = """
 import time
@@ -183,31 +148,20 @@ def empty_kernel_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(params=ENGINES)
 def engine(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest, tmp_path: Path, handler: None
 ) -> Iterator[str | Executor]:
-    """Each engine; its processes find the handler."""
+    """Each engine; its processes find the handler and a kernel."""
     package = PACKAGES.get(request.param)
     if package is not None and importlib.util.find_spec(package) is None:
         pytest.skip(f"needs {package}")
-    (tmp_path / "engine_handler.py").write_text(HANDLER)
     (tmp_path / "engine_kernel.py").write_text(KERNEL)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path.cwd())]))
     with request.param() as found:
         yield found
 
 
-def job(folder: Path, name: str, action: str = "work") -> Job:
-    return Job(name, {"action": action, "note": str(folder / name)})
-
-
-def starts(folder: Path, name: str) -> int:
-    return len((folder / name).read_text().splitlines())
-
-
 def test_jobs_are_done_once_and_progress_adds_up(engine: str | Executor, tmp_path: Path) -> None:
     reports: list[int] = []
-    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+    with open_engine(engine, ENTRY, n_workers=2, folder=tmp_path / "x") as opened:
         opened.run([job(tmp_path, f"job-{k}") for k in range(5)], reports.append)
         opened.run([job(tmp_path, "later")], reports.append)
     assert sum(reports) == 6 * 7
@@ -223,7 +177,7 @@ def test_an_error_stops_everything_or_is_handed_over(
 ) -> None:
     failed: list[tuple[str, str]] = []
     jobs = [job(tmp_path, "picky", "refuse"), job(tmp_path, "good")]
-    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+    with open_engine(engine, ENTRY, n_workers=2, folder=tmp_path / "x") as opened:
         opened.run(jobs, lambda n: None, lambda each, why: failed.append((each.name, str(why))))
         with pytest.raises(BuildError, match="picky failed: SpecError: this cannot be done"):
             opened.run(jobs[:1], lambda n: None)
@@ -238,7 +192,7 @@ def test_a_job_whose_process_dies_is_done_again_and_named_in_the_end(
     if isinstance(engine, Executor):
         pytest.skip("a pool of the user's is broken then: see the next test")
     reports: list[int] = []
-    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+    with open_engine(engine, ENTRY, n_workers=2, folder=tmp_path / "x") as opened:
         opened.run([job(tmp_path, "victim", "die once"), job(tmp_path, "good")], reports.append)
         assert starts(tmp_path, "good") == 1
         assert starts(tmp_path, "victim") == 2
@@ -271,7 +225,7 @@ def test_processes_of_a_node_compile_a_kernel_once(
 ) -> None:
     names = [f"kernel-{k}" for k in range(4)]
     jobs = [job(tmp_path, name, "compile") for name in names]
-    with open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x") as opened:
+    with open_engine(engine, ENTRY, n_workers=2, folder=tmp_path / "x") as opened:
         opened.run(jobs, lambda n: None)
     assert max(int((tmp_path / name).read_text()) for name in names) == 1
     index = list(empty_kernel_cache.rglob("*.nbi"))
@@ -285,7 +239,7 @@ def test_ctrl_c_cancels_what_has_not_begun(engine: str | Executor, tmp_path: Pat
 
     names = [f"job-{k}" for k in range(20)]
     jobs = [job(tmp_path, "picky", "refuse"), *[job(tmp_path, name, "pause") for name in names]]
-    opened = open_engine(engine, "engine_handler:work", n_workers=2, folder=tmp_path / "x")
+    opened = open_engine(engine, ENTRY, n_workers=2, folder=tmp_path / "x")
     with pytest.raises(KeyboardInterrupt), opened:
         opened.run(jobs, lambda n: None, stop)
     assert len(list(tmp_path.glob("job-*"))) < len(names)
@@ -303,14 +257,44 @@ def test_a_dataset_is_the_same_from_every_engine(
     assert read_manifest(out).digest == read_manifest(tiny).digest
 
 
+def study_tables(engine: str | Executor, data: Path, folder: Path) -> dict[str, bytes]:
+    """Runs a study of two cells by an engine; returns its tables, but for those of costs."""
+    from swarmdata.evaluation.study.plan import Study
+    from swarmdata.evaluation.study.run_study import StudyOptions, run_study
+
+    build(TINY, data, workers=1, progress=False)
+    cell = {"algorithm": "bc", "family": "cloning", "updates": 4}
+    plan = {
+        "name": "tiny",
+        "datasets": [str(data)],
+        "algorithms": {"bc": cell, "other": {**cell, "settings": {"output": "clip"}}},
+        "seeds": [0, 1],
+        "hidden": [8],
+        "episodes": 4,
+        "tasks": {
+            "datasets": [str(data)], "algorithms": ["bc"], "tasks": ["coop_nav-easy"],
+            "episodes": 3,
+        },
+        "sweeps": {
+            "noise": {"dataset": str(data), "vary": "observation", "axis": "noise=0,0.2",
+                      "points": 2, "episodes": 2},
+        },
+    }  # fmt: skip
+    options = StudyOptions(folder / "out", folder / "work", 2, engine, progress=False)
+    failures, _ = run_study(Study.parse(plan, "the test's study"), options, "the command")
+    assert failures == {}
+    out = folder / "out"
+    tables = {str(file.relative_to(out)): file for file in sorted(out.rglob("*.csv"))}
+    assert {"results.csv", "tasks.csv", "sweeps/noise/sweep.csv"} <= tables.keys()
+    return {name: file.read_bytes() for name, file in tables.items() if "cost" not in name}
+
+
 @pytest.mark.slow
 def test_a_study_has_the_same_tables_from_every_engine(
     engine: str | Executor, tmp_path: Path
 ) -> None:
     pytest.importorskip("torch", reason="cells are trained")
     pytest.importorskip("matplotlib", reason="a study has figures")
-    from tests.support.small_study import study_tables
-
     data = tmp_path / TINY.id
     there = study_tables(engine, data, tmp_path / "there")
     assert there == study_tables("local", data, tmp_path / "here")

@@ -1,10 +1,7 @@
 """Schedulers that are lost while jobs run: found again if they can be, else one clear sentence."""
 
 import importlib.util
-import os
 import subprocess
-import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -17,41 +14,10 @@ from swarmdata.runtime.engines import cluster_executors, slurm_executor
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.runtime.engines.slurm_executor import SlurmExecutor
-from tests.runtime.engines.test_engines import (
-    HANDLER,
-    START_SECONDS,
-    free_port,
-    job,
-    start_dask,
-    starts,
-)
+from tests.runtime.engines.conftest import ENTRY, job, once_there, starts, wait_for
+from tests.runtime.engines.test_engines import START_SECONDS, free_port, start_dask
 
 N_JOBS = 4
-
-
-@pytest.fixture(autouse=True)
-def handler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "engine_handler.py").write_text(HANDLER)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path.cwd())]))
-
-
-def begun(folder: Path) -> int:
-    """How many jobs have begun."""
-    return len(list(folder.glob("job-*")))
-
-
-def when_a_job_has_begun(folder: Path, action: object) -> threading.Thread:
-    assert callable(action)
-
-    def watch() -> None:
-        while not begun(folder):
-            time.sleep(0.05)
-        action()
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    return thread
 
 
 @pytest.mark.slow
@@ -77,12 +43,10 @@ def test_a_dask_scheduler_that_starts_again_gets_the_jobs_again(tmp_path: Path) 
 
     jobs = [job(tmp_path, f"job-{k}", "wait") for k in range(N_JOBS)]
     reports: list[int] = []
-    engine = open_engine(
-        f"dask://{address}", "engine_handler:work", n_workers=2, folder=tmp_path / "x"
-    )
+    engine = open_engine(f"dask://{address}", ENTRY, n_workers=2, folder=tmp_path / "x")
     try:
         with engine as opened:
-            lost = when_a_job_has_begun(tmp_path, lose)
+            lost = once_there(tmp_path, "job-*", lose)
             opened.run(jobs, reports.append)
             lost.join(START_SECONDS)
     finally:
@@ -112,27 +76,13 @@ class Broken(Executor):
         return future
 
 
-def test_a_connection_that_is_lost_is_made_again(tmp_path: Path) -> None:
-    opened: list[Broken] = []
-
-    def connect() -> Broken:
-        opened.append(Broken(3, GONE))
-        return opened[-1]
-
-    reports: list[int] = []
-    with ExecutorEngine("engine_handler:work", connect) as engine:
-        engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], reports.append)
-    assert sum(reports) == N_JOBS * 7
-    assert len(opened) == 2
-
-
 @pytest.mark.parametrize("is_owned", [True, False], ids=["ours", "the user's"])
 def test_an_executor_that_takes_no_more_jobs_is_one_sentence(
     is_owned: bool, tmp_path: Path
 ) -> None:
     executor = Broken(0, GONE)
     with (
-        ExecutorEngine("engine_handler:work", lambda: executor, is_owned) as engine,
+        ExecutorEngine(ENTRY, lambda: executor, is_owned) as engine,
         pytest.raises(EngineError, match=r"takes no more jobs .* is finished is kept") as raised,
     ):
         engine.run([job(tmp_path, "any")], lambda n: None)
@@ -149,7 +99,7 @@ def test_a_scheduler_that_stays_away_is_one_sentence(tmp_path: Path) -> None:
         return opened[-1]
 
     with (
-        ExecutorEngine("engine_handler:work", connect) as engine,
+        ExecutorEngine(ENTRY, connect) as engine,
         pytest.raises(EngineError, match="no scheduler answers"),
     ):
         engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], lambda n: None)
@@ -163,16 +113,17 @@ class Deaf(Broken):
         return future if self.n_left else Future()
 
 
-def test_jobs_of_a_lost_executor_are_submitted_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("first", [Broken(3, GONE), Deaf(1, GONE)], ids=["broken", "deaf"])
+def test_a_connection_that_is_lost_is_made_again(first: Broken, tmp_path: Path) -> None:
+    """What a deaf executor took is submitted once more."""
     opened: list[Broken] = []
 
     def connect() -> Broken:
-        gone = ConnectionError("the scheduler is gone")
-        opened.append(Broken(9, gone) if opened else Deaf(1, gone))
+        opened.append(Broken(9, GONE) if opened else first)
         return opened[-1]
 
     reports: list[int] = []
-    with ExecutorEngine("engine_handler:work", connect) as engine:
+    with ExecutorEngine(ENTRY, connect) as engine:
         engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], reports.append)
     assert sum(reports) == N_JOBS * 7
     assert len(opened) == 2
@@ -180,7 +131,7 @@ def test_jobs_of_a_lost_executor_are_submitted_again(tmp_path: Path) -> None:
 
 def test_a_job_that_loses_every_executor_is_named(tmp_path: Path) -> None:
     with (
-        ExecutorEngine("engine_handler:work", lambda: Deaf(1, OSError("gone"))) as engine,
+        ExecutorEngine(ENTRY, lambda: Deaf(1, OSError("gone"))) as engine,
         pytest.raises(BuildError, match=r"failed: it was lost 3 times, last by OSError: gone"),
     ):
         engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], lambda n: None)
@@ -223,8 +174,8 @@ class SlurmJob:
 
     job_id, stderr = "7", "7_log.err"
 
-    def __init__(self, error: Exception | None = None) -> None:
-        self.error = error
+    def __init__(self, error: Exception | None = None, *, is_done: bool = True) -> None:
+        self.error, self.is_done = error, is_done
         self.cancelled: list[bool] = []
 
     @property
@@ -238,7 +189,7 @@ class SlurmJob:
     def exists(self) -> bool:
         if self.error is not None:
             raise self.error
-        return True
+        return self.is_done
 
     def result(self) -> int:
         return 3
@@ -262,6 +213,31 @@ def test_slurm_jobs_of_which_nothing_is_known_are_lost_and_the_others_found(
     assert isinstance(lost.exception(START_SECONDS), OSError)
     executor._submitter = good
     assert executor.submit(print).result(START_SECONDS) == 3, "the thread still looks"
+    executor.shutdown()
+
+
+def test_slurm_jobs_are_waited_for_while_it_does_not_answer_and_cancelled_with_their_futures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(slurm_executor, "POLL_SECONDS", 0.01)
+    monkeypatch.setattr(slurm_executor, "RESULT_SECONDS", 0.0)
+    answer: set[str] | None = None
+    looks: list[object] = []
+
+    def queued_jobs() -> set[str] | None:
+        looks.append(answer)
+        return answer
+
+    waiting = SlurmJob(is_done=False)
+    executor = SlurmExecutor(waiting, queued_jobs)
+    future, unwanted = executor.submit(print), executor.submit(print)
+    wait_for(lambda: len(looks) > 3)
+    assert not future.done()
+    assert unwanted.cancel()
+    wait_for(lambda: waiting.cancelled == [False])
+    answer = set()
+    with pytest.raises(EngineError, match="SLURM job 7 ended without a result; its log is 7_log"):
+        future.result(START_SECONDS)
     executor.shutdown()
 
 

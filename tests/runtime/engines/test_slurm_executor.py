@@ -12,7 +12,7 @@ from swarmdata.runtime.engines import slurm_executor  # noqa: E402
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine  # noqa: E402
 from swarmdata.runtime.engines.open_engine import open_engine  # noqa: E402
 from swarmdata.runtime.engines.slurm_executor import SlurmExecutor  # noqa: E402
-from tests.runtime.engines.test_engines import HANDLER, job, starts  # noqa: E402
+from tests.runtime.engines.conftest import ENTRY, job, starts  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -35,16 +35,13 @@ class Submitter:
 
 @pytest.fixture
 def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ExecutorEngine:
-    (tmp_path / "slurm_handler.py").write_text(HANDLER)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{Path.cwd()}")
     monkeypatch.setattr(slurm_executor, "RESULT_SECONDS", 2.0)
 
     def open_local() -> SlurmExecutor:
         submitter = Submitter(tmp_path / "logs")
         return SlurmExecutor(submitter, submitter.queued_jobs)
 
-    return ExecutorEngine("slurm_handler:work", open_local)
+    return ExecutorEngine(ENTRY, open_local)
 
 
 def test_each_job_is_a_job_of_the_cluster(engine: ExecutorEngine, tmp_path: Path) -> None:

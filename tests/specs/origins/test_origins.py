@@ -9,31 +9,16 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec, parse_origin, task_of
+from swarmdata.specs.origins import parse_origin, task_of
 from swarmdata.specs.origins.edit_origin import Edit, Parent
-from swarmdata.specs.origins.recording_origin import Recording
-from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
+from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS
 from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import END_REASONS, Episode
-
-AGENTS = (
-    RecordedAgent(
-        name="adversary_0", observation=BoxSpace(shape=(5,), dtype="float32"),
-        action=DiscreteSpace(n=5),
-    ),
-    RecordedAgent(
-        name="agent_0", observation=BoxSpace(shape=(3,), dtype="float32"),
-        action=BoxSpace(shape=(2,), dtype="float32", low=-1.0, high=1.0),
-    ),
-)  # fmt: skip
-SPEC = RecordedSpec(task="tag_v3", agents=AGENTS, state_size=3, state_from="environment")
-POLICIES = (PolicySource(label="mine", name="external"),)
-RECORDING = Recording(id="tag_v3-mine-v0", spec=SPEC, policies=POLICIES, source="recorder")
+from tests.interop.conftest import POLICIES, RECORDING, SPEC
 
 
 def record(length: int, seed: int) -> Episode:
