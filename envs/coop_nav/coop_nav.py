@@ -113,12 +113,11 @@ class CoopNav:
     def __init__(self, spec: TaskSpec) -> None:
         rules, n = spec.rules_as(NavigationRules), spec.n_agents
         self.spec = spec
-        is_random = rules.arrangement.kind == "random"
         self._plan = SpawnPlan.of(spec)
-        self._arranged = None if is_random else arrange(spec)
+        self._layout, self._place = arrange(spec)
         self.kinds: Int = self._plan.kinds
-        if self._arranged is not None:
-            self.kinds = self._arranged.layout[:, 0].astype(np.int64)
+        if self._layout is not None:
+            self.kinds = self._layout[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
         self.extras: tuple[Column, ...] = ()
         self.features: tuple[Feature, ...] = ()
@@ -150,8 +149,10 @@ class CoopNav:
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         robots = robots_of(states, self.spec.n_agents)
-        if self._arranged is not None:
-            self._arranged.spawn(seeds, copies, layouts, robots)
+        if self._layout is not None:
+            layouts[copies] = self._layout
+        if self._place is not None:
+            self._place(seeds, copies, robots)
         else:
             spawn_random(self.spec, self._plan, seeds, copies, layouts, robots)
         self.complete(states, copies)
