@@ -80,11 +80,42 @@ class Scenes:
         nothing = np.zeros((len(states), n, 0), dtype=np.float32)
         return blank_step(nothing, states, seeds=seeds, times=times, layouts=layouts)
 
-    def compare(self, task: Task, twin: Callable[..., Double], seed: int) -> None:
+    def run(
+        self, task: Task, steps: Sequence[Step], sensor: Sensor | None = None
+    ) -> tuple[Float, Float]:
+        """Observations [T, E, N, O], and what robots know of themselves [T, E, N, 8].
+
+        Args:
+            task: the task.
+            steps: of an episode.
+            sensor: a fresh one by default.
+        """
+        n_copies, n = len(steps[0].states), task.spec.n_agents
+        sensor = sensor or Sensor(task, n_copies)
+        shape = (len(steps), n_copies, n, len(sensor.features))
+        out, known = np.full(shape, np.nan, dtype=np.float32), []
+        for step, row in zip(steps, out, strict=True):
+            own = sensor.observe(step, np.ones(n_copies, dtype=np.bool_), row)
+            known.append(robots_of(own, n).copy())
+        return out, np.array(known)
+
+    def observe(self, task: Task, step: Step) -> Float:
+        """What a fresh sensor observes, [E, N, O]."""
+        return self.run(task, [step])[0][0]
+
+    def compare(
+        self,
+        twin: Callable[..., Double],
+        model: dict[str, Any],
+        robot: dict[str, Any],
+        n_agents: int,
+        has_bodies: bool,
+        seed: int,
+    ) -> None:
         """Checks what a sensor observes in three copies against its twin in NumPy."""
-        step, sensor = self.step(task, 3, seed), Sensor(task, 3)
-        out = np.full((3, task.spec.n_agents, len(sensor.features)), np.nan, dtype=np.float32)
-        sensor.observe(step, np.ones(3, dtype=np.bool_), out)
+        task = self.task(model, has_bodies=has_bodies, team=[{"count": n_agents, "robot": robot}])
+        step = self.step(task, 3, seed)
+        out = self.observe(task, step)
         for copy in range(3):
             expected = twin(self, task, step.states[copy], step.layouts[copy])
             np.testing.assert_allclose(out[copy], expected, atol=2e-6)

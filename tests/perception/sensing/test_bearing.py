@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
+from tests.perception.sensing.cases import scene_cases
 
 
 def distance_to_segment(point: Double, p: Double, q: Double) -> float:
@@ -66,27 +66,9 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     return np.array(out)
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    n_agents=st.integers(1, 8),
-    n_neighbors=st.integers(0, 5),
-    span=st.floats(0.5, 6.0),
-    has_bodies=st.booleans(),
-    sensor_range=st.none() | st.floats(0.3, 3.0),
-)
-def test_the_kernel_equals_its_numpy_twin(
-    scenes: Any,
-    seed: int,
-    n_agents: int,
-    n_neighbors: int,
-    span: float,
-    has_bodies: bool,
-    sensor_range: float | None,
-) -> None:
-    model = {"kind": "bearing", "n_neighbors": n_neighbors, "range": span}
-    robot = {"dynamics": "unicycle", "sensor_range": sensor_range}
-    task = scenes.task(model, has_bodies=has_bodies, team=[{"count": n_agents, "robot": robot}])
-    scenes.compare(task, twin, seed)
+@given(scene_cases(kind="bearing", n_neighbors=st.integers(0, 5), range=st.floats(0.5, 6.0)))
+def test_the_kernel_equals_its_numpy_twin(scenes: Any, case: dict[str, Any]) -> None:
+    scenes.compare(twin, **case)
 
 
 ROW = {
@@ -103,22 +85,12 @@ ROW = {
 @pytest.mark.parametrize("row", ROW)
 def test_what_stands_between_two_robots_hides_them(scenes: Any, row: str) -> None:
     task = scenes.task({"kind": "bearing", "n_neighbors": 1}, n_agents=2)
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
+    step = scenes.step(task, 1, 0)
     step.states[0] = [0, 0, 0, 0, 1, 0, 1, 1, 1, 0, 0, 0, 1, 0, 1, 1]
     rows = np.array([ROW[row]] if ROW[row] else [], dtype=np.float32).reshape(1, -1, 8)
-    out = np.zeros((1, 2, len(sensor.features)), dtype=np.float32)
-    sensor.observe(step._replace(layouts=rows), np.array([True]), out)
+    out = scenes.observe(task, step._replace(layouts=rows))
     is_visible = row in ("nothing", "a box that touches the line")
     assert (out[0, :, 8] == is_visible).all()
     assert is_visible or not out[0, :, 5:].any()
     if row == "nothing":
         np.testing.assert_allclose(out[0, :, 5:], [[0.5, 1, 0, 1], [0.5, -1, 0, 1]])
-
-
-def test_a_robot_hides_the_one_behind_it(scenes: Any) -> None:
-    task = scenes.task({"kind": "bearing"}, n_agents=3)
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
-    step.states[0] = [v for x in (0, 0.5, 1) for v in (x, 0, 0, 0, 1, 0, 1, 1)]
-    out = np.zeros((1, 3, len(sensor.features)), dtype=np.float32)
-    sensor.observe(step._replace(layouts=step.layouts[:, :0]), np.array([True]), out)
-    np.testing.assert_array_equal(out[0, :, 8::4].sum(axis=1), [1, 2, 1])

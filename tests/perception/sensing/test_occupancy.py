@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
+from tests.perception.sensing.cases import scene_cases
 
 
 def distance_to_bar(points: Double, bar: Double) -> Double:
@@ -50,37 +50,6 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     return np.array(out)
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    n_agents=st.integers(1, 8),
-    cells=st.integers(1, 12),
-    cell_size=st.floats(0.05, 0.6),
-    has_bodies=st.booleans(),
-    sensor_range=st.none() | st.floats(0.3, 3.0),
-)
-def test_the_kernel_equals_its_numpy_twin(
-    scenes: Any,
-    seed: int,
-    n_agents: int,
-    cells: int,
-    cell_size: float,
-    has_bodies: bool,
-    sensor_range: float | None,
-) -> None:
-    model = {"kind": "occupancy", "cells": cells, "cell_size": cell_size}
-    robot = {"dynamics": "unicycle", "sensor_range": sensor_range}
-    task = scenes.task(model, has_bodies=has_bodies, team=[{"count": n_agents, "robot": robot}])
-    scenes.compare(task, twin, seed)
-
-
-def test_rows_go_forward_and_columns_to_the_left(scenes: Any) -> None:
-    """A robot heading along world y has one ahead, one on its left, and a wall behind."""
-    task = scenes.task({"kind": "occupancy", "cells": 3, "cell_size": 1.0}, n_agents=3)
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
-    poses = [(0, -1.5, 0, 1), (0, -0.5, 1, 0), (-1, -1.5, 1, 0)]
-    step.states[0] = [v for x, y, ux, uy in poses for v in (x, y, 0, 0, ux, uy, 1, 1)]
-    out = np.zeros((1, 3, len(sensor.features)), dtype=np.float32)
-    sensor.observe(step._replace(layouts=step.layouts[:, :0]), np.array([True]), out)
-    grid = out[0, 0, 5:].reshape(3, 3, 2)
-    np.testing.assert_array_equal(grid[..., 0], [[0, 0, 0], [0, 0, 1], [0, 1, 0]])
-    np.testing.assert_array_equal(grid[..., 1], [[1, 1, 1], [0, 0, 0], [0, 0, 0]])
+@given(scene_cases(kind="occupancy", cells=st.integers(1, 12), cell_size=st.floats(0.05, 0.6)))
+def test_the_kernel_equals_its_numpy_twin(scenes: Any, case: dict[str, Any]) -> None:
+    scenes.compare(twin, **case)
