@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.physics.backend import Backend, Contacts, Plan
+from swarmdata.envs.physics.backend import Backend, Contacts, Moving, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
 from swarmdata.envs.physics.episode_bodies import episode_limits, episode_payloads, payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
@@ -266,7 +266,7 @@ class World:
         if self._is_random:
             limits = episode_limits(self._spec, seeds)
             payloads = episode_payloads(self._spec, self._movables, seeds)
-        self._backend.reset(copies, layouts, robots, bodies, limits, payloads)
+        self._backend.reset(copies, layouts, Moving(robots, bodies, limits, payloads))
         if self._motors is not None:
             self._motors.reset(copies, seeds)
 
