@@ -15,7 +15,7 @@ from swarmdata.interfaces import Task
 from swarmdata.perception.sensing.lidar import ray_blocks
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
-from tests.perception.sensing.cases import scene_cases
+from tests.perception.sensing import scenes
 
 NOTHING, ROBOT, OBSTACLE, WALL, PAYLOAD = range(5)
 GRAZE = 2e-5  # rad; rays that this much decides may differ between float32 and float64
@@ -42,13 +42,13 @@ def edge_hit(at: Double, ray: Double, p: Double, q: Double) -> float:
     return float(t) if t >= 0 and 0 <= s <= 1 else np.inf
 
 
-def bar_hit(scenes: Any, at: Double, ray: Double, bar: Double) -> float:
+def bar_hit(at: Double, ray: Double, bar: Double) -> float:
     if scenes.encloses(bar, at):
         return 0.0
     return min(edge_hit(at, ray, *pair) for pair in zip(bar, np.roll(bar, -1, 0), strict=True))
 
 
-def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: float) -> Any:
+def cast(task: Task, state: Float, layout: Float, i: int, angle: float) -> Any:
     """Distance (m) and code of what robot i meets at an angle from its heading."""
     robots = robots_of(state, task.spec.n_agents).astype(np.float64)
     at, heading = robots[i, :2], complex(*robots[i, 4:6]) * np.exp(1j * angle)
@@ -65,7 +65,7 @@ def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: fl
         if row[0] == 0:
             found.append((circle_hit(at, ray, row[1:3], row[5]), code))
         else:
-            found += [(bar_hit(scenes, at, ray, bar), code) for bar in scenes.bars(row)]
+            found += [(bar_hit(at, ray, bar), code) for bar in scenes.bars(row)]
     model: Any = task.spec.observation
     reach = min(model.range, task.spec.robots[i].sensor_range or np.inf)
     nearest = min(found)
@@ -73,8 +73,8 @@ def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: fl
 
 
 @pytest.mark.slow
-@given(scene_cases(5, kind="lidar", n_rays=st.integers(1, 37), range=st.floats(0.5, 6.0)))
-def test_the_kernel_equals_its_numpy_twin(scenes: Any, case: dict[str, Any]) -> None:
+@given(scenes.cases(5, kind="lidar", n_rays=st.integers(1, 37), range=st.floats(0.5, 6.0)))
+def test_the_kernel_equals_its_numpy_twin(case: dict[str, Any]) -> None:
     model, n_agents = case["model"], case["n_agents"]
     team = [{"count": n_agents, "robot": case["robot"]}]
     task = scenes.task(model, has_bodies=case["has_bodies"], team=team)
@@ -85,7 +85,7 @@ def test_the_kernel_equals_its_numpy_twin(scenes: Any, case: dict[str, Any]) -> 
         beams = out[0, i, 5:].reshape(n_rays, -1)
         for beam, angle in zip(beams, 2 * np.pi * np.arange(n_rays) / n_rays, strict=True):
             near = [
-                cast(scenes, task, step.states[0], step.layouts[0], i, angle + tilt)
+                cast(task, step.states[0], step.layouts[0], i, angle + tilt)
                 for tilt in (-GRAZE, 0.0, GRAZE)
             ]
             distances = [distance for distance, _ in near]
@@ -96,7 +96,7 @@ def test_the_kernel_equals_its_numpy_twin(scenes: Any, case: dict[str, Any]) -> 
             assert code != NOTHING or beam[0] == 1.0
 
 
-def test_the_first_ray_points_along_the_heading_and_the_next_to_the_left(scenes: Any) -> None:
+def test_the_first_ray_points_along_the_heading_and_the_next_to_the_left() -> None:
     task = scenes.task({"kind": "lidar", "n_rays": 4, "range": 4.0}, n_agents=1)
     step = scenes.step(task, 1, 0)
     step.states[0] = [1.0, 0.5, 0, 0, 0, 1, 1, 1]  # heading along world y
@@ -119,7 +119,7 @@ def test_rays_are_unit_vectors_and_spare_lanes_repeat_the_first(n_rays: int) -> 
     assert (y[n_rays:] == 0).all()
 
 
-def test_beams_beyond_a_robots_own_range_read_one(scenes: Any) -> None:
+def test_beams_beyond_a_robots_own_range_read_one() -> None:
     """Two robots side by side, one blind beyond 0.3 m: only the other sees."""
     far = {"name": "far", "count": 1}
     near = {"name": "near", "count": 1, "robot": {"sensor_range": 0.3}}

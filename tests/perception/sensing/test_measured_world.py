@@ -1,7 +1,5 @@
 """What robots measure, against a NumPy twin: features see the measured world and nothing else."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,6 +13,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.specs.state_layout import BODY, N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Seeds, Step
+from tests.perception.sensing import scenes
 
 KINDS = ("state", "lidar", "bearing", "occupancy")
 LOUD = {"position": 0.05, "velocity": 0.04, "direction": 0.03, "range": 0.02}
@@ -103,7 +102,7 @@ class Twin:
     has_bodies=st.booleans(),
 )
 def test_a_noisy_observation_is_the_exact_one_of_the_measured_world(
-    scenes: Any, kind: str, seed: int, time: int, noise: dict[str, float], has_bodies: bool
+    kind: str, seed: int, time: int, noise: dict[str, float], has_bodies: bool
 ) -> None:
     """Lidar beams and who is hidden follow from the true world: beams have noise of their own."""
     noise = {**noise, "range": 0.0} if kind == "lidar" else noise
@@ -128,7 +127,7 @@ def test_a_noisy_observation_is_the_exact_one_of_the_measured_world(
 
 @pytest.mark.parametrize("kind", ["state", "bearing"])
 @given(seed=st.integers(0, 2**32), dropout=st.sampled_from([0.2, 0.7, 1.0]))
-def test_what_is_missed_is_not_there(scenes: Any, kind: str, seed: int, dropout: float) -> None:
+def test_what_is_missed_is_not_there(kind: str, seed: int, dropout: float) -> None:
     """The next nearest takes its slot, so that no gap tells of it."""
     task = scenes.task({"kind": kind, "dropout": dropout}, n_agents=3)
     exact = scenes.task({"kind": kind}, n_agents=3)
@@ -155,7 +154,7 @@ def test_what_is_missed_is_not_there(scenes: Any, kind: str, seed: int, dropout:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["state", "bearing"])
-def test_objects_are_missed_independently_at_their_rate(scenes: Any, kind: str) -> None:
+def test_objects_are_missed_independently_at_their_rate(kind: str) -> None:
     task = scenes.task({"kind": kind, "dropout": 0.25}, n_agents=2)
     step = scenes.step(task, 1, 3)
     step = step._replace(layouts=step.layouts[:, :0])
@@ -170,7 +169,7 @@ def test_objects_are_missed_independently_at_their_rate(scenes: Any, kind: str) 
 
 
 @pytest.mark.slow
-def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
+def test_noise_has_its_deviation_and_no_bias() -> None:
     task = scenes.task({"kind": "state", "noise": LOUD}, n_agents=2)
     step = scenes.step(task, 1, 3)
     step = step._replace(layouts=step.layouts[:, :1])
@@ -207,7 +206,7 @@ def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
     np.testing.assert_allclose(columns["own.goal_dx"], -columns["own.x"], atol=1e-6)
 
 
-def test_what_robots_know_of_themselves_is_late(scenes: Any) -> None:
+def test_what_robots_know_of_themselves_is_late() -> None:
     task = scenes.task({"kind": "state", "delay": 2, "noise": LOUD})
     steps = [scenes.step(task, 2, 7, time) for time in range(6)]
     steps = [step._replace(seeds=steps[0].seeds) for step in steps]

@@ -1,7 +1,5 @@
 """Noise and losses of echoes against their NumPy twin; delay and stacking."""
 
-from typing import Any
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +8,7 @@ from swarmdata.numerics.random import STREAMS, derive, normal, uniform
 from swarmdata.perception.sensing import Sensor
 from swarmdata.perception.sensing.modifiers import History, echoes_of
 from swarmdata.types import Float
+from tests.perception.sensing import scenes
 
 
 @given(
@@ -21,7 +20,7 @@ from swarmdata.types import Float
     has_bodies=st.booleans(),
 )
 def test_noise_and_losses_of_echoes_equal_their_numpy_twin(
-    scenes: Any, kind: str, seed: int, time: int, dropout: float, noise: float, has_bodies: bool
+    kind: str, seed: int, time: int, dropout: float, noise: float, has_bodies: bool
 ) -> None:
     worsened = {"kind": kind, "noise": {"range": noise}, "dropout": dropout}
     task = scenes.task(worsened, has_bodies=has_bodies)

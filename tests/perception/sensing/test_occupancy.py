@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from swarmdata.interfaces import Task
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
-from tests.perception.sensing.cases import scene_cases
+from tests.perception.sensing import scenes
 
 
 def distance_to_bar(points: Double, bar: Double) -> Double:
@@ -20,13 +20,13 @@ def distance_to_bar(points: Double, bar: Double) -> Double:
     return np.asarray(np.linalg.norm(np.maximum(local - sizes, 0), axis=1))
 
 
-def distance_to(scenes: Any, points: Double, row: Double) -> Double:
+def distance_to(points: Double, row: Double) -> Double:
     if row[0] == 0:
         return np.asarray(np.linalg.norm(points - row[1:3], axis=1) - row[5])
     return np.min([distance_to_bar(points, bar) for bar in scenes.bars(row)], axis=0)
 
 
-def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
+def twin(task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations, [N, O]."""
     model: Any = task.spec.observation
     n = task.spec.n_agents
@@ -42,7 +42,7 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
             away = np.linalg.norm(points - robots[j, :2], axis=1)
             grid[:, 0] |= away <= task.spec.robots[j].radius + half_cell
         for m, row in enumerate(rows):
-            grid[:, 1 + (m >= len(layout))] |= distance_to(scenes, points, row) <= half_cell
+            grid[:, 1 + (m >= len(layout))] |= distance_to(points, row) <= half_cell
         half = np.array([task.spec.arena.width, task.spec.arena.height]) / 2
         grid[:, 1] |= (abs(points) > half).any(axis=1)
         grid[abs(local) > (robot.sensor_range or np.inf)] = False
@@ -50,6 +50,6 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     return np.array(out)
 
 
-@given(scene_cases(kind="occupancy", cells=st.integers(1, 12), cell_size=st.floats(0.05, 0.6)))
-def test_the_kernel_equals_its_numpy_twin(scenes: Any, case: dict[str, Any]) -> None:
+@given(scenes.cases(kind="occupancy", cells=st.integers(1, 12), cell_size=st.floats(0.05, 0.6)))
+def test_the_kernel_equals_its_numpy_twin(case: dict[str, Any]) -> None:
     scenes.compare(twin, **case)

@@ -15,6 +15,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
 from swarmdata.types import Step
+from tests.perception.sensing import scenes
 
 KINDS = ("state", "lidar", "bearing", "occupancy")
 WORSE = {
@@ -32,7 +33,7 @@ TEAM = [
 ]
 
 
-def episode(scenes: Any, task: Task, n_copies: int, seed: int) -> list[Step]:
+def episode(task: Task, n_copies: int, seed: int) -> list[Step]:
     steps = [scenes.step(task, n_copies, seed, time) for time in range(5)]
     return [step._replace(layouts=steps[0].layouts) for step in steps]
 
@@ -54,9 +55,7 @@ def rotated(step: Step, n_agents: int, c: float, s: float) -> Step:
 
 @pytest.mark.parametrize("model", [*({"kind": kind} for kind in KINDS[1:]), BODY_STATE])
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-def test_the_bodys_frame_turns_with_the_world(
-    scenes: Any, model: dict[str, str], quarters: int
-) -> None:
+def test_the_bodys_frame_turns_with_the_world(model: dict[str, str], quarters: int) -> None:
     """By quarter turns in a square arena, and by any angle where no wall is in range."""
     task = scenes.task(model, has_bodies=True, has_features=True)
     step = scenes.step(task, 3, 5)
@@ -74,9 +73,9 @@ def test_the_bodys_frame_turns_with_the_world(
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=st.integers(0, 2**32))
-def test_a_copy_observes_the_same_alone_and_in_any_batch(scenes: Any, kind: str, seed: int) -> None:
+def test_a_copy_observes_the_same_alone_and_in_any_batch(kind: str, seed: int) -> None:
     task = scenes.task({"kind": kind, **WORSE}, has_bodies=True, has_features=True, team=TEAM)
-    steps = episode(scenes, task, 3, seed)
+    steps = episode(task, 3, seed)
     together = scenes.run(task, steps)[0]
     for b in range(3):
         part = [
@@ -92,9 +91,9 @@ def test_a_copy_observes_the_same_alone_and_in_any_batch(scenes: Any, kind: str,
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_to_forget_is_to_be_fresh(scenes: Any, kind: str) -> None:
+def test_to_forget_is_to_be_fresh(kind: str) -> None:
     task = scenes.task({"kind": kind, **WORSE}, team=TEAM)
-    first, second = (episode(scenes, task, 2, seed) for seed in (1, 2))
+    first, second = (episode(task, 2, seed) for seed in (1, 2))
     used = Sensor(task, 2)
     scenes.run(task, first, used)
     used.forget(np.array([0, 1]))
@@ -105,7 +104,7 @@ def test_to_forget_is_to_be_fresh(scenes: Any, kind: str) -> None:
 @pytest.mark.parametrize("modifiers", [{}, WORSE])
 @pytest.mark.parametrize("kind", KINDS)
 def test_rows_of_other_copies_and_columns_of_others_are_not_written(
-    scenes: Any, kind: str, modifiers: dict[str, Any]
+    kind: str, modifiers: dict[str, Any]
 ) -> None:
     task = scenes.task({"kind": kind, **modifiers}, has_features=True, team=TEAM)
     sensor, step = Sensor(task, 3), scenes.step(task, 3, 1)
@@ -119,7 +118,7 @@ def test_rows_of_other_copies_and_columns_of_others_are_not_written(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_names_are_unique_and_the_role_comes_last(scenes: Any, kind: str) -> None:
+def test_names_are_unique_and_the_role_comes_last(kind: str) -> None:
     task = scenes.task({"kind": kind, "stack": 2}, has_features=True, team=TEAM)
     sensor = Sensor(task, 1)
     names = [feature.name for feature in sensor.features]
@@ -132,7 +131,7 @@ def test_names_are_unique_and_the_role_comes_last(scenes: Any, kind: str) -> Non
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_the_task_adds_is_in_the_models_frame(scenes: Any, kind: str) -> None:
+def test_what_the_task_adds_is_in_the_models_frame(kind: str) -> None:
     """The task gives each robot's heading, which is (1, 0) in its own frame."""
     task = scenes.task({"kind": kind}, has_features=True)
     step, sensor = scenes.step(task, 2, 3), Sensor(task, 1)
@@ -147,14 +146,14 @@ def test_what_the_task_adds_is_in_the_models_frame(scenes: Any, kind: str) -> No
 @pytest.mark.parametrize("worse", [{}, WORSE])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_goal_is_hidden_after_its_steps_and_nothing_else_changes(
-    scenes: Any, kind: str, worse: dict[str, Any]
+    kind: str, worse: dict[str, Any]
 ) -> None:
     """A frame sensed while the goal was shown still shows it when it is late or stacked."""
     plain, hiding = (
         scenes.task({"kind": kind, **worse, **more}, has_features=True, team=TEAM)
         for more in ({}, {"goal_steps": 2})
     )
-    steps = episode(scenes, plain, 2, 7)
+    steps = episode(plain, 2, 7)
     features, names = Sensor(plain, 2).features, [f.name for f in Sensor(hiding, 2).features]
     expected, got = scenes.run(plain, steps)[0], scenes.run(hiding, steps)[0]
     delay = plain.spec.observation.delay
@@ -171,13 +170,13 @@ def test_the_goal_is_hidden_after_its_steps_and_nothing_else_changes(
 @pytest.mark.parametrize("worse", [{}, WORSE])
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_velocities_the_other_features_stay_as_they_are(
-    scenes: Any, kind: str, worse: dict[str, Any]
+    kind: str, worse: dict[str, Any]
 ) -> None:
     plain, without = (
         scenes.task({"kind": kind, **worse, **more}, has_features=True, team=TEAM)
         for more in ({}, {"velocities": False})
     )
-    steps = episode(scenes, plain, 2, 7)
+    steps = episode(plain, 2, 7)
     features = Sensor(plain, 2).features
     kept = [k for k, feature in enumerate(features) if feature.kind != "velocity"]
     assert len(kept) < len(features)
@@ -188,7 +187,7 @@ def test_without_velocities_the_other_features_stay_as_they_are(
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["coop_nav-unassigned", *TASKS])
-def test_a_hidden_goal_is_in_no_feature_of_any_task(scenes: Any, name: str, kind: str) -> None:
+def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> None:
     spec = with_models(preset(name), f"{kind}+goal-for-0", "none")
     step = make_env(spec, 2).reset(np.arange(2, dtype=np.uint64))
     task, states = make_task(spec), step.states.copy()
@@ -200,7 +199,7 @@ def test_a_hidden_goal_is_in_no_feature_of_any_task(scenes: Any, name: str, kind
     assert not np.array_equal(seen, other)
 
 
-def test_the_bodys_frame_has_no_coordinates_of_the_world(scenes: Any) -> None:
+def test_the_bodys_frame_has_no_coordinates_of_the_world() -> None:
     """Neither the own position nor the heading: a world that is moved and turned looks the same."""
     task, world = (
         scenes.task(model, has_bodies=True, has_features=True)
@@ -220,7 +219,7 @@ def test_the_bodys_frame_has_no_coordinates_of_the_world(scenes: Any) -> None:
     np.testing.assert_array_equal(before[..., first : first + 2], [[[1, 0]] * 4] * 3)
 
 
-def test_an_array_of_the_wrong_width_is_refused(scenes: Any) -> None:
+def test_an_array_of_the_wrong_width_is_refused() -> None:
     task = scenes.task({"kind": "lidar"})
     sensor = Sensor(task, 1)
     narrow = np.zeros((1, 4, len(sensor.features) - 1), dtype=np.float32)

@@ -15,10 +15,10 @@ from swarmdata.perception.sensing import Sensor
 from swarmdata.perception.sensing.state import order_keys, take_smallest
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float, Int
-from tests.perception.sensing.cases import scene_cases
+from tests.perception.sensing import scenes
 
 
-def twin(_scenes: Any, task: Task, state: Float, layout: Float) -> Double:
+def twin(task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations in plain NumPy, [N, O]."""
     model: Any = task.spec.observation
     robots = task.spec.robots
@@ -56,7 +56,7 @@ def twin(_scenes: Any, task: Task, state: Float, layout: Float) -> Double:
 
 
 @given(
-    scene_cases(
+    scenes.cases(
         5,
         kind="state",
         n_neighbors=st.integers(0, 5),
@@ -64,11 +64,11 @@ def twin(_scenes: Any, task: Task, state: Float, layout: Float) -> Double:
         limit=st.none() | st.floats(0.1, 3.0),
     )
 )
-def test_the_kernel_equals_its_numpy_twin(scenes: Any, case: dict[str, Any]) -> None:
+def test_the_kernel_equals_its_numpy_twin(case: dict[str, Any]) -> None:
     scenes.compare(twin, **case)
 
 
-def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: Any) -> None:
+def test_the_features_of_the_default_model_keep_their_names_and_order() -> None:
     task = scenes.task({"kind": "state"}, team=[{"count": 4}])
     names = [feature.name for feature in Sensor(task, 1).features]
     own = ["x", "y", "vx", "vy", "goal_dx", "goal_dy", "goal_ux", "goal_uy"]
@@ -81,7 +81,7 @@ def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: An
     ]
 
 
-def test_every_x_component_is_followed_by_its_y(scenes: Any) -> None:
+def test_every_x_component_is_followed_by_its_y() -> None:
     features = Sensor(scenes.task({"kind": "state"}), 1).features
     for one, two in itertools.pairwise(features):
         assert (one.axis == "x") == (two.axis == "y")
@@ -90,9 +90,7 @@ def test_every_x_component_is_followed_by_its_y(scenes: Any) -> None:
 
 
 @given(seed=st.integers(0, 2**32), n_slots=st.integers(1, 2), dropout=st.sampled_from([0.0, 0.4]))
-def test_more_slots_begin_with_the_bits_of_fewer(
-    scenes: Any, seed: int, n_slots: int, dropout: float
-) -> None:
+def test_more_slots_begin_with_the_bits_of_fewer(seed: int, n_slots: int, dropout: float) -> None:
     blocks = []
     for n_obstacles in (n_slots, 6):  # of 6 obstacles: the likely ones first, and in order
         model = {"kind": "state", "n_obstacles": n_obstacles, "n_neighbors": 0, "dropout": dropout}
