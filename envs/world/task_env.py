@@ -366,33 +366,19 @@ class StepMaker:
 
 @kernel
 def clear_copies(
-    copies: Int,
-    new_seeds: Seeds,
-    seeds: Seeds,
-    times: Int,
-    rewards: Float,
-    terms: Float,
-    events: Counts,
-    terminations: Bool,
-    truncations: Bool,
-    successes: Bool,
-    fresh: Bool,
+    copies: Int,  # [C] rows
+    new_seeds: Seeds,  # [C] of the episodes
+    seeds: Seeds,  # [E] written
+    times: Int,  # [E] written: 0
+    rewards: Float,  # [E, N] written: 0
+    terms: Float,  # [E, N, R] written: 0
+    events: Counts,  # [E, N, 4] written: 0
+    terminations: Bool,  # [E] written: false
+    truncations: Bool,  # [E] written: false
+    successes: Bool,  # [E] written: false
+    fresh: Bool,  # [E] written: true
 ) -> None:
-    """Writes the fields of a step that say nothing yet in copies where an episode begins.
-
-    Args:
-        copies: rows, [C].
-        new_seeds: of the episodes, [C].
-        seeds: written, [E].
-        times: written: 0, [E].
-        rewards: written: 0, [E, N].
-        terms: written: 0, [E, N, R].
-        events: written: 0, [E, N, 4].
-        terminations: written: false, [E].
-        truncations: written: false, [E].
-        successes: written: false, [E].
-        fresh: written: true, [E].
-    """
+    """Writes the fields of a step that say nothing yet in copies where an episode begins."""
     for row in range(copies.shape[0]):
         b = copies[row]
         seeds[b], times[b], fresh[b] = new_seeds[row], 0, True
